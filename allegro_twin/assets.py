@@ -1,0 +1,64 @@
+"""Where the files that ship with the package are, and how its YAML is read."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from allegro_twin.errors import ConfigError, unknown
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+@cache
+def data_root() -> Path:
+    """The folder that holds models/, conf/ and scenarios/: inside an installed wheel, else the checkout."""
+    inside = _PACKAGE / "_data"
+    return inside if inside.is_dir() else _PACKAGE.parent
+
+
+def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml") -> Path:
+    """A file given by its path, or by its bare name in one of the shipped folders. Raises ConfigError."""
+    given = Path(path)
+    if given.is_file():
+        return given
+    shipped = data_root() / folder
+    if given.suffix == suffix and (data_root() / given).is_file():
+        return data_root() / given
+    if len(given.parts) > 1 or given.suffix == suffix:
+        raise ConfigError(f"{path}: no such {kind} file")
+    matches = {file.stem: file for file in sorted(shipped.rglob(f"*{suffix}"))}
+    if given.name not in matches:
+        raise ConfigError(unknown(kind, given.name, matches))
+    return matches[given.name]
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file. Raises ConfigError with the file and the line."""
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 0
+        raise ConfigError(f"{path}:{line}: not valid YAML: {error.problem}") from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must hold a mapping of keys to values, not {type(content).__name__}")
+    return content
+
+
+class _LOADER(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # The C loader is optional.
+    """A safe loader that refuses a key given twice, which YAML forbids and PyYAML silently overwrites."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
+            seen.add(key)
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping

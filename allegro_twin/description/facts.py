@@ -1,0 +1,183 @@
+"""The table of facts, read into a tree of links; and the mirror rule that turns a right hand into a left one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from allegro_twin.assets import data_root, read_yaml
+from allegro_twin.spec import Side
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    half: Triple
+    """Half-sizes, m."""
+    at: Triple
+    """Centre in the link's frame, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tip:
+    """A fingertip: a capsule along z, whose far sphere's centre is the tip frame."""
+
+    name: str
+    mass: float
+    radius: float
+    start: float
+    """Centre of the near sphere, m along z."""
+    end: float
+    """Centre of the far sphere, m along z."""
+
+
+@dataclass(frozen=True, slots=True)
+class Visual:
+    """What is seen and never touched: a rounded box (half-sizes) or a cylinder along y (radius, half-length)."""
+
+    kind: str
+    size: tuple[float, ...]
+    radius: float
+    at: Triple
+    color: str
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    name: str
+    axis: Triple
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A rigid body, its place on its parent, and the joint that carries it (None for the palm)."""
+
+    name: str
+    kind: str
+    parent: str | None
+    joint: Joint | None
+    xyz: Triple
+    rpy: Triple
+    mass: float
+    box: Box
+    tip: Tip | None
+    visuals: tuple[Visual, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A whole hand. Links stand parents first."""
+
+    name: str
+    side: Side
+    links: tuple[Link, ...]
+    fingers: dict[str, tuple[int, ...]]
+    mirror_flips: tuple[int, ...]
+    never_collide: tuple[tuple[str, str], ...]
+    colors: dict[str, tuple[float, ...]]
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """In the order of the joints' numbers."""
+        found = [link.joint for link in self.links if link.joint is not None]
+        return tuple(sorted(found, key=lambda joint: int(joint.name.rsplit("_", 1)[1].split(".")[0])))
+
+
+def load(model: str, side: Side) -> Description:
+    """The description of one hand, from models/<model>.yaml."""
+    table = read_yaml(data_root() / "models" / f"{model}.yaml")
+    right = Description(
+        name=table["name"],
+        side="right",
+        links=tuple(_links(table)),
+        fingers={name: tuple(finger["joints"]) for name, finger in table["fingers"].items()},
+        mirror_flips=tuple(table["mirror_flips"]),
+        never_collide=tuple((a, b) for a, b in table["never_collide"]),
+        colors={name: tuple(rgba) for name, rgba in table["colors"].items()},
+    )
+    return right if side == "right" else mirrored(right)
+
+
+def mirrored(hand: Description) -> Description:
+    """The other hand: every point, rotation and axis reflected in the palm's x-z plane.
+
+    A point goes from (x, y, z) to (x, -y, z), a rotation (roll, pitch, yaw) to (-roll, pitch, -yaw). An axis, being a
+    pseudovector, goes from a to -(ax, -ay, az), so that every joint keeps its value; the joints in `mirror_flips` keep
+    their axis and change sign instead, as in the manufacturer's left URDF.
+    """
+    flips = {hand.joints[j].name for j in hand.mirror_flips}
+
+    def reflect(point: Triple) -> Triple:
+        return (point[0], _negated(point[1]), point[2])
+
+    def joint(of: Joint | None) -> Joint | None:
+        if of is None:
+            return None
+        if of.name in flips:
+            return replace(of, lower=-of.upper, upper=-of.lower)
+        return replace(of, axis=(_negated(of.axis[0]), of.axis[1], _negated(of.axis[2])))
+
+    links = tuple(
+        replace(
+            link,
+            joint=joint(link.joint),
+            xyz=reflect(link.xyz),
+            rpy=(_negated(link.rpy[0]), link.rpy[1], _negated(link.rpy[2])),
+            box=replace(link.box, at=reflect(link.box.at)),
+            visuals=tuple(replace(v, at=reflect(v.at)) for v in link.visuals),
+        )
+        for link in hand.links
+    )
+    return replace(hand, side="left" if hand.side == "right" else "right", links=links)
+
+
+def _negated(value: float) -> float:
+    return -value if value else 0.0  # No minus zero in the files.
+
+
+def _links(table: dict[str, Any]) -> list[Link]:
+    zero = (0.0, 0.0, 0.0)
+    links = [_link(table, table["root"], "palm", None, None, zero, zero, None)]
+    for finger in table["fingers"].values():
+        parent = table["root"]
+        rows = table["chains"][finger["chain"]]
+        for number, row in zip(finger["joints"], rows, strict=True):
+            first, last = row is rows[0], row is rows[-1]
+            joint = Joint(f"joint_{number}.0", _triple(row["axis"]), *map(float, row["limit"]))
+            place = finger if first else row
+            tip = finger["tip"] if last else None
+            name = f"link_{number}.0"
+            rpy = _triple(place.get("rpy", zero))
+            links.append(_link(table, name, row["link"], parent, joint, _triple(place["xyz"]), rpy, tip))
+            parent = name
+    return links
+
+
+def _link(
+    table: dict[str, Any],
+    name: str,
+    kind: str,
+    parent: str | None,
+    joint: Joint | None,
+    xyz: Triple,
+    rpy: Triple,
+    tip_end: float | None,
+) -> Link:
+    row = table["links"][kind]
+    tip = None
+    if tip_end is not None:
+        tip = Tip(f"{name}_tip", row["tip"]["mass"], row["tip"]["radius"], row["tip"]["from"], tip_end)
+    visuals = []
+    for part in row["visual"]:
+        shape = "rounded" if "rounded" in part else "cylinder"
+        visuals.append(Visual(shape, tuple(part[shape]), part.get("radius", 0.0), _triple(part["at"]), part["color"]))
+    box = Box(_triple(row["box"]["half"]), _triple(row["box"]["at"]))
+    return Link(name, kind, parent, joint, xyz, rpy, row["mass"], box, tip, tuple(visuals))
+
+
+def _triple(values: Any) -> Triple:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)

@@ -1,0 +1,116 @@
+"""The hand as MJCF: torque motors, sensors, and collision primitives under a visual layer."""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from allegro_twin.description import inertia
+from allegro_twin.description.facts import Description, Link
+from allegro_twin.description.text import document, mesh_name, number, numbers
+from allegro_twin.spec import Actuation
+
+
+def mjcf(hand: Description, actuation: Actuation) -> str:
+    """The text of the file."""
+    root = Element("mujoco", model=f"{hand.name}_{hand.side}")
+    SubElement(root, "compiler", angle="radian", meshdir="../meshes", autolimits="true")
+    # docs/models.md#contact: what each option was measured to do.
+    SubElement(
+        root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="10", jacobian="dense",
+        noslip_iterations="2",
+    )  # fmt: skip
+    _defaults(root)
+    _assets(root, hand)
+    bodies: dict[str, Element] = {}
+    world = SubElement(root, "worldbody")
+    for link in hand.links:
+        bodies[link.name] = _body(bodies[link.parent] if link.parent else world, link, hand, actuation)
+    _contact(root, hand)
+    actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
+    for joint, limit in zip(hand.joints, actuation.torque_limit, strict=True):
+        bounds = numbers((-limit, limit))
+        SubElement(actuators, "motor", name=joint.name, joint=joint.name, ctrlrange=bounds, forcerange=bounds)
+        SubElement(sensors, "jointpos", name=f"{joint.name}_position", joint=joint.name)
+        SubElement(sensors, "jointvel", name=f"{joint.name}_velocity", joint=joint.name)
+    for finger, numbers_of in hand.fingers.items():
+        # Net force on the fingertip's link, world axes; the first number counts the contacts.
+        SubElement(
+            sensors, "contact", name=f"{finger}_touch", body2=f"link_{numbers_of[-1]}.0", reduce="netforce",
+            data="found force",
+        )  # fmt: skip
+    return document(root, hand.name)
+
+
+def _defaults(root: Element) -> None:
+    top = SubElement(SubElement(root, "default"), "default", {"class": "hand"})
+    visual = SubElement(top, "default", {"class": "visual"})
+    SubElement(visual, "geom", contype="0", conaffinity="0", group="2", mass="0")
+    collision = SubElement(top, "default", {"class": "collision"})
+    SubElement(collision, "geom", group="3", mass="0", condim="4", friction="0.8 0.01 0.0001", rgba=".5 .6 .7 .3")
+
+
+def _assets(root: Element, hand: Description) -> None:
+    assets = SubElement(root, "asset")
+    for name, rgba in hand.colors.items():
+        shine = {"specular": "0.3", "shininess": "0.5"}
+        SubElement(assets, "material", name=name, rgba=numbers(rgba), **shine)
+    meshes = sorted({mesh_name(v) for link in hand.links for v in link.visuals if v.kind == "rounded"})
+    for name in meshes:
+        SubElement(assets, "mesh", name=name, file=f"{name}.obj")
+
+
+def _body(parent: Element, link: Link, hand: Description, actuation: Actuation) -> Element:
+    place = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
+    if any(link.rpy):
+        place["quat"] = numbers(_quaternion(link.rpy))
+    body = SubElement(parent, "body", name=link.name, childclass="hand", **place)
+    mass, center, tensor = inertia.of_link(link)
+    upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    SubElement(body, "inertial", pos=numbers(center), mass=number(mass), fullinertia=upper)
+    if link.joint is not None:
+        index = hand.joints.index(link.joint)
+        SubElement(
+            body, "joint", name=link.joint.name, axis=numbers(link.joint.axis),
+            range=numbers((link.joint.lower, link.joint.upper)), damping=number(actuation.damping[index]),
+            armature=number(actuation.armature[index]), frictionloss=number(actuation.frictionloss[index]),
+        )  # fmt: skip
+    _geoms(body, link)
+    return body
+
+
+def _geoms(body: Element, link: Link) -> None:
+    for visual in link.visuals:
+        look = {"class": "visual", "material": visual.color, "pos": numbers(visual.at)}
+        if visual.kind == "rounded":
+            SubElement(body, "geom", look, type="mesh", mesh=mesh_name(visual))
+        else:
+            SubElement(body, "geom", look, type="cylinder", size=numbers(visual.size), euler="1.5707963267948966 0 0")
+    box = {"class": "collision", "name": f"{link.name}_box", "type": "box"}
+    SubElement(body, "geom", box, pos=numbers(link.box.at), size=numbers(link.box.half))
+    if link.tip is not None:
+        axis = numbers((0, 0, link.tip.start, 0, 0, link.tip.end))
+        shape = {"type": "capsule", "fromto": axis, "size": number(link.tip.radius)}
+        SubElement(body, "geom", {"class": "visual", "material": "tip", **shape})
+        SubElement(body, "geom", {"class": "collision", "name": f"{link.name}_tip", **shape})
+        SubElement(body, "site", name=link.tip.name, pos=numbers((0, 0, link.tip.end)), size="0.002", group="4")
+
+
+def _contact(root: Element, hand: Description) -> None:
+    contact = SubElement(root, "contact")
+    for first, second in hand.never_collide:
+        for a in (link for link in hand.links if link.kind == first):
+            for b in (link for link in hand.links if link.kind == second):
+                SubElement(contact, "exclude", body1=a.name, body2=b.name)
+
+
+def _quaternion(rpy: tuple[float, float, float]) -> tuple[float, ...]:
+    """w, x, y, z of Rz(yaw) Ry(pitch) Rx(roll), as in a URDF."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(np.divide(rpy, 2.0)), np.sin(np.divide(rpy, 2.0))
+    return (
+        float(cr * cp * cy + sr * sp * sy),
+        float(sr * cp * cy - cr * sp * sy),
+        float(cr * sp * cy + sr * cp * sy),
+        float(cr * cp * sy - sr * sp * cy),
+    )

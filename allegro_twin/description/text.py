@@ -1,0 +1,30 @@
+"""Numbers and XML as text, the same in both formats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree import ElementTree
+
+from allegro_twin.description.facts import Visual
+
+NOTICE = " Made by `make models` from models/{model}.yaml and conf/hands/{model}.yaml: edit those. "
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Shortest text that reads back as the same floats."""
+    return " ".join(number(value) for value in values)
+
+
+def number(value: float) -> str:
+    return repr(float(value) + 0.0).removesuffix(".0")
+
+
+def mesh_name(visual: Visual) -> str:
+    """A name that says the shape, so that equal parts share a file. Sizes in tenths of a millimetre."""
+    return "rounded_" + "_".join(str(round(size * 1e4)) for size in (*visual.size, visual.radius))
+
+
+def document(root: ElementTree.Element, model: str) -> str:
+    root.insert(0, ElementTree.Comment(NOTICE.format(model=model)))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"

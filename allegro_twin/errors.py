@@ -1,0 +1,58 @@
+"""One tree of exceptions, split by what the caller can do about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from allegro_twin.types import Sample
+
+
+class HandError(Exception):
+    """Anything this package raises on purpose."""
+
+    history: tuple[Sample, ...] = ()
+    """The samples that led here, oldest first; filled in by the guard."""
+
+
+class ConfigError(HandError, ValueError):
+    """Fix the YAML, or the argument that stands for it: an unknown key, a wrong shape, a period that does not fit."""
+
+
+class CommandError(HandError, ValueError):
+    """Fix the controller: a NaN, a wrong length, a kind of command that this hand does not accept."""
+
+
+class LinkError(HandError, ConnectionError):
+    """Fix the bus: no interface, no permission, cable out."""
+
+
+class LinkTimeout(LinkError, TimeoutError):
+    """The hand fell silent. The message names the fingers."""
+
+
+class ProtocolError(HandError):
+    """Wrong hand version, or line noise. The message carries the frame."""
+
+
+class HandFault(HandError):
+    """The hand or the guard stopped it: too fast, too hot, a status bit. Only `reset` leads out."""
+
+
+class RecordingError(HandError, OSError):
+    """Fix the file or the disk: not a recording, cut short, or no space left."""
+
+
+class EndOfRecording(HandError):  # noqa: N818 - an end, not an error.
+    """Nothing to fix: the recording has no further row."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """The message for a name that does not exist: what was asked for, the nearest names, all of them when few."""
+    names = sorted(known)
+    near = get_close_matches(name, names, n=3, cutoff=0.5)
+    if near:
+        return f"no {kind} named {name!r}; did you mean {' or '.join(map(repr, near))}?"
+    return f"no {kind} named {name!r}; there are: {', '.join(names) or 'none'}"

@@ -1,0 +1,56 @@
+"""The loop that joins a backend and a controller, and the stages that need nothing but samples."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.types import Command, HandState, Sample
+
+M = TypeVar("M")
+
+
+class Controller(Protocol[M]):
+    """A pure function from state to command. Its memory is passed in and handed back, so a run can be repeated."""
+
+    def start(self, state: HandState) -> M:
+        """The memory with which to meet the first state."""
+        ...
+
+    def __call__(self, state: HandState, memory: M) -> tuple[Command, M]:
+        """The command for this state, and the memory for the next."""
+        ...
+
+
+def run(backend: HandBackend, controller: Controller[M]) -> Iterator[Sample]:
+    """Reset the hand and drive it for as long as somebody consumes the samples."""
+    state = backend.reset()
+    memory = controller.start(state)
+    while True:
+        command, memory = controller(state, memory)
+        backend.write(command)
+        yield Sample(state, command)  # The consumer works while the hand is already moving.
+        state = backend.read()
+
+
+def until(t: float, samples: Iterable[Sample]) -> Iterator[Sample]:
+    """Stop after the first sample at or past `t` seconds on the hand's clock."""
+    for sample in samples:
+        yield sample
+        if sample.state.t >= t - 1e-9:
+            return
+
+
+def paced(samples: Iterable[Sample], speed: float = 1.0) -> Iterator[Sample]:
+    """Hold the samples back to `speed` times real time: the package's only sleep."""
+    start = None
+    for sample in samples:
+        now = time.monotonic()
+        if start is None:
+            start = now - sample.state.t / speed
+        delay = start + sample.state.t / speed - now
+        if delay > 0.0:
+            time.sleep(delay)
+        yield sample

@@ -1,0 +1,93 @@
+"""What goes up from a hand and down to it: frozen, in SI units, with read-only arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allegro_twin.errors import CommandError
+
+Array: TypeAlias = NDArray[np.float64]
+"""Any shape, float64."""
+Vector: TypeAlias = NDArray[np.float64]
+"""One axis, float64."""
+
+
+def frozen(values: ArrayLike) -> Vector:
+    """A read-only float64 copy."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandState:
+    """The whole hand at the end of one control period. What a hand does not report is NaN, never zero.
+
+    The arrays are read-only; whoever builds a state hands over arrays of its own (`frozen` copies).
+    """
+
+    t: float
+    """s since reset, on the backend's own clock; strictly increasing."""
+    tick: int
+    """Periods since reset; a jump of more than one means missed periods."""
+    position: Vector
+    """Joint positions, shape (n,), rad."""
+    velocity: Vector
+    """Joint speeds, shape (n,), rad/s."""
+    torque: Vector
+    """Torques applied over the period that just ended, shape (n,), N·m."""
+    temperature: Vector
+    """Motor temperatures, shape (n,), °C."""
+    gravity: Vector
+    """Gravity in the palm frame, shape (3,), m/s²: from the IMU, the scene or the config; NaN where none says."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueCommand:
+    """Torques to apply until the next command. Raises CommandError unless one axis and finite."""
+
+    torque: Vector
+    """Per actuator, shape (m,), N·m."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "torque", _checked(self.torque, "torque"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionCommand:
+    """Positions to go to, for a hand whose firmware closes the loop. Raises CommandError unless one axis and finite."""
+
+    position: Vector
+    """Per actuator, shape (m,), rad."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _checked(self.position, "position"))
+
+
+Command: TypeAlias = TorqueCommand | PositionCommand
+
+
+class Sample(NamedTuple):
+    """One turn of the loop."""
+
+    state: HandState
+    command: Command
+    """The one computed from this state, not the one that led to it."""
+
+
+def _checked(values: ArrayLike, name: str) -> Vector:
+    try:
+        array = frozen(values)
+    except (TypeError, ValueError) as error:
+        raise CommandError(f"{name} must be an array of numbers, not {values!r}") from error
+    if array.ndim != 1:
+        raise CommandError(f"{name} must have one axis, one value per actuator; it has shape {array.shape}")
+    # A sum is NaN or infinite when any element is: one call where `isfinite(...).all()` takes two.
+    if not np.isfinite(np.add.reduce(array)) and not np.isfinite(array).all():
+        bad = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise CommandError(f"{name}[{bad}] is {array[bad]}; every value must be finite")
+    return array
