@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from allegro_twin.assets import data_root, find, read_yaml
 from allegro_twin.description import facts
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.spec import Actuation, Finger, HandSpec, Side, aliases
+from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.types import frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss")
@@ -23,7 +24,7 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
         Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items()
     )
     joints = hand.joints
-    spec = HandSpec(
+    return HandSpec(
         model=model,
         side=side,
         joints=tuple(joint.name for joint in joints),
@@ -34,8 +35,27 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
         mirror_flips=hand.mirror_flips,
         serial=serial,
         aliases=aliases(fingers, len(joints)),
+        foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
     )
-    return spec
+
+
+def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | None:
+    """The name map in a hand's file, where it simulates somebody else's MJCF. A relative path is the file's own."""
+    path = find(serial, "hand", "conf/hands")
+    table = read_yaml(path)
+    if "mjcf" not in table:
+        return None
+    for key in ("root", "joints", "tips"):
+        if key not in table:
+            raise ConfigError(f"{path}: a hand with `mjcf` also needs `{key}`")
+    if len(table["joints"]) != n_joints:
+        raise ConfigError(f"{path}: joints has {len(table['joints'])} names; the hand has {n_joints}")
+    if set(table["tips"]) != set(fingers):
+        raise ConfigError(f"{path}: tips must name {', '.join(fingers)}; it names {', '.join(table['tips'])}")
+    tips = {finger: (str(body), tuple(map(float, offset))) for finger, (body, offset) in table["tips"].items()}
+    mjcf = Path(table["mjcf"])
+    found = mjcf if mjcf.is_absolute() or mjcf.is_file() else path.parent / mjcf
+    return ForeignModel(str(found), str(table["root"]), tuple(map(str, table["joints"])), tips)
 
 
 def load_actuation(model: str, n_joints: int, serial: str = "") -> Actuation:
@@ -55,7 +75,7 @@ def load_actuation(model: str, n_joints: int, serial: str = "") -> Actuation:
     return Actuation(**arrays)
 
 
-def _actuation_block(path: Any) -> dict[str, Any]:
+def _actuation_block(path: Path) -> dict[str, Any]:
     block = read_yaml(path).get("actuation", {})
     for key in block:
         if key not in _ACTUATION:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -40,6 +40,20 @@ class Actuation:
     """Dry friction, N·m."""
 
 
+@dataclass(frozen=True, slots=True)
+class ForeignModel:
+    """Somebody else's MJCF of the same hand, and where our names are in it."""
+
+    mjcf: str
+    """Path of the file."""
+    root: str
+    """Body that is the palm."""
+    joints: tuple[str, ...]
+    """Its joint names in our order, length n."""
+    tips: Mapping[str, tuple[str, tuple[float, float, float]]]
+    """For each finger the body that ends it and the fingertip's centre in that body's frame, m."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HandSpec:
     """A hand's identity card, shared by every backend."""
@@ -60,6 +74,8 @@ class HandSpec:
     """The hand's own file in conf/hands; empty for the nominal hand."""
     aliases: tuple[str, ...] = field(default=())
     """Readable joint names (`index_0` … `thumb_3`), in the same order."""
+    foreign: ForeignModel | None = None
+    """Simulate this file instead of ours."""
 
     @property
     def name(self) -> str:

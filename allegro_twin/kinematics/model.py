@@ -1,0 +1,55 @@
+"""The whole hand in Pinocchio, from its URDF: fingertip poses and gravity torque, in the palm frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from allegro_twin.assets import data_root
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+
+class Pose(NamedTuple):
+    """A frame in the palm's."""
+
+    position: Vector
+    """Shape (3,), m."""
+    rotation: Array
+    """Matrix, shape (3, 3)."""
+
+
+class HandModel:
+    """Rigid-body kinematics and statics of one hand. Joint vectors follow the spec's order, shape (n,)."""
+
+    def __init__(self, spec: HandSpec, urdf: Path | None = None) -> None:
+        path = urdf or data_root() / "models" / "urdf" / f"{spec.name}.urdf"
+        if not path.is_file():
+            raise ConfigError(f"hand {spec.name}: no URDF at {path}")
+        self._model = pin.buildModelFromUrdf(str(path))
+        self._data = self._model.createData()
+        # Pinocchio orders the fingers by name; `order` reads its vectors in ours, `place` writes ours into its.
+        self._order = np.array([self._model.idx_vs[self._model.getJointId(name)] for name in spec.joints])
+        self._place = np.argsort(self._order)
+        self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
+        self._gravity: Vector | None = None
+
+    def gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
+        """The torques that hold the hand still against gravity: g(q) = ∂V/∂q, shape (n,), N·m.
+
+        `gravity` is the acceleration in the palm frame, shape (3,), m/s².
+        """
+        if gravity is not self._gravity:
+            self._model.gravity.linear = self._gravity = gravity
+        torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, position[self._place])
+        return torque[self._order]
+
+    def fingertips(self, position: Vector) -> dict[str, Pose]:
+        """Centre and orientation of every fingertip."""
+        pin.framesForwardKinematics(self._model, self._data, position[self._place])
+        frames = {name: self._data.oMf[index] for name, index in self._tips.items()}
+        return {name: Pose(frame.translation.copy(), frame.rotation.copy()) for name, frame in frames.items()}

@@ -1,0 +1,135 @@
+"""A scenario: what lies on the table, how the wrist moves, which grasp, and what counts as success."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from allegro_twin.assets import find
+from allegro_twin.schema import Settings, load
+from allegro_twin.spec import Side
+
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Shake(Settings):
+    """A sine along the world's x, then y, then z."""
+
+    acceleration: Positive
+    """Peak, m/s²."""
+    frequency: Positive = 2.0
+    """Hz."""
+
+
+class Phase(Settings):
+    """A stretch of the timeline. The wrist and the hand both act, or either, or none."""
+
+    name: str
+    seconds: Positive | None = None
+    """Only a phase that closes the hand may leave it out: it then lasts as long as the grasp's speed says."""
+    hand: Literal["preshape", "close", "squeeze"] | None = None
+    wrist: Literal["approach"] | None = None
+    """`approach`: from the retreat to the grasp pose."""
+    move: Vector3 = (0.0, 0.0, 0.0)
+    """m, world axes."""
+    turn: Vector3 = (0.0, 0.0, 0.0)
+    """Degrees about the palm's own x, y, z."""
+    shake: Shake | None = None
+    check: bool = False
+    """The object must be held at the end of this phase."""
+
+    @model_validator(mode="after")
+    def _lasts(self) -> Phase:
+        if self.seconds is None and self.hand is None:
+            raise ValueError("a phase without a hand motion needs `seconds`")
+        return self
+
+
+class Success(Settings):
+    """How far the object may have moved in the palm's frame."""
+
+    drift: Positive = 0.010
+    """m."""
+    rotation: Positive = 15.0
+    """Degrees."""
+
+
+class Protocol(Settings):
+    """The timeline and the verdict, shared by scenarios so that their results compare."""
+
+    version: int
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    reference: str
+    success: Success = Success()
+
+    @model_validator(mode="after")
+    def _names(self) -> Protocol:
+        names = [phase.name for phase in self.phases]
+        if len(set(names)) < len(names):
+            raise ValueError(f"phases must have different names: {', '.join(names)}")
+        if self.reference not in names:
+            raise ValueError(f"reference {self.reference!r} names no phase; there are: {', '.join(names)}")
+        return self
+
+
+class ObjectSettings(Settings):
+    """One object: from the catalogue by name, or given here."""
+
+    name: str
+    shape: Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"] | None = None
+    """None: look the name up in the catalogue."""
+    size: tuple[Positive, ...] | None = None
+    """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short, long diameter."""
+    mass: Positive | None = None
+    """kg."""
+    file: Path | None = None
+    """Of a mesh or an MJCF; a relative path is the scenario's own."""
+    scale: Positive = 1.0
+    up: Literal["x", "y", "z"] = "z"
+    """Which of the object's own axes points at the sky."""
+    yaw: float = 0.0
+    """Turn about the vertical, degrees."""
+    at: tuple[float, float] | Vector3 = (0.0, 0.0)
+    """Middle of the object on the table, m; with a third value its height, else it stands on the table."""
+
+
+class Wrist(Settings):
+    """Where the palm is when the fingers close, from the middle of the first object, world axes."""
+
+    position: Vector3
+    """m, of the palm's origin."""
+    facing: Vector3
+    """Where the palm looks: the direction of its x axis."""
+    fingers: Vector3
+    """Where stretched fingers point: the direction of its z axis, made square to `facing`."""
+    retreat: Vector3
+    """From the grasp pose to where the approach begins, m."""
+
+
+class Scenario(Settings):
+    """One trial, written for the right hand; the left hand performs its mirror image."""
+
+    description: str = ""
+    objects: Annotated[tuple[ObjectSettings, ...], Field(min_length=1)]
+    """The first is the one to grasp."""
+    friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
+    """Sliding friction of every contact."""
+    grasp: str
+    """Name in the grasp library."""
+    side: Side = "right"
+    wrist: Wrist
+    protocol: str = "table_pick"
+
+
+def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
+    """A scenario by path or name, and the file it came from."""
+    path = find(name, "scenario", "scenarios")
+    return load(Scenario, path), path
+
+
+def load_protocol(name: str) -> Protocol:
+    """A protocol by path or name."""
+    return load(Protocol, find(name, "protocol", "conf/protocols"))

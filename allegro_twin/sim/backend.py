@@ -1,0 +1,114 @@
+"""The hand in MuJoCo: lockstep, as fast as it goes, the same bits every time."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from allegro_twin.backend import torque_of
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.sim import wrist
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Command, HandState, Vector, frozen
+
+_NO_WRIST = np.zeros((0, 6))
+
+
+class SimBackend:
+    """A hand in a compiled scene.
+
+    `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
+    `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits.
+    Raises ConfigError for a period that is not a whole number of the model's timesteps.
+    """
+
+    def __init__(
+        self,
+        spec: HandSpec,
+        model: mujoco.MjModel,
+        *,
+        period: float = 0.003,
+        posture: Vector | None = None,
+        drive: Array = _NO_WRIST,
+    ) -> None:
+        self._substeps = substeps(period, model.opt.timestep)
+        self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
+        self._qpos = _span([model.jnt_qposadr[model.joint(name).id] for name in spec.joints])
+        self._dof = _span([model.jnt_dofadr[model.joint(name).id] for name in spec.joints])
+        self._motors = _span([model.actuator(name).id for name in spec.joints])
+        self._palm = model.body("palm_link").id
+        self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
+        self._drive = drive
+        self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
+        self._unknown = frozen(np.full(spec.n_actuators, math.nan))
+        self._tick = 0
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._spec
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    def reset(self) -> HandState:
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._qpos] = self._posture
+        if self._wrist:
+            self.data.ctrl[self._wrist] = self._drive[0]
+        mujoco.mj_forward(self.model, self.data)
+        self._tick = 0
+        return self._state()
+
+    def write(self, command: Command) -> None:
+        self.data.ctrl[self._motors] = torque_of(command, self._spec)
+
+    def read(self) -> HandState:
+        first = self._tick * self._substeps
+        if first < len(self._drive):
+            for row in self._drive[first : first + self._substeps]:
+                self.data.ctrl[self._wrist] = row
+                mujoco.mj_step(self.model, self.data)
+        else:
+            mujoco.mj_step(self.model, self.data, self._substeps)
+        self._tick += 1
+        return self._state()
+
+    def close(self) -> None:
+        self.data.ctrl[self._motors] = 0.0
+
+    def _state(self) -> HandState:
+        data = self.data
+        position = data.qpos[self._qpos].copy()
+        if not math.isfinite(position.sum()):
+            raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
+        velocity = data.qvel[self._dof].copy()
+        torque = data.actuator_force[self._motors].copy()
+        gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)
+        for array in (position, velocity, torque, gravity):
+            array.setflags(write=False)
+        t = self._tick * self._period
+        return HandState(t, self._tick, position, velocity, torque, self._unknown, gravity)
+
+
+def substeps(period: float, timestep: float) -> int:
+    """Physics steps in a control period. Raises ConfigError unless it is a whole number of them."""
+    count = round(period / timestep) if math.isfinite(period) else 0
+    if count < 1 or abs(count * timestep - period) > 1e-9:
+        raise ConfigError(f"period {period} s is not a whole number of physics steps of {timestep} s")
+    return count
+
+
+def _span(indices: list[int]) -> slice | list[int]:
+    """A slice where the indices run on, which NumPy reads faster than a list."""
+    indices = [int(index) for index in indices]
+    if indices == list(range(indices[0], indices[0] + len(indices))):
+        return slice(indices[0], indices[0] + len(indices))
+    return indices
+
+
+def _unstable(data: mujoco.MjData) -> str:
+    found = [mujoco.mjtWarning(i).name for i in range(len(data.warning)) if data.warning[i].number]
+    return ", ".join(found) or "no warning from the engine"

@@ -1,0 +1,39 @@
+"""Somebody else's MJCF of the hand, put under our names: joints, tips and torque motors."""
+
+from __future__ import annotations
+
+import mujoco
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.spec import ForeignModel, HandSpec
+
+
+def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
+    """Rename its root and joints, replace its actuators by torque motors, add a site at each fingertip.
+
+    Raises ConfigError with the nearest name when the map names something that the file does not have.
+    """
+    root = _get(hand.bodies, foreign.root, "body", foreign.mjcf)
+    root.name = "palm_link"
+    for actuator in list(hand.actuators):
+        hand.delete(actuator)
+    for theirs, ours in zip(foreign.joints, spec.joints, strict=True):
+        joint = _get(hand.joints, theirs, "joint", foreign.mjcf)
+        joint.name = ours
+        motor = hand.add_actuator(name=ours, target=ours, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+    for finger in spec.fingers:
+        body_name, offset = foreign.tips[finger.name]
+        body = _get(hand.bodies, body_name, "body", foreign.mjcf)
+        body.add_site(name=finger.tip, pos=offset)
+        sensor = hand.add_sensor(name=f"{finger.name}_touch", type=mujoco.mjtSensor.mjSENS_CONTACT)
+        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
+        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
+        sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
+
+
+def _get(elements: list[mujoco.MjsBody], name: str, kind: str, path: str) -> mujoco.MjsBody:
+    for element in elements:
+        if element.name == name:
+            return element
+    raise ConfigError(f"{path}: {unknown(kind, name, [e.name for e in elements])}")

@@ -1,0 +1,54 @@
+"""What only a simulation knows: where the palm and an object are, and who presses how hard."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.types import Array
+
+
+class Probe:
+    """Looks into the scene of a backend at one object, after each period."""
+
+    def __init__(self, backend: SimBackend, thing: str) -> None:
+        model = backend.model
+        self._data, self._model = backend.data, model
+        self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
+        self._table = _geom(model, "table")
+        # Each geom's group: 0 for the object, 1… for the fingers in the spec's order, last the palm; -1 for the rest.
+        self.parts = (*(finger.name for finger in backend.spec.fingers), "palm")
+        self._part = np.full(model.ngeom, -1)
+        for number, finger in enumerate(backend.spec.fingers):
+            for joint in finger.joints:
+                body = model.joint(backend.spec.joints[joint]).bodyid[0]
+                self._part[model.geom_bodyid == body] = number
+        self._part[model.geom_bodyid == self._palm] = len(self.parts) - 1
+
+    def __call__(self) -> dict[str, Array]:
+        """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
+        on the object by each finger and the palm, (fingers + 1,), N. `on_table`: 1 where it touches the table, (1,)."""
+        data = self._data
+        force, on_table = self._contacts()
+        return {
+            "palm": np.concatenate([data.xpos[self._palm], data.xquat[self._palm]]),
+            "object": np.concatenate([data.xpos[self._thing], data.xquat[self._thing]]),
+            "contact_force": force,
+            "on_table": on_table,
+        }
+
+    def _contacts(self) -> tuple[Array, Array]:
+        contact, forces = self._data.contact, self._data.efc_force
+        pairs, address = contact.geom, contact.efc_address
+        bodies = self._model.geom_bodyid[pairs]
+        mine = (bodies == self._thing).any(axis=1) & (address >= 0)
+        normal, pairs, bodies = forces[address[mine]], pairs[mine], bodies[mine]
+        other = np.where(bodies[:, 0] == self._thing, pairs[:, 1], pairs[:, 0])
+        part = self._part[other]
+        by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts))
+        return by_part, np.array([float((other == self._table).any())])
+
+
+def _geom(model: mujoco.MjModel, name: str) -> int:
+    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name))

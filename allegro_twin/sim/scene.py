@@ -1,0 +1,117 @@
+"""From a hand and the things around it to one MuJoCo model, by edits of an MjSpec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from allegro_twin.assets import data_root
+from allegro_twin.errors import ConfigError
+from allegro_twin.sim import objects, wrist
+from allegro_twin.sim.foreign import adopt
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+TIMESTEP = 0.001  # s. Divides the hand's 3 ms; docs/models.md#contact.
+TORSIONAL, ROLLING = 0.01, 0.0005  # m. Soft rubber on plastic; DexGraspBench takes 0.02 for the first.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """Everything around the hand."""
+
+    position: Array
+    """Palm in the world, shape (3,), m."""
+    quaternion: Array
+    """Palm in the world, w, x, y, z."""
+    things: Sequence[objects.Placement] = ()
+    friction: float = 0.8
+    """Sliding friction of every contact."""
+    table: bool = False
+    """A table top at z = 0."""
+    wrist: bool = False
+    """The palm hangs on a gantry that can move it, instead of being fixed."""
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+
+def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
+    """The hand's own MJCF, or the foreign one that its file names, under our names."""
+    path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
+    file = Path(spec.foreign.mjcf) if spec.foreign is not None else path
+    if not file.is_file():
+        raise ConfigError(f"hand {spec.serial or spec.name}: no MJCF at {file}")
+    try:
+        hand = mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
+    if spec.foreign is not None:
+        adopt(hand, spec, spec.foreign)
+    for index, name in enumerate(spec.joints):
+        joint, motor = hand.joint(name), hand.actuator(name)
+        joint.range = [spec.lower[index], spec.upper[index]]
+        joint.damping = [spec.actuation.damping[index], 0, 0]
+        joint.armature = spec.actuation.armature[index]
+        joint.frictionloss = spec.actuation.frictionloss[index]
+        limit = spec.actuation.torque_limit[index]
+        motor.ctrlrange = motor.forcerange = [-limit, limit]
+    return hand
+
+
+def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
+    """The model of a hand on its stage. Raises ConfigError when MuJoCo refuses it."""
+    scene = hand_spec(spec)
+    _options(scene, stage)
+    friction = [stage.friction, TORSIONAL, ROLLING]
+    for geom in scene.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.friction = friction
+    palm = scene.body("palm_link")
+    palm.pos, palm.quat = stage.position, stage.quaternion
+    if stage.wrist:
+        wrist.add(scene, palm)
+    _surroundings(scene, stage)
+    for placement in stage.things:
+        objects.add(scene, placement, (stage.friction, TORSIONAL, ROLLING))
+    try:
+        return scene.compile()
+    except ValueError as error:
+        raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
+
+
+def _options(scene: mujoco.MjSpec, stage: Stage) -> None:
+    """The reasons are in docs/models.md#contact."""
+    option = scene.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.noslip_iterations = 2
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.gravity = np.asarray(stage.gravity)
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # A diverged state must be seen, not hidden.
+    scene.compiler.degree = False
+
+
+def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
+    world = scene.worldbody
+    scene.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    scene.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    scene.visual.global_.offwidth, scene.visual.global_.offheight = 1280, 960
+    scene.visual.quality.shadowsize = 2048
+    scene.stat.extent = 0.5
+    scene.visual.map.znear = 0.02
+    sky = scene.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384)
+    sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    sky.rgb1, sky.rgb2 = [0.93, 0.95, 0.97], [0.72, 0.77, 0.83]
+    world.add_light(
+        name="key", pos=[0.4, -0.6, 1.4], dir=[-0.3, 0.4, -1.0], diffuse=[0.55] * 3, type=mujoco.mjtLightType.mjLIGHT_SPOT
+    )
+    if stage.table:
+        world.add_geom(
+            name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
+            friction=[stage.friction, TORSIONAL, ROLLING], rgba=[0.78, 0.70, 0.60, 1.0],
+        )  # fmt: skip

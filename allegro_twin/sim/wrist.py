@@ -1,0 +1,100 @@
+"""The wrist: a stiff gantry that carries the palm along a timeline, in place of an arm.
+
+Six joints in series: three slides along the world's axes, then, from the orientation in which the palm is presented,
+three hinges about the palm's own x, y and z. So a turn about one palm axis is a motion of one joint.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from allegro_twin.types import Array
+
+JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_yaw")
+# Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped (docs/models.md#wrist).
+_STIFFNESS = np.array([2e4] * 3 + [600.0] * 3)
+_INERTIA = np.array([8.0] * 3 + [0.08] * 3)
+_DAMPING = 2.0 * np.sqrt(_STIFFNESS * _INERTIA)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """A stretch of the timeline: from rest to rest by `move`, or a shake about the same place."""
+
+    seconds: float
+    move: Array
+    """Added to the wrist's six coordinates over the segment, minimum jerk, shape (6,), m and rad."""
+    shake: Array
+    """Peak acceleration along each coordinate, one after the other, shape (6,), m/s² and rad/s²; zero for none."""
+    frequency: float = 2.0
+    """Of the shake, Hz."""
+
+
+def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody) -> None:
+    """Give the palm, placed where it is presented, the six joints and their servos."""
+    world_to_palm = np.empty(9)
+    mujoco.mju_quat2Mat(world_to_palm, palm.quat)
+    slides = world_to_palm.reshape(3, 3)  # Row i is the world's axis i seen from the palm as it is presented.
+    for index, name in enumerate(JOINTS):
+        slide = index < 3
+        palm.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=slides[index] if slide else np.eye(3)[index - 3],
+            armature=_INERTIA[index],
+        )
+        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=_STIFFNESS[index], kv=_DAMPING[index])
+
+
+def commands(segments: list[Segment], timestep: float, load: float, gravity: float = 9.81) -> Array:
+    """The servo set-points at every physics step, shape (k, 6).
+
+    Each is the wanted coordinate plus what makes the servo follow it without lag: (kv v + I a) / kp, and on the
+    vertical slide the weight `load` (kg) that it carries.
+    """
+    place = np.zeros(6)
+    rows = []
+    for segment in segments:
+        t = np.arange(1, round(segment.seconds / timestep) + 1) * timestep
+        position, velocity, acceleration = _minimum_jerk(t, segment.seconds, segment.move)
+        if segment.shake.any():
+            position, velocity, acceleration = _shaken(t, segment)
+        rows.append(place + position + (_DAMPING * velocity + _INERTIA * acceleration) / _STIFFNESS)
+        place = place + segment.move
+    table = np.concatenate(rows) if rows else np.zeros((1, 6))
+    table[:, 2] += load * gravity / _STIFFNESS[2]
+    return table
+
+
+def _minimum_jerk(t: Array, seconds: float, move: Array) -> tuple[Array, Array, Array]:
+    """x = 10 s³ - 15 s⁴ + 6 s⁵ with s = t / T, and its derivatives."""
+    s = (t / seconds)[:, None]
+    return (
+        move * (10 * s**3 - 15 * s**4 + 6 * s**5),
+        move * (30 * s**2 - 60 * s**3 + 30 * s**4) / seconds,
+        move * (60 * s - 180 * s**2 + 120 * s**3) / seconds**2,
+    )
+
+
+def _shaken(t: Array, segment: Segment) -> tuple[Array, Array, Array]:
+    """One axis after the other: a sine under an envelope that rises and falls over the first and last cycle.
+
+    The derivatives are taken numerically from the smooth displacement.
+    """
+    axes = np.flatnonzero(segment.shake)
+    each = segment.seconds / len(axes)
+    omega = 2.0 * math.pi * segment.frequency
+    position = np.zeros((len(t), 6))
+    for number, axis in enumerate(axes):
+        local = t - number * each
+        inside = (local > 0.0) & (local <= each)
+        ramp = np.clip(np.minimum(local, each - local) * segment.frequency, 0.0, 1.0)
+        envelope = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
+        position[inside, axis] = (segment.shake[axis] / omega**2 * envelope * np.sin(omega * local))[inside]
+    velocity = np.gradient(position, t, axis=0)
+    return position, velocity, np.gradient(velocity, t, axis=0)

@@ -1,0 +1,133 @@
+"""From a scenario to what the simulator needs: the scene, the wrist's motion, the grasp's timeline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.held import Window
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.scenario import ObjectSettings, Phase, Protocol, Scenario
+from allegro_twin.sim import objects, wrist
+from allegro_twin.sim.scene import Stage
+from allegro_twin.spec import Side
+from allegro_twin.types import Array, Vector
+
+# What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
+# are pseudovectors, about the palm's x, y, z.
+_MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """One trial on the clock: hand and wrist act by the same timeline."""
+
+    windows: tuple[Window, ...]
+    reference: Moves
+    """What the fingers follow."""
+    segments: list[wrist.Segment]
+    """What the wrist does."""
+
+    @property
+    def seconds(self) -> float:
+        return self.windows[-1].end
+
+
+def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float) -> Plan:
+    """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
+    windows, waypoints, segments = [], [], []
+    posture, t = start, 0.0
+    for phase in protocol.phases:
+        waypoint = Waypoint(posture, seconds=phase.seconds)
+        if phase.hand is not None:
+            waypoint = grasp.waypoint(phase.hand, phase.seconds)
+        seconds = max(round(travel_time(posture, waypoint) / period), 1) * period
+        posture = waypoint.posture
+        waypoints.append(Waypoint(posture, seconds=seconds, profile=grasp.profile))
+        segments.append(_segment(phase, seconds, scenario, side))
+        windows.append(Window(phase.name, t, t + seconds, phase.check))
+        t += seconds
+    return Plan(tuple(windows), Moves(waypoints), segments)
+
+
+def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
+    """The table, the objects on it, and the hand where its approach begins."""
+    things = [_placed(settings, folder) for settings in scenario.objects]
+    position = np.add(things[0].position, scenario.wrist.position) + scenario.wrist.retreat
+    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    if side == "left":
+        things = [_mirrored(thing) for thing in things]
+        mirror = np.diag([1.0, -1.0, 1.0])
+        position, rotation = mirror @ position, mirror @ rotation @ mirror
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
+    return Stage(position, quaternion, things, scenario.friction, table=True, wrist=True)
+
+
+def facing(x: tuple[float, float, float], z: tuple[float, float, float]) -> Array:
+    """The rotation whose x axis is along `x` and whose z axis is as near to `z` as it can be, (3, 3)."""
+    first = np.array(x) / np.linalg.norm(x)
+    last = np.array(z) - first * (first @ z)
+    if np.linalg.norm(last) < 1e-6:
+        raise ConfigError(f"wrist: fingers {list(z)} must not be parallel to facing {list(x)}")
+    last /= np.linalg.norm(last)
+    return np.stack([first, np.cross(last, first), last], axis=1)
+
+
+def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:
+    move = np.concatenate([phase.move, np.radians(phase.turn)])
+    if phase.wrist == "approach":
+        move[:3] -= scenario.wrist.retreat
+    if side == "left":
+        move = move * _MIRROR
+    shake = np.zeros(6)
+    if phase.shake is None:
+        return wrist.Segment(seconds, move, shake)
+    shake[:3] = phase.shake.acceleration
+    return wrist.Segment(seconds, move, shake, phase.shake.frequency)
+
+
+def _placed(settings: ObjectSettings, folder: Path) -> objects.Placement:
+    if settings.shape is None:
+        thing = objects.named(settings.name)
+    else:
+        thing = _own(settings, folder)
+    quaternion = objects.orientation(settings.up, float(np.radians(settings.yaw)))
+    if len(settings.at) == 3:
+        position = settings.at
+    else:
+        # 0.1 mm of air, so that the object settles instead of being pushed out of the table.
+        height = float(thing.half_extents()["xyz".index(settings.up)]) + 1e-4
+        position = (*settings.at, height)
+    return objects.Placement(thing, position, tuple(quaternion))
+
+
+def _own(settings: ObjectSettings, folder: Path) -> objects.Thing:
+    """An object described in the scenario itself. Raises ConfigError for what its shape needs and does not have."""
+    name, shape = settings.name, settings.shape
+    assert shape is not None
+    if shape in ("mesh", "mjcf"):
+        if settings.file is None:
+            raise ConfigError(f"object {name}: a {shape} needs `file`")
+        file = settings.file if settings.file.is_absolute() else folder / settings.file
+        if not file.is_file():
+            raise ConfigError(f"object {name}: no file at {file}")
+        if len(settings.at) != 3:
+            raise ConfigError(f"object {name}: a {shape} needs a third value in `at`: the height of its origin, m")
+    else:
+        file = None
+        if settings.size is None or len(settings.size) != objects.N_SIZES[shape]:
+            raise ConfigError(f"object {name}: a {shape} needs `size` with {objects.N_SIZES[shape]} values, m")
+    if settings.mass is None and shape != "mjcf":
+        raise ConfigError(f"object {name}: a {shape} needs `mass`, kg")
+    return objects.Thing(name, shape, settings.size or (), settings.mass or float("nan"), file, settings.scale)
+
+
+def _mirrored(placement: objects.Placement) -> objects.Placement:
+    (x, y, z), (w, i, j, k) = placement.position, placement.quaternion
+    return objects.Placement(placement.thing, (x, -y, z), (w, -i, j, -k))
