@@ -45,7 +45,7 @@ class RecordingError(HandError, OSError):
     """Fix the file or the disk: not a recording, cut short, or no space left."""
 
 
-class EndOfRecording(HandError):  # noqa: N818 - an end, not an error.
+class EndOfRecording(HandError):
     """Nothing to fix: the recording has no further row."""
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.assets import data_root, find, read_yaml
 from allegro_twin.description import facts
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.types import frozen
 
@@ -20,9 +20,7 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
     Raises ConfigError that names the file and the key.
     """
     hand = facts.load(model, side)
-    fingers = tuple(
-        Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items()
-    )
+    fingers = tuple(Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items())
     joints = hand.joints
     return HandSpec(
         model=model,
@@ -52,7 +50,7 @@ def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | N
         raise ConfigError(f"{path}: joints has {len(table['joints'])} names; the hand has {n_joints}")
     if set(table["tips"]) != set(fingers):
         raise ConfigError(f"{path}: tips must name {', '.join(fingers)}; it names {', '.join(table['tips'])}")
-    tips = {finger: (str(body), tuple(map(float, offset))) for finger, (body, offset) in table["tips"].items()}
+    tips = {finger: (str(body), facts.triple(offset)) for finger, (body, offset) in table["tips"].items()}
     mjcf = Path(table["mjcf"])
     found = mjcf if mjcf.is_absolute() or mjcf.is_file() else path.parent / mjcf
     return ForeignModel(str(found), str(table["root"]), tuple(map(str, table["joints"])), tips)

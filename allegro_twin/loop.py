@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar
 
 from allegro_twin.backend import HandBackend
+from allegro_twin.errors import EndOfRecording
 from allegro_twin.types import Command, HandState, Sample
 
 M = TypeVar("M")
@@ -41,6 +42,14 @@ def until(t: float, samples: Iterable[Sample]) -> Iterator[Sample]:
         yield sample
         if sample.state.t >= t - 1e-9:
             return
+
+
+def to_the_end(samples: Iterable[Sample]) -> Iterator[Sample]:
+    """Take the end of a recording for the end of the run."""
+    try:
+        yield from samples
+    except EndOfRecording:
+        return
 
 
 def paced(samples: Iterable[Sample], speed: float = 1.0) -> Iterator[Sample]:

@@ -87,7 +87,7 @@ class HandSpec:
 
     @property
     def n_actuators(self) -> int:
-        return self.actuation.torque_limit.shape[0]
+        return len(self.actuation.torque_limit)
 
     def joint(self, name: str) -> int:
         """The index of a joint by either of its names. Raises ConfigError with the nearest names."""

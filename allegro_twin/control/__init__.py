@@ -1,0 +1,1 @@
+"""Control: laws, trajectories and the controllers made of them."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from allegro_twin.assets import data_root
 from allegro_twin.description import facts, mesh
 from allegro_twin.description.mjcf import mjcf
 from allegro_twin.description.text import mesh_name
 from allegro_twin.description.urdf import urdf
+from allegro_twin.files.assets import data_root
 from allegro_twin.hands import load_actuation
 from allegro_twin.spec import SIDES
 
@@ -30,7 +30,9 @@ def files(model: str = "allegro") -> dict[Path, str]:
 def stale() -> list[str]:
     """Names of committed files that differ from what the facts give, or should not be there."""
     root, made = data_root() / "models", files()
-    wrong = [str(path) for path, text in made.items() if not (root / path).is_file() or (root / path).read_text() != text]
+    wrong = [
+        str(path) for path, text in made.items() if not (root / path).is_file() or (root / path).read_text() != text
+    ]
     present = {p.relative_to(root) for folder in ("mjcf", "urdf", "meshes") for p in (root / folder).iterdir()}
     return sorted(wrong + [str(path) for path in present - set(made)])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from allegro_twin.assets import data_root, read_yaml
+from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.spec import Side
 
 Triple = tuple[float, float, float]
@@ -146,12 +146,12 @@ def _links(table: dict[str, Any]) -> list[Link]:
         rows = table["chains"][finger["chain"]]
         for number, row in zip(finger["joints"], rows, strict=True):
             first, last = row is rows[0], row is rows[-1]
-            joint = Joint(f"joint_{number}.0", _triple(row["axis"]), *map(float, row["limit"]))
+            joint = Joint(f"joint_{number}.0", triple(row["axis"]), *map(float, row["limit"]))
             place = finger if first else row
             tip = finger["tip"] if last else None
             name = f"link_{number}.0"
-            rpy = _triple(place.get("rpy", zero))
-            links.append(_link(table, name, row["link"], parent, joint, _triple(place["xyz"]), rpy, tip))
+            rpy = triple(place.get("rpy", zero))
+            links.append(_link(table, name, row["link"], parent, joint, triple(place["xyz"]), rpy, tip))
             parent = name
     return links
 
@@ -173,11 +173,12 @@ def _link(
     visuals = []
     for part in row["visual"]:
         shape = "rounded" if "rounded" in part else "cylinder"
-        visuals.append(Visual(shape, tuple(part[shape]), part.get("radius", 0.0), _triple(part["at"]), part["color"]))
-    box = Box(_triple(row["box"]["half"]), _triple(row["box"]["at"]))
+        visuals.append(Visual(shape, tuple(part[shape]), part.get("radius", 0.0), triple(part["at"]), part["color"]))
+    box = Box(triple(row["box"]["half"]), triple(row["box"]["at"]))
     return Link(name, kind, parent, joint, xyz, rpy, row["mass"], box, tip, tuple(visuals))
 
 
-def _triple(values: Any) -> Triple:
+def triple(values: Any) -> Triple:
+    """Three numbers, and no more."""
     x, y, z = (float(value) for value in values)
     return (x, y, z)

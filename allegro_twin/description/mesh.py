@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.types import Array
 
 _SEGMENTS = 9  # Odd, so that no vertex lies on a mid-plane and every corner gets its own part of the sphere.
 
 
-def rounded_box(half: tuple[float, ...], radius: float) -> tuple[Array, Array]:
+def rounded_box(half: tuple[float, ...], radius: float) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (k, 3) in m and triangles (f, 3) of a box with round edges, outward normals.
 
     A cube's grid is blown up to the unit sphere; the sphere's eight octants, scaled by `radius`, move into the corners.
     """
     angles = np.tan(np.linspace(-np.pi / 4, np.pi / 4, _SEGMENTS + 1))
     a, b = np.meshgrid(angles, angles, indexing="ij")
-    corner = np.arange((_SEGMENTS + 1) ** 2).reshape(_SEGMENTS + 1, _SEGMENTS + 1)
+    corner = np.arange((_SEGMENTS + 1) ** 2, dtype=np.int64).reshape(_SEGMENTS + 1, _SEGMENTS + 1)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
     vertices: list[Array] = []
-    triangles: list[Array] = []
+    triangles: list[NDArray[np.int64]] = []
     for axis in range(3):
         for sign in (1.0, -1.0):
             face = np.empty((*a.shape, 3))
@@ -31,12 +32,14 @@ def rounded_box(half: tuple[float, ...], radius: float) -> tuple[Array, Array]:
     directions = np.concatenate(vertices)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     core = np.asarray(half) - radius
-    unique, index = np.unique(np.round(np.sign(directions) * core + radius * directions, 9), axis=0, return_inverse=True)
-    return unique, index.reshape(-1)[np.concatenate(triangles)]
+    unique, index = np.unique(
+        np.round(np.sign(directions) * core + radius * directions, 9), axis=0, return_inverse=True
+    )
+    return unique, index.astype(np.int64).reshape(-1)[np.concatenate(triangles)]
 
 
-def obj(vertices: Array, triangles: Array) -> str:
+def obj(vertices: Array, triangles: NDArray[np.int64]) -> str:
     """The text of an OBJ file, lengths in m rounded to 10 µm."""
     lines = [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in vertices + 0.0]
-    lines += [f"f {a} {b} {c}" for a, b, c in triangles.astype(int) + 1]
+    lines += [f"f {a} {b} {c}" for a, b, c in triangles + 1]
     return "\n".join(lines).replace("-0.00000", "0.00000") + "\n"

@@ -48,14 +48,13 @@ def _defaults(root: Element) -> None:
     visual = SubElement(top, "default", {"class": "visual"})
     SubElement(visual, "geom", contype="0", conaffinity="0", group="2", mass="0")
     collision = SubElement(top, "default", {"class": "collision"})
-    SubElement(collision, "geom", group="3", mass="0", condim="4", friction="0.8 0.01 0.0001", rgba=".5 .6 .7 .3")
+    SubElement(collision, "geom", group="3", mass="0", condim="4", friction="0.8 0.01 0.0005", rgba=".5 .6 .7 .3")
 
 
 def _assets(root: Element, hand: Description) -> None:
     assets = SubElement(root, "asset")
     for name, rgba in hand.colors.items():
-        shine = {"specular": "0.3", "shininess": "0.5"}
-        SubElement(assets, "material", name=name, rgba=numbers(rgba), **shine)
+        SubElement(assets, "material", name=name, rgba=numbers(rgba), specular="0.3", shininess="0.5")
     meshes = sorted({mesh_name(v) for link in hand.links for v in link.visuals if v.kind == "rounded"})
     for name in meshes:
         SubElement(assets, "mesh", name=name, file=f"{name}.obj")
@@ -65,7 +64,7 @@ def _body(parent: Element, link: Link, hand: Description, actuation: Actuation) 
     place = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
     if any(link.rpy):
         place["quat"] = numbers(_quaternion(link.rpy))
-    body = SubElement(parent, "body", name=link.name, childclass="hand", **place)
+    body = SubElement(parent, "body", {"name": link.name, "childclass": "hand"} | place)
     mass, center, tensor = inertia.of_link(link)
     upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
     SubElement(body, "inertial", pos=numbers(center), mass=number(mass), fullinertia=upper)

@@ -1,0 +1,1 @@
+"""Scenarios: described, planned, run and judged."""

@@ -96,7 +96,9 @@ def judge(
     checks = [window for window in windows if window.check]
     start = _last(seen.t, next(w.end for w in windows if w.name == reference))
     rise = float(seen.thing[_last(seen.t, checks[0].end), 2] - seen.thing[start, 2]) if checks else 0.0
-    reason = next((_why(p, seen, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), "")
+    reason = next(
+        (_why(p, seen, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), ""
+    )
     if not reason and rise < lift / 2:
         reason = f"rose {rise * 1000:.0f} mm of {lift * 1000:.0f} mm"
     peak = float((np.abs(seen.torque) / torque_limit).max())
@@ -113,11 +115,19 @@ def relative_motion(seen: Observations, start: int) -> tuple[Array, Array]:
 
 
 def _phase(
-    seen: Observations, window: Window, parts: Sequence[str], position: Array, angle: Array, drift: float, rotation: float
+    seen: Observations,
+    window: Window,
+    parts: Sequence[str],
+    position: Array,
+    angle: Array,
+    drift: float,
+    rotation: float,
 ) -> PhaseReport:
     rows = slice(_last(seen.t, window.begin) + 1, _last(seen.t, window.end) + 1)
     end = rows.stop - 1
-    held = position[end] <= drift and angle[end] <= rotation and not seen.on_table[end] and seen.contact_force[end].any()
+    held = (
+        position[end] <= drift and angle[end] <= rotation and not seen.on_table[end] and seen.contact_force[end].any()
+    )
     force = seen.contact_force[rows].mean(axis=0)
     return PhaseReport(
         window.name,

@@ -1,0 +1,1 @@
+"""Kinematics and statics of the whole hand."""

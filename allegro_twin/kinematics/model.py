@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from allegro_twin.assets import data_root
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -36,6 +36,9 @@ class HandModel:
         self._order = np.array([self._model.idx_vs[self._model.getJointId(name)] for name in spec.joints])
         self._place = np.argsort(self._order)
         self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
+        self._links = {
+            frame.name: index for index, frame in enumerate(self._model.frames) if frame.name.startswith("link_")
+        }
         self._gravity: Vector | None = None
 
     def gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
@@ -46,10 +49,33 @@ class HandModel:
         if gravity is not self._gravity:
             self._model.gravity.linear = self._gravity = gravity
         torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, position[self._place])
-        return torque[self._order]
+        ours: Vector = torque[self._order]
+        return ours
 
     def fingertips(self, position: Vector) -> dict[str, Pose]:
         """Centre and orientation of every fingertip."""
+        return self._poses(self._tips, position)
+
+    def links(self, position: Vector) -> dict[str, Pose]:
+        """Pose of every moving link, fingertips included, by its name in the URDF."""
+        return self._poses(self._links, position)
+
+    def fingertip_force(self, position: Vector, torque_limit: Vector) -> dict[str, float]:
+        """How hard each fingertip can press with its pad at a posture, N.
+
+        Along the tip's x axis n (out of the pad) a force f needs τ = Jᵀ n f, so f = min over joints of limit / |Jᵀ n|.
+        """
+        q = position[self._place]
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
+        forces = {}
+        for name, index in self._tips.items():
+            jacobian = pin.getFrameJacobian(self._model, self._data, index, pin.LOCAL)[0]
+            lever = np.abs(jacobian[self._order])
+            forces[name] = float((torque_limit[lever > 1e-6] / lever[lever > 1e-6]).min())
+        return forces
+
+    def _poses(self, frames: dict[str, int], position: Vector) -> dict[str, Pose]:
         pin.framesForwardKinematics(self._model, self._data, position[self._place])
-        frames = {name: self._data.oMf[index] for name, index in self._tips.items()}
-        return {name: Pose(frame.translation.copy(), frame.rotation.copy()) for name, frame in frames.items()}
+        placed = {name: self._data.oMf[index] for name, index in frames.items()}
+        return {name: Pose(frame.translation.copy(), frame.rotation.copy()) for name, frame in placed.items()}

@@ -1,0 +1,1 @@
+"""The library: named postures, grasps and gains, stored as YAML."""

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from allegro_twin.assets import data_root, find
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.schema import Settings, load
+from allegro_twin.files.assets import data_root, find
+from allegro_twin.files.schema import Settings, load
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector, frozen
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 
 import mujoco
@@ -13,6 +14,8 @@ from allegro_twin.sim import wrist
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
+ENGINE = f"mujoco {mujoco.__version__}"
+"""What the figures of a simulation depend on."""
 _NO_WRIST = np.zeros((0, 6))
 
 
@@ -78,6 +81,17 @@ class SimBackend:
 
     def close(self) -> None:
         self.data.ctrl[self._motors] = 0.0
+
+    def mass_of(self, body: str) -> float:
+        """Of a body of the scene, kg."""
+        return float(self.model.body_mass[self.model.body(body).id])
+
+    def meta(self) -> dict[str, str]:
+        """What a recording should say of the simulation: the engine, and a hash of the model as it was stepped."""
+        size = mujoco.mj_sizeModel(self.model)
+        buffer = np.empty(size, np.uint8)
+        mujoco.mj_saveModel(self.model, None, buffer)
+        return {"engine": ENGINE, "model": hashlib.sha256(buffer.tobytes()).hexdigest()[:16]}
 
     def _state(self) -> HandState:
         data = self.data

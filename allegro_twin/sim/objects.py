@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias
 import mujoco
 import numpy as np
 
-from allegro_twin.assets import data_root, read_yaml
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.types import Array, Vector
 
 Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
@@ -27,7 +27,7 @@ class Thing:
     name: str
     shape: Shape
     size: tuple[float, ...]
-    """m. Sphere: diameter. Cylinder: diameter, height. Box: three edges. Ellipsoid: short and long diameter (along x)."""
+    """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short and long (along x) diameter."""
     mass: float
     """kg. NaN for an MJCF, which brings its own."""
     file: Path | None = None

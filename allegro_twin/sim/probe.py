@@ -46,7 +46,7 @@ class Probe:
         normal, pairs, bodies = forces[address[mine]], pairs[mine], bodies[mine]
         other = np.where(bodies[:, 0] == self._thing, pairs[:, 1], pairs[:, 0])
         part = self._part[other]
-        by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts))
+        by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts)).astype(np.float64)
         return by_part, np.array([float((other == self._table).any())])
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from allegro_twin.assets import data_root
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
 from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.foreign import adopt
 from allegro_twin.spec import HandSpec
@@ -108,7 +108,11 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     sky.rgb1, sky.rgb2 = [0.93, 0.95, 0.97], [0.72, 0.77, 0.83]
     world.add_light(
-        name="key", pos=[0.4, -0.6, 1.4], dir=[-0.3, 0.4, -1.0], diffuse=[0.55] * 3, type=mujoco.mjtLightType.mjLIGHT_SPOT
+        name="key",
+        pos=[0.4, -0.6, 1.4],
+        dir=[-0.3, 0.4, -1.0],
+        diffuse=[0.55] * 3,
+        type=mujoco.mjtLightType.mjLIGHT_SPOT,
     )
     if stage.table:
         world.add_geom(

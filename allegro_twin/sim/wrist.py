@@ -51,6 +51,11 @@ def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody) -> None:
         actuator.set_to_position(kp=_STIFFNESS[index], kv=_DAMPING[index])
 
 
+def load(model: mujoco.MjModel) -> float:
+    """What the wrist carries when the hand is empty, kg."""
+    return float(model.body_subtreemass[model.body("palm_link").id])
+
+
 def commands(segments: list[Segment], timestep: float, load: float, gravity: float = 9.81) -> Array:
     """The servo set-points at every physics step, shape (k, 6).
 
@@ -60,7 +65,7 @@ def commands(segments: list[Segment], timestep: float, load: float, gravity: flo
     place = np.zeros(6)
     rows = []
     for segment in segments:
-        t = np.arange(1, round(segment.seconds / timestep) + 1) * timestep
+        t: Array = timestep * np.arange(1.0, round(segment.seconds / timestep) + 1)
         position, velocity, acceleration = _minimum_jerk(t, segment.seconds, segment.move)
         if segment.shake.any():
             position, velocity, acceleration = _shaken(t, segment)
@@ -96,5 +101,6 @@ def _shaken(t: Array, segment: Segment) -> tuple[Array, Array, Array]:
         ramp = np.clip(np.minimum(local, each - local) * segment.frequency, 0.0, 1.0)
         envelope = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
         position[inside, axis] = (segment.shake[axis] / omega**2 * envelope * np.sin(omega * local))[inside]
-    velocity = np.gradient(position, t, axis=0)
-    return position, velocity, np.gradient(velocity, t, axis=0)
+    velocity = np.asarray(np.gradient(position, t, axis=0))
+    acceleration = np.asarray(np.gradient(velocity, t, axis=0))
+    return position, velocity, acceleration

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from allegro_twin.assets import find
-from allegro_twin.schema import Settings, load
+from allegro_twin.files.assets import find
+from allegro_twin.files.schema import Settings, load
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]

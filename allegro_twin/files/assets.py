@@ -10,7 +10,7 @@ import yaml
 
 from allegro_twin.errors import ConfigError, unknown
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @cache

@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Window
+from allegro_twin.evaluate.scenario import ObjectSettings, Phase, Protocol, Scenario
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.scenario import ObjectSettings, Phase, Protocol, Scenario
 from allegro_twin.sim import objects, wrist
+from allegro_twin.sim.pose import facing, quaternion
 from allegro_twin.sim.scene import Stage
 from allegro_twin.spec import Side
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Vector
 
 # What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
 # are pseudovectors, about the palm's x, y, z.
@@ -64,19 +64,7 @@ def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
-    return Stage(position, quaternion, things, scenario.friction, table=True, wrist=True)
-
-
-def facing(x: tuple[float, float, float], z: tuple[float, float, float]) -> Array:
-    """The rotation whose x axis is along `x` and whose z axis is as near to `z` as it can be, (3, 3)."""
-    first = np.array(x) / np.linalg.norm(x)
-    last = np.array(z) - first * (first @ z)
-    if np.linalg.norm(last) < 1e-6:
-        raise ConfigError(f"wrist: fingers {list(z)} must not be parallel to facing {list(x)}")
-    last /= np.linalg.norm(last)
-    return np.stack([first, np.cross(last, first), last], axis=1)
+    return Stage(position, quaternion(rotation), things, scenario.friction, table=True, wrist=True)
 
 
 def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:
@@ -97,14 +85,14 @@ def _placed(settings: ObjectSettings, folder: Path) -> objects.Placement:
         thing = objects.named(settings.name)
     else:
         thing = _own(settings, folder)
-    quaternion = objects.orientation(settings.up, float(np.radians(settings.yaw)))
+    turned = objects.orientation(settings.up, float(np.radians(settings.yaw)))
     if len(settings.at) == 3:
         position = settings.at
     else:
         # 0.1 mm of air, so that the object settles instead of being pushed out of the table.
         height = float(thing.half_extents()["xyz".index(settings.up)]) + 1e-4
         position = (*settings.at, height)
-    return objects.Placement(thing, position, tuple(quaternion))
+    return objects.Placement(thing, position, tuple(turned))
 
 
 def _own(settings: ObjectSettings, folder: Path) -> objects.Thing:

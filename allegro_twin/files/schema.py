@@ -8,8 +8,8 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from allegro_twin.assets import read_yaml
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import read_yaml
 
 S = TypeVar("S", bound="Settings")
 

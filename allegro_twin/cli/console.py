@@ -1,0 +1,80 @@
+"""Tables and progress on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from allegro_twin.evaluate.held import Report
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import HandState
+
+console = Console(width=None if sys.stdout.isatty() else 120)
+errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """A bar that vanishes when it is done; nothing where the output is no terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        yield bar
+
+
+def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str], engine: str) -> Table:
+    """One row a trial: the verdict and its margins."""
+    held = sum(report.held for report in reports.values())
+    table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
+    for name, justify in (
+        ("object", "left"), ("hand", "left"), ("grasp", "left"), ("held", "left"), ("drift\nmm", "right"),
+        ("turn\n°", "right"), ("contact force N\nindex middle ring thumb palm", "right"), ("peak\ntorque", "right"),
+    ):  # fmt: skip
+        table.add_column(name, justify=justify)  # type: ignore[arg-type]  # Rich narrows it to a literal.
+    for (scenario, side), report in reports.items():
+        checks = [phase for phase in report.phases if phase.check]
+        force = " ".join(f"{value:5.1f}" for value in checks[0].contact_force.values()) if checks else ""
+        table.add_row(
+            scenario,
+            side,
+            grasps[scenario],
+            "[green]yes[/]" if report.held else "[red]no[/]",
+            f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
+            f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
+            force,
+            f"{report.peak_torque:.0%}",
+        )
+    failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]
+    table.caption = "\n".join(failed)
+    table.caption_justify = "left"
+    return table
+
+
+def phases(title: str, report: Report) -> Table:
+    """One row a phase of one trial."""
+    table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held[/] ' + report.reason}")
+    parts = list(report.phases[0].contact_force) if report.phases else []
+    for name in ("phase", "drift mm", "largest mm", "turn °", *(f"{part} N" for part in parts), "held"):
+        table.add_column(name, justify="left" if name in ("phase", "held") else "right")
+    for phase in report.phases:
+        forces = [f"{value:.1f}" for value in phase.contact_force.values()]
+        verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
+        numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
+        table.add_row(phase.name, *numbers, *forces, verdict)
+    table.caption = f"lifted {report.lift * 1000:.0f} mm, peak torque {report.peak_torque:.0%} of its limit"
+    return table
+
+
+def final_state(spec: HandSpec, state: HandState) -> Table:
+    """Where the fingers are at the end of a run."""
+    table = Table(title=f"{spec.name} at {state.t:.3f} s: joint positions, rad")
+    table.add_column("finger")
+    for place in range(max(len(finger.joints) for finger in spec.fingers)):
+        table.add_column(str(place), justify="right")
+    for finger in spec.fingers:
+        table.add_row(finger.name, *(f"{state.position[joint]:.4f}" for joint in finger.joints))
+    return table

@@ -1,0 +1,173 @@
+"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault, 5 the grasp failed."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.held import Report
+    from allegro_twin.session import Outputs
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help="""A digital twin of
+the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario (scenarios/**/*.yaml) what to
+grasp.""")  # fmt: skip
+
+
+class Sides(StrEnum):
+    right = "right"
+    left = "left"
+    both = "both"
+
+
+Targets = Annotated[list[str], typer.Argument(help="Configs, scenarios, or folders of scenarios; a name will do.")]
+
+
+@app.command()
+def run(
+    targets: Targets,
+    side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for a recording, a picture and a report of each run.")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(help="Record to this .arrow file.")] = None,
+    image: Annotated[Path | None, typer.Option(help="Render to this .png.")] = None,
+    video: Annotated[Path | None, typer.Option(help="Render to this .mp4.")] = None,
+    rrd: Annotated[Path | None, typer.Option(help="Write a Rerun recording to this .rrd.")] = None,
+    view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.")] = None,
+    partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
+) -> None:
+    """Run a hand: a config with its controller, or scenarios with a verdict on each."""
+    from allegro_twin.session import Outputs
+
+    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None)
+    from allegro_twin.cli.runs import configs_of
+
+    jobs = configs_of(targets, None if side is None else side.value, seconds, partial)
+    if len(jobs) > 1 and any((record, image, video, rrd, view, web)):
+        raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
+    reports = _run_all(jobs, outputs, out)
+    if not all(report.held for report in reports.values()):
+        raise typer.Exit(5)
+
+
+def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[str, str], Report]:
+    from rich.markup import escape
+
+    from allegro_twin.build import assemble
+    from allegro_twin.cli import console
+    from allegro_twin.cli.runs import outputs_in
+    from allegro_twin.session import perform, write_reports
+
+    reports: dict[tuple[str, str], Report] = {}
+    grasps: dict[str, str] = {}
+    with console.progress() as bar:
+        whole = bar.add_task("", total=len(jobs), visible=len(jobs) > 1)
+        for job in jobs:
+            rig = assemble(job.config)
+            bar.update(whole, description=f"{len(reports)} of {len(jobs)}")
+            task = bar.add_task(f"{job.name} {rig.spec.side}", total=rig.seconds)
+            where = outputs if out is None else outputs_in(out, job, rig, outputs)
+            outcome = perform(rig, job.config, where, lambda t, task=task: bar.update(task, completed=t))  # type: ignore[misc]
+            bar.remove_task(task)
+            bar.advance(whole)
+            for note in outcome.notes:
+                console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
+            if outcome.report is None:
+                console.console.print(console.final_state(rig.spec, outcome.last))
+            else:
+                assert rig.trial is not None
+                reports[job.name, rig.spec.side], grasps[job.name] = outcome.report, rig.trial.grasp.name
+    if len(reports) == 1:
+        (((name, side), report),) = reports.items()
+        console.console.print(console.phases(f"{name}, {side} hand", report))
+    elif reports:
+        from allegro_twin.sim.backend import ENGINE
+
+        console.console.print(console.summary(reports, grasps, ENGINE))
+    if out is not None and reports:
+        write_reports(out / "report.json", {f"{name}_{side}": r for (name, side), r in reports.items()})
+        console.console.print(f"Recordings, pictures and report.json are in {out}/")
+    return reports
+
+
+@app.command("list")
+def list_(
+    what: Annotated[str, typer.Argument(help="objects, postures, grasps, scenarios, configs or hands")] = "",
+) -> None:
+    """List what ships with the package."""
+    from allegro_twin.cli import catalogue, console
+
+    kinds = catalogue.KINDS
+    if what and what not in kinds:
+        raise ConfigError(unknown("list", what, kinds))
+    for kind in [what] if what else kinds:
+        console.console.print(kinds[kind]())
+
+
+@app.command()
+def view(
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
+    web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
+    port: Annotated[int, typer.Option(help="Of the page in the browser.")] = 9090,
+    partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
+) -> None:
+    """Look at a recording in Rerun."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.runs import show
+
+    with console.progress() as bar:
+        task = bar.add_task("reading", total=None)
+        url = show(recording, web=web, port=port, partial=partial, total=lambda n: bar.update(task, total=n),
+                   advance=lambda: bar.advance(task))  # fmt: skip
+    if url:
+        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
+        _wait()
+
+
+@app.command()
+def export(
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
+    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd.")],
+    partial: Annotated[bool, typer.Option(help="Export what is readable of a recording that was cut short.")] = False,
+) -> None:
+    """Convert a recording for other programs."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.runs import convert
+
+    rows = convert(recording, target, partial=partial)
+    console.console.print(f"{target}: {rows} rows")
+
+
+def _wait() -> None:
+    import signal
+
+    try:
+        signal.pause()
+    except KeyboardInterrupt:
+        return
+
+
+def main() -> None:
+    """Run the command line; every HandError is one line on standard error."""
+    try:
+        app()
+    except HandError as error:
+        sys.stderr.write(f"allegro-twin: {error}\n")
+        sys.exit(_exit_code(error))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _exit_code(error: HandError) -> int:
+    if isinstance(error, LinkError):
+        return 3
+    return 4 if isinstance(error, HandFault) else 2

@@ -1,0 +1,136 @@
+"""What the command line does, apart from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from allegro_twin.build import Rig, scenario_config
+from allegro_twin.config import RunConfig, load_config
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.session import Outputs
+from allegro_twin.spec import SIDES
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run to do."""
+
+    name: str
+    config: RunConfig
+
+
+def configs_of(targets: Sequence[str], side: str | None, seconds: float | None, partial: bool) -> list[Job]:
+    """A job for every config, and for every scenario and side. Raises ConfigError."""
+    jobs = []
+    for target in targets:
+        for path in _files(target):
+            if "backend" in read_yaml(path):
+                jobs.append(Job(path.stem, _with(load_config(path), side, seconds, partial)))
+                continue
+            for each in SIDES if side == "both" else (side,):
+                jobs.append(Job(path.stem, _with(scenario_config(path, each), None, seconds, partial)))
+    return jobs
+
+
+def outputs_in(folder: Path, job: Job, rig: Rig, wanted: Outputs) -> Outputs:
+    """A recording and a picture in a folder, named after the run."""
+    stem = f"{job.name}_{rig.spec.side}" if rig.trial is not None else job.name
+    return Outputs(folder / f"{stem}.arrow", folder / f"{stem}.png", wanted.video, wanted.rrd, wanted.live)
+
+
+def show(
+    path: Path,
+    *,
+    web: bool,
+    port: int,
+    partial: bool,
+    total: Callable[[int], None],
+    advance: Callable[[], None],
+) -> str:
+    """Play a recording into a Rerun viewer; the address of the page when it is in the browser."""
+    from allegro_twin.replay.backend import ReplayBackend, samples_of
+    from allegro_twin.replay.recording import load
+    from allegro_twin.session import rerun_stage
+
+    recording = load(path, partial=partial)
+    total(len(recording))
+    viewer_of, shown = rerun_stage()
+    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
+    url = viewer.serve(open_browser=True, web_port=port) if web else ""
+    if not web:
+        viewer.spawn()
+    backend = ReplayBackend(recording)
+    for _ in shown(samples_of(backend), viewer, backend.extras):
+        advance()
+    viewer.flush()
+    return str(url)
+
+
+def convert(path: Path, target: Path, *, partial: bool) -> int:
+    """Write a recording in the format that the target's suffix names; the number of rows."""
+    from allegro_twin.replay.recording import load
+
+    writers: dict[str, Callable[[Any, Path], None]] = {".parquet": _parquet, ".csv": _csv, ".rrd": _rrd}
+    if target.suffix not in writers:
+        raise ConfigError(unknown("export format", target.suffix, writers))
+    recording = load(path, partial=partial)
+    writers[target.suffix](recording, target)
+    return len(recording)
+
+
+def _parquet(recording: Any, target: Path) -> None:
+    from allegro_twin.replay.convert import to_parquet
+
+    to_parquet(recording, target)
+
+
+def _csv(recording: Any, target: Path) -> None:
+    from allegro_twin.replay.convert import to_csv
+
+    to_csv(recording, target)
+
+
+def _rrd(recording: Any, target: Path) -> None:
+    from allegro_twin.replay.backend import ReplayBackend, samples_of
+    from allegro_twin.session import rerun_stage
+
+    viewer_of, _ = rerun_stage()
+    from allegro_twin.view import write_rrd
+
+    backend = ReplayBackend(recording)
+    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
+    write_rrd(samples_of(backend), viewer, target, backend.extras)
+
+
+def _files(target: str) -> list[Path]:
+    path = Path(target)
+    for folder in (path, data_root() / path):
+        if folder.is_dir():
+            found = sorted(folder.rglob("*.yaml"))
+            if not found:
+                raise ConfigError(f"{target}: no scenarios in this folder")
+            return found
+    if path.is_file() or len(path.parts) > 1 or path.suffix:
+        return [find(path, "config or scenario", "scenarios")]
+    names = {file.stem: file for folder in ("scenarios", "conf") for file in (data_root() / folder).rglob("*.yaml")
+             if folder == "scenarios" or file.parent.name == "conf"}  # fmt: skip
+    if path.name not in names:
+        raise ConfigError(unknown("config or scenario", path.name, names))
+    return [names[path.name]]
+
+
+def _with(config: RunConfig, side: str | None, seconds: float | None, partial: bool) -> RunConfig:
+    changes: dict[str, Any] = {}
+    if seconds is not None:
+        if not seconds > 0:
+            raise ConfigError(f"--seconds must be positive, not {seconds}")
+        changes["seconds"] = seconds
+    if side in SIDES:
+        changes["hand"] = config.hand.model_copy(update={"side": side})
+    if partial and config.backend.kind == "replay":
+        changes["backend"] = config.backend.model_copy(update={"partial": True})
+    return config.model_copy(update=changes)

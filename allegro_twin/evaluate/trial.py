@@ -1,0 +1,130 @@
+"""One trial: a scenario made ready for the loop, watched, and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves
+from allegro_twin.errors import HandError
+from allegro_twin.evaluate.held import Observations, Report, Window, judge
+from allegro_twin.evaluate.plan import plan, stage
+from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.sim import wrist
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.objects import Placement
+from allegro_twin.sim.probe import Probe
+from allegro_twin.sim.scene import TIMESTEP, compile_scene
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Sample, Vector
+
+STANDARD_GRAVITY = 9.81  # m/s², as in every scene.
+
+
+class Trial:
+    """A simulated hand at a scenario, and what is seen of it.
+
+    `start` are the joint positions at reset, (n,), rad; by default the grasp's pre-shape.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        spec: HandSpec,
+        grasp: Grasp,
+        *,
+        folder: Path = Path(),
+        period: float = 0.003,
+        start: Vector | None = None,
+    ) -> None:
+        self.scenario, self.grasp, self.protocol = scenario, grasp, load_protocol(scenario.protocol)
+        scene = stage(scenario, spec.side, folder)
+        self.things: tuple[Placement, ...] = tuple(scene.things)
+        posture = grasp.preshape if start is None else start
+        timeline = plan(self.protocol, grasp, scenario, posture, spec.side, period)
+        self.windows: tuple[Window, ...] = timeline.windows
+        self.reference: Moves = timeline.reference
+        self.seconds = timeline.seconds
+        model = compile_scene(spec, scene)
+        drive = wrist.commands(timeline.segments, TIMESTEP, wrist.load(model))
+        self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive)
+        self._probe = Probe(self.backend, scenario.objects[0].name)
+        self._lift = float(sum(max(phase.move[2], 0.0) for phase in self.protocol.phases))
+        self._too_heavy = too_heavy(self.mass, grasp, spec, scenario.friction)
+        self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
+
+    @property
+    def mass(self) -> float:
+        """Of the object to grasp, kg."""
+        return self.backend.mass_of(self.scenario.objects[0].name)
+
+    def warnings(self) -> list[str]:
+        """What speaks against a success, with its numbers."""
+        return [] if self._too_heavy is None else [self._too_heavy]
+
+    def latest(self) -> Mapping[str, Array]:
+        """What the probe saw with the last sample that was watched."""
+        return self._rows[-1][2]
+
+    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """A stage that keeps what the verdict needs."""
+        self._rows.clear()
+        for sample in samples:
+            self._rows.append((sample.state.t, sample.state.torque, self._probe()))
+            yield sample
+
+    def report(self) -> Report:
+        """The verdict. Raises HandError when the trial was not run to its end."""
+        if not self._rows or self._rows[-1][0] < self.seconds - 1e-9:
+            raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
+        t, torque, seen = zip(*self._rows, strict=True)
+        columns = {key: np.array([row[key] for row in seen]) for key in seen[0]}
+        observed = Observations(
+            np.array(t),
+            columns["palm"],
+            columns["object"],
+            columns["contact_force"],
+            columns["on_table"][:, 0],
+            np.array(torque),
+        )
+        return judge(
+            observed,
+            self.windows,
+            self.protocol.reference,
+            parts=self._probe.parts,
+            torque_limit=self.backend.spec.actuation.torque_limit,
+            drift=self.protocol.success.drift,
+            rotation=self.protocol.success.rotation,
+            lift=self._lift,
+        )
+
+    def meta(self) -> dict[str, object]:
+        """What a recording should say of the scene."""
+        things = [
+            {"name": p.thing.name, "shape": p.thing.shape, "size": list(p.thing.size), "mass": p.thing.mass}
+            for p in self.things
+        ]
+        return {
+            "protocol": f"{self.scenario.protocol} {self.protocol.version}",
+            "grasp": self.grasp.name,
+            "objects": things,
+            "phases": [[w.name, w.begin, w.end] for w in self.windows],
+        }
+
+
+def too_heavy(mass: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
+    """A warning for an object that friction cannot carry: every finger presses it against the palm or another finger,
+    so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
+    forces = HandModel(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
+    bound = 2.0 * friction * sum(forces.values())
+    weight = mass * STANDARD_GRAVITY
+    if weight <= bound:
+        return None
+    return (
+        f"the object weighs {weight:.1f} N ({mass:.2f} kg); friction {friction:g} and the torque limits hold at most "
+        f"{bound:.1f} N with {grasp.name} (fingertips press {', '.join(f'{n} {f:.1f} N' for n, f in forces.items())})"
+    )

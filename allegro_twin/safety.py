@@ -1,0 +1,132 @@
+"""The guard: a backend in front of a backend, which limits what goes down and stops what comes up wrong."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.backend import HandBackend, torque_of
+from allegro_twin.errors import HandError, HandFault
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Command, HandState, Sample, TorqueCommand, Vector
+
+HISTORY = 500  # Samples: 1.5 s at 333 Hz.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limits:
+    """What the guard lets through. Arrays have one value per joint, shape (n,)."""
+
+    torque: Vector
+    """Ceiling, N·m."""
+    velocity: Vector
+    """Faster than this is a fault, rad/s."""
+    lower: Vector
+    """Soft stops, rad."""
+    upper: Vector
+    zone: float = 0.02
+    """Before a soft stop a torque towards it fades over this stretch, rad."""
+    warm: float = 60.0
+    """From here on torque fades, °C."""
+    hot: float = 75.0
+    """Here it is zero, and a fault, °C."""
+
+
+def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
+    """What may be sent of a wanted torque, shape (n,), N·m: |τ| under the ceiling, fading to nothing towards a soft
+    stop and from warm to hot. What a state does not report limits nothing."""
+    limited = np.minimum(np.maximum(torque, -limits.torque), limits.torque)
+    room = np.where(limited > 0.0, limits.upper - state.position, state.position - limits.lower)
+    near = room < limits.zone
+    if near.any():
+        limited = np.where(near, limited * np.maximum(room, 0.0) / limits.zone, limited)
+    if (state.temperature > limits.warm).any():
+        fade = np.clip((limits.hot - state.temperature) / (limits.hot - limits.warm), 0.0, 1.0)
+        limited = limited * np.where(np.isnan(fade), 1.0, fade)
+    return limited
+
+
+def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
+    """Why the hand must stop now, or None."""
+    over = np.abs(state.velocity) > limits.velocity
+    if over.any():
+        joint = int(np.argmax(np.abs(state.velocity) / limits.velocity))
+        speed, limit = state.velocity[joint], limits.velocity[joint]
+        return f"{spec.joints[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s"
+    if (state.temperature >= limits.hot).any():
+        joint = int(np.nanargmax(state.temperature))
+        return f"{spec.joints[joint]} is at {state.temperature[joint]:.0f} °C, over its limit of {limits.hot:.0f} °C"
+    return None
+
+
+class Guard:
+    """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples."""
+
+    def __init__(self, inner: HandBackend, limits: Limits) -> None:
+        self._inner, self._limits = inner, limits
+        self._history: deque[Sample] = deque(maxlen=HISTORY)
+        self._limp: Command = TorqueCommand(np.zeros(inner.spec.n_actuators))
+        self._state: HandState | None = None
+        self._fault: HandError | None = None
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._inner.spec
+
+    @property
+    def period(self) -> float:
+        return self._inner.period
+
+    @property
+    def applied(self) -> Command:
+        """What the last command became, or zero torque before the first."""
+        return self._history[-1].command if self._history else self._limp
+
+    def reset(self) -> HandState:
+        self._history.clear()
+        self._fault = None
+        self._state = self._inner.reset()
+        return self._state
+
+    def write(self, command: Command) -> None:
+        state = self._ready()
+        try:
+            limited = TorqueCommand(clamp(torque_of(command, self.spec), state, self._limits))
+            self._history.append(Sample(state, limited))
+            self._inner.write(limited)
+        except HandError as error:
+            raise self._stopped(error) from error.__cause__
+
+    def read(self) -> HandState:
+        self._ready()
+        try:
+            self._state = state = self._inner.read()
+        except HandError as error:
+            raise self._stopped(error) from error.__cause__
+        reason = violation(state, self._limits, self.spec)
+        if reason is not None:
+            self._history.append(Sample(state, self._limp))
+            raise self._stopped(HandFault(f"stopped: {reason}; reset to go on"))
+        return state
+
+    def close(self) -> None:
+        self._inner.close()
+
+    def _ready(self) -> HandState:
+        if self._fault is not None:
+            raise self._fault
+        if self._state is None:
+            raise HandFault("the hand has not been reset; call reset() before read() or write()")
+        return self._state
+
+    def _stopped(self, error: HandError) -> HandError:
+        """Leave the hand limp and remember why."""
+        error.history = tuple(self._history)
+        self._fault = error
+        try:
+            self._inner.write(self._limp)
+        except HandError:
+            pass  # Nothing left to say it with; the first error is the one that counts.
+        return error

@@ -1,0 +1,160 @@
+"""One run from start to end: the loop with the stages that were asked for around it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import allegro_twin
+from allegro_twin.build import Rig
+from allegro_twin.config import RunConfig
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.whole import whole_file
+from allegro_twin.loop import paced, run, to_the_end, until
+from allegro_twin.types import HandState, Sample
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.held import Report
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What a run leaves behind or shows; None for what is not wanted."""
+
+    record: Path | None = None
+    image: Path | None = None
+    video: Path | None = None
+    rrd: Path | None = None
+    live: str | None = None
+    """`native` or `web`: a Rerun viewer while it runs, in real time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended."""
+
+    last: HandState
+    report: Report | None
+    notes: tuple[str, ...]
+    """What was asked for and could not be had, and warnings."""
+
+
+Advance = Callable[[float], None]
+"""Told the hand's time after every sample, s."""
+
+
+def perform(rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = lambda t: None) -> Outcome:
+    """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
+
+    Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
+    """
+    notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
+    with closing(rig.backend), ExitStack() as stack:
+        samples = to_the_end(run(rig.backend, rig.controller))
+        if rig.seconds is not None:
+            samples = until(rig.seconds, samples)
+        if rig.trial is not None:
+            samples = rig.trial.watched(samples)
+        samples = _kept(samples, rig, config, outputs)
+        samples = _drawn(samples, rig, outputs, stack)
+        samples = _photographed(samples, rig, outputs, notes, stack)
+        last = None
+        for sample in samples:
+            last = sample.state
+            advance(last.t)
+        assert last is not None  # The loop yields at least the state after reset.
+        report = rig.trial.report() if rig.trial is not None else None
+        return Outcome(last, report, tuple(notes))
+
+
+def write_reports(path: Path, reports: dict[str, Report]) -> None:
+    """All verdicts with their margins as one JSON file."""
+    from allegro_twin.sim.backend import ENGINE
+
+    content = {
+        "allegro_twin": allegro_twin.__version__,
+        "engine": ENGINE,
+        "trials": {name: asdict(report) for name, report in reports.items()},
+    }
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, default=dict))
+
+
+def _kept(samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[Sample]:
+    if outputs.record is None:
+        return samples
+    from allegro_twin.replay.recording import recorded
+
+    meta: dict[str, Any] = {"allegro_twin": allegro_twin.__version__, "config": config.model_dump(mode="json")}
+    if rig.sim is not None:
+        meta |= rig.sim.meta()
+    if rig.trial is not None:
+        meta |= rig.trial.meta()
+    extras = rig.trial.latest if rig.trial is not None else None
+    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=extras)
+
+
+def _drawn(samples: Iterator[Sample], rig: Rig, outputs: Outputs, stack: ExitStack) -> Iterator[Sample]:
+    if outputs.rrd is None and outputs.live is None:
+        return samples
+    viewer_of, shown = rerun_stage()
+    things = rig.trial.meta()["objects"] if rig.trial is not None else ()
+    look = rig.trial.latest if rig.trial is not None else None
+    if outputs.rrd is not None:
+        temporary = stack.enter_context(whole_file(outputs.rrd))
+        viewer = viewer_of(rig.spec, things)
+        stack.callback(viewer.close)
+        samples = shown(samples, viewer.to_file(temporary), look)
+    if outputs.live is not None:
+        viewer = viewer_of(rig.spec, things)
+        stack.callback(viewer.close)
+        if outputs.live == "web":
+            viewer.serve()
+        else:
+            viewer.spawn()
+        samples = shown(paced(samples), viewer, look)
+    return samples
+
+
+def _photographed(
+    samples: Iterator[Sample], rig: Rig, outputs: Outputs, notes: list[str], stack: ExitStack
+) -> Iterator[Sample]:
+    if outputs.image is None and outputs.video is None:
+        return samples
+    if rig.sim is None:
+        notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
+        return samples
+    try:
+        from allegro_twin.sim.render import Camera, filmed, pictured
+
+        camera = Camera(rig.sim)
+    except (ConfigError, ImportError) as error:
+        notes.append(f"no pictures: {error}")
+        return samples
+    stack.callback(camera.close)
+    if outputs.video is not None:
+        samples = filmed(samples, camera, outputs.video)
+    if outputs.image is not None:
+        samples = pictured(samples, camera, outputs.image, _moments(rig))
+    return samples
+
+
+def _moments(rig: Rig) -> list[float]:
+    """When a trial is worth a picture: the fingers closed, and the end of every check."""
+    if rig.trial is None:
+        return [] if rig.seconds is None else [rig.seconds]
+    protocol = rig.trial.protocol
+    return [w.end for w in rig.trial.windows if w.check or w.name == protocol.reference]
+
+
+def rerun_stage() -> tuple[Any, Any]:
+    """The viewer and its stage. Raises ConfigError where Rerun is not installed."""
+    try:
+        from allegro_twin.view import Viewer, shown
+    except ImportError as error:
+        raise ConfigError(f"looking needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
+    return Viewer, shown

@@ -1,0 +1,97 @@
+"""Pictures and films of a simulated scene, with or without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.whole import whole_file
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.types import Array, Sample
+
+Picture = NDArray[np.uint8]
+"""Rows, columns, RGB."""
+_HINT = "headless rendering needs EGL: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL"
+
+
+class Camera:
+    """Takes pictures of a backend's scene, looking at the palm. Raises ConfigError where nothing can be rendered."""
+
+    def __init__(
+        self,
+        backend: SimBackend,
+        *,
+        width: int = 640,
+        height: int = 480,
+        distance: float = 0.62,
+        azimuth: float = 140.0,
+        elevation: float = -22.0,
+    ) -> None:
+        self._backend, self._view = backend, mujoco.MjvCamera()
+        side = 1.0 if backend.spec.side == "right" else -1.0
+        self._view.distance, self._view.azimuth, self._view.elevation = distance, side * azimuth, elevation
+        self._palm = backend.model.body("palm_link").id
+        try:
+            self._renderer: Any = mujoco.Renderer(backend.model, height, width)
+        except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
+            raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
+
+    def take(self) -> Picture:
+        """The scene as it is now."""
+        self._view.lookat = self._target()
+        self._renderer.update_scene(self._backend.data, self._view)
+        picture: Picture = self._renderer.render()
+        return picture
+
+    def close(self) -> None:
+        self._renderer.close()
+
+    def _target(self) -> Array:
+        """The middle of the grasp: 5 cm in front of the palm."""
+        data = self._backend.data
+        target: Array = data.xpos[self._palm] + data.xmat[self._palm].reshape(3, 3) @ (0.05, 0.0, -0.02)
+        return target
+
+
+def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30) -> Iterator[Sample]:
+    """A stage that makes an H.264 film in real time of the hand's clock."""
+    import av
+
+    with whole_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:
+        stream: Any = None
+        frames = 0
+        for sample in samples:
+            while frames <= sample.state.t * fps:
+                picture = camera.take()
+                if stream is None:
+                    stream = container.add_stream("libx264", rate=fps, options={"crf": "23"})
+                    stream.height, stream.width = picture.shape[:2]
+                    stream.pix_fmt = "yuv420p"
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                frames += 1
+            yield sample
+        if stream is not None:
+            container.mux(stream.encode())
+
+
+def pictured(samples: Iterable[Sample], camera: Camera, path: Path, moments: Sequence[float]) -> Iterator[Sample]:
+    """A stage that takes a picture at each of the moments (s), and in the end, side by side in one PNG."""
+    from PIL import Image
+
+    left = sorted(moments)
+    pictures: list[Picture] = []
+    for sample in samples:
+        if left and sample.state.t >= left[0] - 1e-9:
+            pictures.append(camera.take())
+            left.pop(0)
+        yield sample
+    if left or not pictures:
+        pictures.append(camera.take())
+    with whole_file(path) as temporary:
+        Image.fromarray(np.hstack(pictures)).save(temporary)
