@@ -18,9 +18,9 @@ from allegro_twin.config import (
     SimSettings,
     TorqueSettings,
 )
+from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
-from allegro_twin.hands import load_spec
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec

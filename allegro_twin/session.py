@@ -87,7 +87,7 @@ def write_reports(path: Path, reports: dict[str, Report]) -> None:
 def _kept(samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[Sample]:
     if outputs.record is None:
         return samples
-    from allegro_twin.replay.recording import recorded
+    from allegro_twin.replay.recorder import recorded
 
     meta: dict[str, Any] = {"allegro_twin": allegro_twin.__version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:

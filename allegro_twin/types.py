@@ -86,8 +86,7 @@ def _checked(values: ArrayLike, name: str) -> Vector:
         raise CommandError(f"{name} must be an array of numbers, not {values!r}") from error
     if array.ndim != 1:
         raise CommandError(f"{name} must have one axis, one value per actuator; it has shape {array.shape}")
-    # A sum is NaN or infinite when any element is: one call where `isfinite(...).all()` takes two.
-    if not np.isfinite(np.add.reduce(array)) and not np.isfinite(array).all():
+    if not np.isfinite(array).all():
         bad = int(np.flatnonzero(~np.isfinite(array))[0])
         raise CommandError(f"{name}[{bad}] is {array[bad]}; every value must be finite")
     return array

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 from allegro_twin.description import facts, mesh
+from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.mjcf import mjcf
 from allegro_twin.description.text import mesh_name
 from allegro_twin.description.urdf import urdf
 from allegro_twin.files.assets import data_root
-from allegro_twin.hands import load_actuation
 from allegro_twin.spec import SIDES
 
 

@@ -35,6 +35,8 @@ def parse(model: type[S], content: dict[str, Any], where: str) -> S:
 
 def _explain(error: ValidationError, model: type[BaseModel], where: str) -> str:
     details = error.errors(include_url=False)
+    # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
+    details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     first, more = details[0], len(details) - 1
     location = ".".join(str(part) for part in first["loc"]) or "(top)"
     tail = f" ({more} more)" if more else ""

@@ -13,8 +13,8 @@ def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
 
     Raises ConfigError with the nearest name when the map names something that the file does not have.
     """
-    root = _get(hand.bodies, foreign.root, "body", foreign.mjcf)
-    root.name = "palm_link"
+    renamed = {foreign.root: "palm_link"} | dict(zip(foreign.joints, spec.joints, strict=True))
+    _get(hand.bodies, foreign.root, "body", foreign.mjcf).name = "palm_link"
     for actuator in list(hand.actuators):
         hand.delete(actuator)
     for theirs, ours in zip(foreign.joints, spec.joints, strict=True):
@@ -22,6 +22,7 @@ def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
         joint.name = ours
         motor = hand.add_actuator(name=ours, target=ours, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
+    _follow(hand, renamed)
     for finger in spec.fingers:
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)
@@ -30,6 +31,20 @@ def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
         sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
         sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
+
+
+def _follow(hand: mujoco.MjSpec, renamed: dict[str, str]) -> None:
+    """What names a renamed element keeps naming it: MjSpec holds such references as text."""
+    for elements, attributes in (
+        (hand.excludes, ("bodyname1", "bodyname2")),
+        (hand.equalities, ("name1", "name2")),
+        (hand.sensors, ("objname", "refname")),
+    ):
+        for element in elements:
+            for attribute in attributes:
+                name = getattr(element, attribute)
+                if name in renamed:
+                    setattr(element, attribute, renamed[name])
 
 
 def _get(elements: list[mujoco.MjsBody], name: str, kind: str, path: str) -> mujoco.MjsBody:

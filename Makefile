@@ -1,0 +1,41 @@
+# `make demo` and `make test` do everything on a fresh machine; both build the virtual environment they need.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+JOBS ?= 2
+
+.PHONY: demo demo-all test test-all bench models install clean
+
+demo: $(READY)
+	$(BIN)/allegro-twin run scenarios/demo --side both --out out
+
+demo-all: $(READY)
+	$(BIN)/allegro-twin run scenarios --side both --out out || test $$? -eq 5
+
+test: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n $(JOBS)
+
+test-all: test
+	$(BIN)/pytest -n $(JOBS) -m long
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks
+
+models: $(READY)
+	$(BIN)/python -m allegro_twin.description
+
+install: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "allegro_twin needs Python 3.11 or newer; choose one with: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { echo "Debian and Ubuntu: apt-get install python3-venv"; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out

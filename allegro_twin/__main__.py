@@ -1,0 +1,5 @@
+"""`python -m allegro_twin` is `allegro-twin`."""
+
+from allegro_twin.cli.main import main
+
+main()

@@ -1,0 +1,147 @@
+"""Writing a recording: an Arrow IPC stream, a row a period, that survives the process that writes it."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.replay.format import FORMAT, VERSION
+from allegro_twin.replay.identity import spec_to_json
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Sample, TorqueCommand
+
+BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
+_UNITS = {
+    "t": "s", "tick": "1", "position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C",
+    "gravity": "m/s²", "command_torque": "N·m", "command_position": "rad",
+}  # fmt: skip
+_VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
+Extras = Callable[[], Mapping[str, Array]]
+_log = logging.getLogger(__name__)
+
+
+class Recorder:
+    """Writes samples to a file, a batch at a time. `extras` adds columns of one axis each, by name.
+
+    Raises RecordingError when the file cannot be made or the disk is full; what was written stays readable.
+    """
+
+    def __init__(self, path: Path, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None) -> None:
+        self._path, self._rows = path, 0
+        self._meta = {
+            "format": FORMAT,
+            "version": VERSION,
+            "hand": spec_to_json(spec),
+            "period": period,
+            **(meta or {}),
+        }
+        self._buffers: dict[str, Array] = {}
+        self._writer: pa.RecordBatchStreamWriter | None = None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("wb")
+        except OSError as error:
+            raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
+
+    def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
+        """One row. The first one fixes the columns."""
+        state, command = sample
+        name = "command_torque" if isinstance(command, TorqueCommand) else "command_position"
+        goal = command.torque if isinstance(command, TorqueCommand) else command.position
+        if self._writer is None:
+            self._begin(sample, {name: goal, **(extras or {})})
+        row, buffers = self._rows, self._buffers
+        buffers["t"][row] = state.t
+        buffers["tick"][row] = state.tick
+        buffers["position"][row] = state.position
+        buffers["velocity"][row] = state.velocity
+        buffers["torque"][row] = state.torque
+        buffers["temperature"][row] = state.temperature
+        buffers["gravity"][row] = state.gravity
+        buffers[name][row] = goal
+        if extras:
+            for key, value in extras.items():
+                buffers[key][row] = value
+        self._rows += 1
+        if self._rows == BATCH:
+            self._flush()
+
+    def close(self) -> None:
+        """Write what is left and the end of the stream. Raises RecordingError when the disk is full."""
+        if self._file.closed:
+            return
+        try:
+            self._flush()
+            if self._writer is not None:
+                self._writer.close()
+            self._file.close()
+        except OSError as error:
+            raise self._failed(error) from error
+        finally:
+            _quietly_close(self._file)
+
+    def _begin(self, sample: Sample, extra: Mapping[str, Array]) -> None:
+        fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]
+        self._buffers = {"t": np.empty(BATCH), "tick": np.empty(BATCH, dtype=np.int64)}
+        vectors = {name: getattr(sample.state, name) for name in _VECTORS} | dict(extra)
+        for name, value in vectors.items():
+            fields.append(pa.field(name, pa.list_(pa.float64(), len(value))))
+            self._buffers[name] = np.empty((BATCH, len(value)))
+        fields = [field.with_metadata({"unit": _UNITS.get(field.name, "")}) for field in fields]
+        schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
+        try:
+            self._writer = pa.ipc.new_stream(self._file, schema)
+            self._file.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _flush(self) -> None:
+        if self._writer is None or not self._rows:
+            return
+        columns = []
+        for buffer in self._buffers.values():
+            rows = buffer[: self._rows]
+            flat = pa.array(rows.reshape(-1))
+            columns.append(flat if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, rows.shape[1]))
+        self._rows = 0
+        try:
+            self._writer.write_batch(pa.record_batch(columns, names=list(self._buffers)))
+            self._file.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: OSError) -> RecordingError:
+        self._writer, self._rows = None, 0
+        _quietly_close(self._file)
+        return RecordingError(f"cannot go on recording to {self._path}: {error.strerror}; what was written is readable")
+
+
+def recorded(
+    samples: Iterable[Sample],
+    path: Path,
+    spec: HandSpec,
+    period: float,
+    *,
+    meta: Mapping[str, Any] | None = None,
+    extras: Extras | None = None,
+) -> Iterator[Sample]:
+    """A stage that writes every sample before it passes it on."""
+    with closing(Recorder(path, spec, period, meta)) as recorder:
+        for sample in samples:
+            recorder.add(sample, extras() if extras is not None else None)
+            yield sample
+
+
+def _quietly_close(file: Any) -> None:
+    try:
+        file.close()
+    except OSError:
+        _log.debug("close failed after an error that was already reported")

@@ -1,0 +1,126 @@
+"""The command line does what it says, answers with its exit codes, and never shows a traceback."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SUITE = Path(__file__).resolve().parents[2]
+
+
+def allegro_twin(*arguments: str | Path, cwd: Path = SUITE) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "allegro_twin", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path) -> None:
+    recording = tmp_path / "home.arrow"
+    done = allegro_twin("run", "conf/sim_right.yaml", "--seconds", "1.5", "--record", recording)
+    assert done.returncode == 0, done.stderr
+    assert "allegro_right at 1.500 s" in done.stdout
+    config = tmp_path / "replay.yaml"
+    config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
+    again = allegro_twin("run", config)
+    assert again.returncode == 0, again.stderr
+    assert "allegro_right at 1.500 s" in again.stdout
+
+
+def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
+    done = allegro_twin("run", "lemon", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "lemon, right hand: held" in done.stdout
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["engine"].startswith("mujoco 4.0")
+    assert report["trials"]["lemon_right"]["held"] is True
+    assert (tmp_path / "lemon_right.arrow").stat().st_size > 1_000_000
+
+
+def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path) -> None:
+    text = (SUITE / "scenarios/demo/lemon.yaml").read_text()
+    (tmp_path / "bare.yaml").write_text(text.replace("friction: 0.8", "friction: 0.05"))
+    done = allegro_twin("run", tmp_path / "bare.yaml")
+    assert done.returncode == 5
+    assert "not held" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "conf/sim_rigt.yaml"], "conf/sim_rigt.yaml: no such config or scenario file"),
+        (["run", "sim_rigt"], "no config or scenario named 'sim_rigt'; did you mean 'sim_right'"),
+        (["run", "lemmon"], "did you mean 'lemon'"),
+        (["run", "lemon", "--seconds", "-1"], "--seconds must be positive, not -1.0"),
+        (["run", "lemon", "mug", "--record", "x.arrow"], "2 runs cannot share one output; use --out FOLDER"),
+        (["list", "grasp"], "no list named 'grasp'; did you mean 'grasps'"),
+        (["export", "nothing.arrow", "x.csv"], "no recording at nothing.arrow"),
+        (["export", "README.md", "x.csv"], "README.md is not a recording: expected an Arrow IPC stream"),
+        (["export", "README.md", "x.xlsx"], "no export format named '.xlsx'"),
+        (["view", "nothing.arrow"], "no recording at nothing.arrow"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], message: str) -> None:
+    done = allegro_twin(*arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_a_fault_is_exit_code_4(tmp_path: Path) -> None:
+    config = tmp_path / "fast.yaml"
+    config.write_text(
+        "backend: {kind: sim}\ncontroller: {kind: torque, torque: 0.3}\nlimits: {velocity: 0.5}\nseconds: 1\n"
+    )
+    done = allegro_twin("run", config, "--record", tmp_path / "fault.arrow")
+    assert done.returncode == 4
+    assert "over its limit of 0.50 rad/s; reset to go on" in done.stderr
+    assert done.stderr.count("\n") == 1
+    exported = allegro_twin("export", tmp_path / "fault.arrow", tmp_path / "fault.csv")
+    assert exported.returncode == 0
+
+
+def test_a_period_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    config = tmp_path / "odd.yaml"
+    config.write_text("backend: {kind: sim}\ncontroller: {kind: torque}\nperiod: 0.0025\n")
+    done = allegro_twin("run", config)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "period 0.0025 s is not a whole number of physics steps of 0.001 s" in done.stderr
+
+
+def test_a_replay_of_another_hand_is_refused(tmp_path: Path) -> None:
+    recording = tmp_path / "left.arrow"
+    assert allegro_twin("run", "conf/sim_left.yaml", "--seconds", "0.1", "--record", recording).returncode == 0
+    config = tmp_path / "replay.yaml"
+    config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
+    done = allegro_twin("run", config)
+    assert done.returncode == 2
+    assert "is of the hand allegro_left; the config says allegro_right: change `hand`" in done.stderr
+
+
+def test_everything_that_ships_can_be_listed() -> None:
+    done = allegro_twin("list")
+    assert done.returncode == 0
+    for word in ("tomato_soup_can", "home", "quadpod", "golf_ball", "conf/replay.yaml", "menagerie_right"):
+        assert word in done.stdout
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".rrd"])
+def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path) -> None:
+    done = allegro_twin("export", recording_path, tmp_path / f"r{suffix}")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / f"r{suffix}").stat().st_size > 10_000
+
+
+def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path) -> None:
+    image, video = tmp_path / "a.png", tmp_path / "a.mp4"
+    done = allegro_twin("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
+    assert done.returncode == 0
+    if image.exists():
+        assert image.read_bytes().startswith(b"\x89PNG")
+        assert video.stat().st_size > 1000
+    else:
+        assert "headless rendering needs EGL: apt-get install" in " ".join(done.stderr.split())

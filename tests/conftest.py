@@ -1,0 +1,67 @@
+"""What many tests share: specs of both hands, hands in an empty world, a short recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.hands import load_spec
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.postures import load_posture
+from allegro_twin.loop import run, until
+from allegro_twin.replay.recorder import recorded
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.pose import orientation
+from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Vector
+
+MakeSim = Callable[..., SimBackend]
+
+
+@pytest.fixture(params=["right", "left"])
+def side(request: pytest.FixtureRequest) -> Side:
+    return request.param  # type: ignore[no-any-return]  # Pytest does not type its parameters.
+
+
+@pytest.fixture
+def spec() -> HandSpec:
+    return load_spec()
+
+
+@pytest.fixture
+def home(spec: HandSpec) -> Vector:
+    return load_posture("home", spec)
+
+
+@pytest.fixture
+def make_sim() -> MakeSim:
+    """A hand alone in the world; by default upright."""
+
+    def make(
+        spec: HandSpec,
+        *,
+        facing: tuple[float, float, float] = (1, 0, 0),
+        fingers: tuple[float, float, float] = (0, 0, 1),
+        period: float = 0.003,
+        posture: Vector | None = None,
+    ) -> SimBackend:
+        stage = Stage(np.zeros(3), orientation(facing, fingers))
+        return SimBackend(spec, compile_scene(spec, stage), period=period, posture=posture)
+
+    return make
+
+
+@pytest.fixture
+def recording_path(tmp_path: Path, spec: HandSpec, home: Vector, make_sim: MakeSim) -> Path:
+    """0.75 s of a hand going home: 251 rows, two whole batches and a part."""
+    path = tmp_path / "home.arrow"
+    controller = PD(Hold(home), load_gains("default", spec))
+    for _ in recorded(until(0.75, run(make_sim(spec), controller)), path, spec, 0.003, meta={"note": "test"}):
+        pass
+    return path

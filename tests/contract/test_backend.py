@@ -1,0 +1,150 @@
+"""What every backend does, whatever is behind it. A new backend adds a line to `BACKENDS` and inherits all of this."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.build import make_trial
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import CommandError, EndOfRecording
+from allegro_twin.replay.backend import ReplayBackend
+from allegro_twin.replay.recording import load
+from allegro_twin.safety import Guard, Limits
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import HandState, PositionCommand, TorqueCommand
+from tests.conftest import MakeSim
+
+Make = Callable[[], HandBackend]
+
+
+def guarded(backend: HandBackend) -> Guard:
+    spec = backend.spec
+    limits = Limits(spec.actuation.torque_limit, np.full(spec.n_joints, 12.0), spec.lower, spec.upper)
+    return Guard(backend, limits)
+
+
+@pytest.fixture(params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay"])
+def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path) -> Make:
+    makers: dict[str, Make] = {
+        "sim": lambda: make_sim(load_spec()),
+        "sim-left": lambda: make_sim(load_spec(side="left")),
+        "sim-scenario": lambda: make_trial("rubiks_cube", load_spec()).backend,
+        "sim-guarded": lambda: guarded(make_sim(load_spec())),
+        "replay": lambda: ReplayBackend(load(recording_path)),
+    }
+    return makers[request.param]
+
+
+@pytest.fixture
+def backend(make: Make) -> Iterator[HandBackend]:
+    made = make()
+    yield made
+    made.close()
+
+
+def limp(spec: HandSpec) -> TorqueCommand:
+    return TorqueCommand(np.zeros(spec.n_actuators))
+
+
+def drive(backend: HandBackend, periods: int) -> list[HandState]:
+    states = [backend.reset()]
+    for k in range(periods):
+        backend.write(TorqueCommand(0.05 * np.sin(0.1 * k + np.arange(backend.spec.n_actuators))))
+        states.append(backend.read())
+    return states
+
+
+def test_reset_begins_at_time_and_tick_zero(backend: HandBackend) -> None:
+    drive(backend, 3)
+    state = backend.reset()
+    assert (state.t, state.tick) == (0.0, 0)
+
+
+def test_time_and_tick_only_go_forward_and_agree(backend: HandBackend) -> None:
+    states = drive(backend, 20)
+    for before, after in pairwise(states):
+        assert after.t > before.t
+        assert after.tick > before.tick
+    for state in states:
+        assert state.t == pytest.approx(state.tick * backend.period, abs=backend.period / 2)
+
+
+def test_a_state_is_whole_and_has_the_specs_shapes(backend: HandBackend) -> None:
+    for state in drive(backend, 2):
+        for name in ("position", "velocity", "torque", "temperature"):
+            assert getattr(state, name).shape == (backend.spec.n_joints,)
+            assert getattr(state, name).dtype == np.float64
+        assert state.gravity.shape == (3,)
+        assert np.isfinite(state.position).all()
+        assert np.isfinite(state.velocity).all()
+
+
+def test_the_arrays_of_a_state_are_read_only(backend: HandBackend) -> None:
+    state = drive(backend, 1)[-1]
+    for name in ("position", "velocity", "torque", "temperature", "gravity"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(state, name)[0] = 1.0
+
+
+def test_a_state_does_not_change_when_time_goes_on(backend: HandBackend) -> None:
+    states = drive(backend, 5)
+    copies = [(s.position.copy(), s.velocity.copy(), s.torque.copy(), s.gravity.copy()) for s in states]
+    for _ in range(5):
+        backend.read()
+    for state, copy in zip(states, copies, strict=True):
+        for array, kept in zip((state.position, state.velocity, state.torque, state.gravity), copy, strict=True):
+            np.testing.assert_array_equal(array, kept)
+
+
+def test_reading_without_writing_holds_the_last_command(backend: HandBackend) -> None:
+    backend.reset()
+    backend.write(limp(backend.spec))
+    ticks = [backend.read().tick for _ in range(4)]
+    assert ticks == sorted(set(ticks))
+
+
+def test_a_second_session_repeats_the_first_bit_for_bit(backend: HandBackend) -> None:
+    first, second = drive(backend, 30), drive(backend, 30)
+    for before, after in zip(first, second, strict=True):
+        np.testing.assert_array_equal(before.position, after.position)
+        np.testing.assert_array_equal(before.velocity, after.velocity)
+        np.testing.assert_array_equal(before.torque, after.torque)
+
+
+def test_a_second_instance_repeats_the_first_bit_for_bit(make: Make) -> None:
+    first, second = drive(make(), 30), drive(make(), 30)
+    for before, after in zip(first, second, strict=True):
+        np.testing.assert_array_equal(before.position, after.position)
+
+
+@pytest.mark.parametrize(
+    "command", [TorqueCommand(np.zeros(15)), TorqueCommand(np.zeros(17)), PositionCommand(np.zeros(16))]
+)
+def test_a_command_of_the_wrong_kind_or_length_is_refused(backend: HandBackend, command: Any) -> None:
+    backend.reset()
+    with pytest.raises(CommandError, match=r"actuators|takes a TorqueCommand"):
+        backend.write(command)
+
+
+def test_close_may_be_called_twice(backend: HandBackend) -> None:
+    backend.reset()
+    backend.close()
+    backend.close()
+
+
+def test_only_a_recording_ends(backend: HandBackend) -> None:
+    backend.reset()
+    if isinstance(backend, ReplayBackend):
+        with pytest.raises(EndOfRecording, match="ends at 0.750 s, after 251 rows"):
+            for _ in range(1000):
+                backend.read()
+    else:
+        for _ in range(300):
+            backend.read()

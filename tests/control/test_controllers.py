@@ -1,0 +1,107 @@
+"""The default gains keep their promises at 333 Hz with the official clip, in every palm orientation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensation, Torque
+from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, until
+from allegro_twin.safety import Guard, Limits
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Array, Vector, frozen
+from tests.conftest import MakeSim
+from tests.test_safety import state
+
+ORIENTATIONS = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+UPRIGHT, HANGING = (0, 0, 1), (0, 0, -1)
+
+
+def gravity_of(spec: HandSpec, vector: Vector | None = None) -> Gravity:
+    return Gravity(HandModel(spec).gravity_torque, vector)
+
+
+def settle(backend: Any, controller: Any, seconds: float) -> tuple[Array, Array]:
+    """Times (k,) and joint positions (k, n) of a run."""
+    rows = [(s.state.t, s.state.position) for s in until(seconds, run(backend, controller))]
+    return np.array([t for t, _ in rows]), np.array([q for _, q in rows])
+
+
+def step_start(spec: HandSpec, sign: float) -> Vector:
+    """A posture from which a step of ±0.5 rad on every joint stays inside the limits and touches nothing."""
+    low = np.tile([-0.2, 0.2, 0.2, 0.2], 4)
+    low[12] = 0.4
+    return frozen(low if sign > 0 else low + 0.5)
+
+
+@pytest.mark.parametrize("facing", ORIENTATIONS)
+@pytest.mark.parametrize("compensated", [True, False])
+@pytest.mark.parametrize("kind", ["pd", "pid"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_step_settles_in_time_without_overshoot_error_or_limit_cycle(
+    facing: tuple[float, float, float], compensated: bool, kind: str, sign: float, spec: HandSpec, make_sim: MakeSim
+) -> None:
+    fingers = (1.0, 0.0, 0.0) if facing[2] else UPRIGHT
+    start = step_start(spec, sign)
+    goal = spec.posture(start + 0.5 * sign)
+    gains, gravity = load_gains("default", spec), gravity_of(spec) if compensated else None
+    controller = (
+        PD(Hold(goal), gains, gravity) if kind == "pd" else PID(Hold(goal), gains, spec.actuation.torque_limit, gravity)
+    )
+    limits = Limits(spec.actuation.torque_limit, frozen(np.full(16, 12.0)), spec.lower, spec.upper)
+    backend = Guard(make_sim(spec, facing=facing, fingers=fingers, posture=start), limits)
+    t, position = settle(backend, controller, 1.5)
+    error = position - goal
+    assert np.abs(error[t >= 0.3]).max() <= 0.05 * 0.5  # Settled: inside 5 % and staying there.
+    assert (error * sign).max() <= 0.05 * 0.5  # Overshoot.
+    late = error[t > 1.1]
+    assert np.abs(late.mean(axis=0)).max() <= (0.002 if kind == "pid" else 0.015)
+    assert late.std(axis=0).max() <= 0.0005
+
+
+@pytest.mark.parametrize("facing", ORIENTATIONS)
+def test_gravity_compensation_lets_no_finger_sink(
+    facing: tuple[float, float, float], side: Side, make_sim: MakeSim
+) -> None:
+    spec = load_spec(side=side)
+    fingers = (1.0, 0.0, 0.0) if facing[2] else UPRIGHT
+    start = step_start(spec, 1.0) + 0.1
+    start = spec.posture(start if side == "right" else spec.mirrored(start))
+    _, position = settle(
+        make_sim(spec, facing=facing, fingers=fingers, posture=start), GravityCompensation(gravity_of(spec)), 1.0
+    )
+    assert np.abs(position - start).max() < 1e-3
+
+
+def test_without_compensation_the_same_hand_sinks(spec: HandSpec, make_sim: MakeSim) -> None:
+    start = spec.posture(step_start(spec, 1.0) + 0.1)
+    _, position = settle(make_sim(spec, facing=(0, 0, 1), fingers=(1, 0, 0), posture=start), Torque(np.zeros(16)), 1.0)
+    assert np.abs(position - start).max() > 0.1
+
+
+def test_a_given_gravity_vector_replaces_what_the_hand_reports(spec: HandSpec, make_sim: MakeSim) -> None:
+    start = spec.posture(step_start(spec, 1.0) + 0.1)
+    wrong = GravityCompensation(gravity_of(spec, frozen([0.0, 0.0, 9.81])))
+    right = GravityCompensation(gravity_of(spec, frozen([0.0, 0.0, -9.81])))
+    _, sunk = settle(make_sim(spec, fingers=UPRIGHT, posture=start), wrong, 1.0)
+    _, held = settle(make_sim(spec, fingers=UPRIGHT, posture=start), right, 1.0)
+    assert np.abs(held - start).max() < 1e-3 < 0.05 < np.abs(sunk - start).max()
+
+
+def test_a_hand_that_reports_no_gravity_is_not_compensated_with_a_guess(spec: HandSpec) -> None:
+    blind = state(gravity=np.full(3, np.nan))
+    with pytest.raises(ConfigError, match="give the controller a `gravity` vector"):
+        GravityCompensation(gravity_of(spec)).start(blind)
+    GravityCompensation(gravity_of(spec, frozen([0.0, 0.0, -9.81]))).start(blind)
+
+
+def test_unknown_gains_are_named_with_the_nearest(spec: HandSpec) -> None:
+    with pytest.raises(ConfigError, match="no gains named 'defalt'; did you mean 'default'"):
+        load_gains("defalt", spec)

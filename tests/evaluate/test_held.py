@@ -1,0 +1,104 @@
+"""The verdict follows from what was seen: drift, turn, table and touch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.evaluate.held import Observations, Report, Window, judge, relative_motion
+
+WINDOWS = (Window("squeeze", 0.0, 1.0, False), Window("hold", 1.0, 2.0, True), Window("shake", 2.0, 3.0, True))
+T = np.arange(0, 3001) * 0.001
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def observations(**changes: Any) -> Observations:
+    """An object that is lifted with the palm and never moves in it."""
+    lifted = 0.15 * np.clip(T - 1.0, 0, 1)
+    pose = np.zeros((len(T), 7))
+    pose[:, 2], pose[:, 3:] = lifted, IDENTITY
+    values: dict[str, Any] = {
+        "t": T, "palm": pose.copy(), "thing": pose.copy(), "contact_force": np.ones((len(T), 2)),
+        "on_table": (T < 1.0).astype(float), "torque": np.full((len(T), 16), 0.1),
+    }  # fmt: skip
+    return Observations(**(values | changes))
+
+
+def verdict(seen: Observations) -> Report:
+    return judge(
+        seen,
+        WINDOWS,
+        "squeeze",
+        parts=("index", "thumb"),
+        torque_limit=np.full(16, 0.5),
+        drift=0.01,
+        rotation=15.0,
+        lift=0.15,
+    )
+
+
+def moved(distance: float, at: float) -> Observations:
+    seen = observations()
+    seen.thing[seen.t >= at, 1] += distance
+    return seen
+
+
+def test_an_object_that_stays_is_held_with_its_margins() -> None:
+    report = verdict(observations())
+    assert report.held
+    assert report.reason == ""
+    assert report.peak_torque == pytest.approx(0.2)
+    assert report.lift == pytest.approx(0.15)
+    assert [phase.name for phase in report.phases] == ["hold", "shake"]
+    assert report.phases[0].contact_force == {"index": 1.0, "thumb": 1.0}
+
+
+@pytest.mark.parametrize(("distance", "held"), [(0.0099, True), (0.0101, False)])
+def test_a_centimetre_is_the_limit(distance: float, held: bool) -> None:
+    assert verdict(moved(distance, 1.5)).held is held
+
+
+def test_the_first_phase_that_fails_is_named_with_its_numbers() -> None:
+    assert verdict(moved(0.02, 2.5)).reason == "moved 20.0 mm and 0.0° in the hand by the end of shake"
+
+
+def test_what_happens_before_the_reference_does_not_count() -> None:
+    assert verdict(moved(0.05, 0.5)).held
+
+
+@pytest.mark.parametrize(("degrees", "held"), [(14.9, True), (15.1, False)])
+def test_fifteen_degrees_is_the_limit(degrees: float, held: bool) -> None:
+    seen = observations()
+    half = np.radians(degrees) / 2
+    seen.thing[seen.t >= 1.5, 3:] = [np.cos(half), 0.0, np.sin(half), 0.0]
+    assert verdict(seen).held is held
+
+
+def test_motion_of_the_whole_hand_is_no_motion_of_the_object_in_it() -> None:
+    seen = observations()
+    half = np.pi / 4
+    turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+    seen.palm[1500:, 3:] = turn
+    seen.thing[:, :2] = [0.1, 0.0]
+    seen.thing[1500:, :2] = [0.0, 0.1]
+    seen.thing[1500:, 3:] = turn
+    distance, angle = relative_motion(seen, 1000)
+    assert distance.max() < 1e-12
+    assert angle.max() < 1e-4
+
+
+def test_a_dropped_object_is_not_held_even_when_it_did_not_move_far() -> None:
+    report = verdict(observations(contact_force=np.zeros((len(T), 2))))
+    assert report.reason == "dropped by the end of hold"
+
+
+def test_an_object_that_still_touches_the_table_is_not_held() -> None:
+    assert verdict(observations(on_table=np.ones(len(T)))).reason == "still on the table at the end of hold"
+
+
+def test_an_object_that_did_not_rise_is_not_held() -> None:
+    seen = observations()
+    seen.palm[:, 2] = seen.thing[:, 2] = 0.0
+    assert verdict(seen).reason == "rose 0 mm of 150 mm"

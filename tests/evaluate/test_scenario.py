@@ -1,0 +1,139 @@
+"""A scenario that is wrong says where, what and the nearest right thing, in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from allegro_twin.build import make_trial
+from allegro_twin.config import load_config
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol, load_scenario
+from allegro_twin.files.assets import data_root
+from allegro_twin.library.grasps import grasp_names, load_grasp
+from allegro_twin.library.postures import load_posture, posture_names
+from allegro_twin.spec import HandSpec, Side
+
+GOOD = """
+objects: [{name: rubiks_cube}]
+grasp: quadpod
+wrist: {position: [0, 0, 0.1], facing: [0, 0, -1], fingers: [1, 0, 0], retreat: [0, 0, 0.1]}
+"""
+
+
+def fails(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "it.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        make_trial(str(path), load_spec())
+    assert "\n" not in str(caught.value)
+    return str(caught.value).replace(str(path), "it.yaml")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("grasp:", "grsp:"), "it.yaml: grsp: unknown key; did you mean 'grasp'? (1 more)"),
+        (("retreat:", "retret:"), "it.yaml: wrist.retret: unknown key; did you mean 'retreat'? (1 more)"),
+        (("objects: [{name: rubiks_cube}]", "objects: []"), "it.yaml: objects: tuple should have at least 1 item"),
+        (("[0, 0, 0.1]", "[0, 0]"), "it.yaml: wrist.position.2: missing"),
+        (("[0, 0, 0.1]", "high"), "it.yaml: wrist.position: input should be a valid tuple, not 'high'"),
+        (("0.1]", ".nan]"), "it.yaml: wrist.position.2: input should be a finite number, not nan"),
+        (("grasp: quadpod", "grasp: quadpot"), "no grasp named 'quadpot'; did you mean 'quadpod'"),
+        (("rubiks_cube", "rubik_cube"), "no object named 'rubik_cube'; did you mean 'rubiks_cube'"),
+        (
+            ("grasp: quadpod", "grasp: quadpod\nfriction: 1.5"),
+            "it.yaml: friction: input should be less than or equal to 1",
+        ),
+        (
+            ("grasp: quadpod", "grasp: quadpod\nprotocol: table_pik"),
+            "no protocol named 'table_pik'; did you mean 'table_pick'",
+        ),
+        (("name: rubiks_cube", "name: rubiks_cube, up: w"), "it.yaml: objects.0.up: input should be 'x', 'y' or 'z'"),
+        (("grasp: quadpod", "grasp: quadpod\ngrasp: quadpod"), "it.yaml:4: not valid YAML: key 'grasp' is given twice"),
+        (("[{name", "[{name: ["), "it.yaml:"),
+        (("facing: [0, 0, -1]", "facing: [1, 0, 0]"), "wrist: fingers [1.0, 0.0, 0.0] must not be parallel to facing"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place_and_the_way_out(
+    change: tuple[str, str], message: str, tmp_path: Path
+) -> None:
+    assert message in fails(tmp_path, GOOD.replace(*change, 1))
+
+
+def test_a_file_that_is_missing_empty_or_no_mapping_is_named(tmp_path: Path) -> None:
+    assert "it.yaml: must hold a mapping of keys to values, not NoneType" in fails(tmp_path, "")
+    assert "not list" in fails(tmp_path, "- 1")
+    with pytest.raises(ConfigError, match="no/such.yaml: no such scenario file"):
+        load_scenario("no/such.yaml")
+    with pytest.raises(ConfigError, match="no scenario named 'lemmon'; did you mean 'lemon'"):
+        load_scenario("lemmon")
+
+
+def test_a_protocol_names_its_phases_once_and_its_reference(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text("version: 1\nphases: [{name: a, seconds: 1}, {name: a, seconds: 1}]\nreference: a\n")
+    with pytest.raises(ConfigError, match="phases must have different names: a, a"):
+        load_protocol(str(path))
+    path.write_text("version: 1\nphases: [{name: a, seconds: 1}]\nreference: b\n")
+    with pytest.raises(ConfigError, match="reference 'b' names no phase; there are: a"):
+        load_protocol(str(path))
+    path.write_text("version: 1\nphases: [{name: a}]\nreference: a\n")
+    with pytest.raises(ConfigError, match="a phase without a hand motion needs `seconds`"):
+        load_protocol(str(path))
+
+
+def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    base = "backend: {kind: sim}\ncontroller: {kind: pd}\n"
+    for text, message in (
+        (
+            "backend: {kind: sim, scenari: x}\ncontroller: {kind: pd}\n",
+            "backend.sim.scenari: unknown key; did you mean 'scenario'",
+        ),
+        ("backend: {kind: simm}\ncontroller: {kind: pd}\n", "does not match any of the expected tags: 'sim', 'replay'"),
+        ("controller: {kind: pd}\n", "backend: missing"),
+        (base + "period: -1\n", "period: input should be greater than 0, not -1"),
+        (base + "hand: {side: middle}\n", "hand.side: input should be 'right' or 'left', not 'middle'"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError) as caught:
+            load_config(path)
+        assert message in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", grasp_names())
+def test_every_grasp_that_ships_fits_both_hands(name: str, side: Side) -> None:
+    grasp = load_grasp(name, load_spec(side=side))
+    assert grasp.speed > 0
+
+
+@pytest.mark.parametrize("name", posture_names())
+def test_every_posture_that_ships_fits_both_hands(name: str, side: Side) -> None:
+    spec = load_spec(side=side)
+    assert load_posture(name, spec).shape == (spec.n_joints,)
+
+
+def test_a_grasp_outside_the_limits_names_file_joint_and_excess(tmp_path: Path, spec: HandSpec) -> None:
+    text = (data_root() / "conf" / "grasps" / "quadpod.yaml").read_text()
+    path = tmp_path / "wide.yaml"
+    start = text.index("close: {index: [") + len("close: {index: [")
+    path.write_text(text[:start] + "0.97" + text[text.index(",", start) :])
+    with pytest.raises(
+        ConfigError, match=r"wide\.yaml: close: index_0 = 0\.9700 rad is 0\.5000 rad outside its limits"
+    ):
+        load_grasp(path, spec)
+
+
+def test_a_grasp_with_a_finger_too_few_or_too_short_says_so(tmp_path: Path, spec: HandSpec) -> None:
+    text = (data_root() / "conf" / "grasps" / "quadpod.yaml").read_text()
+    path = tmp_path / "short.yaml"
+    path.write_text(text.replace("close: {index: [", "close: {index: [0.1, "))
+    with pytest.raises(ConfigError, match="close: index has 4 joints, not 5"):
+        load_grasp(path, spec)
+    path.write_text(text.replace("close: {index:", "close: {pinky:"))
+    with pytest.raises(ConfigError, match="no finger named 'pinky'"):
+        load_grasp(path, spec)

@@ -1,0 +1,119 @@
+"""Real trials end in the verdict that the demo shows; the long run tries every object with both hands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble, make_trial, scenario_config
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import HandError
+from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.scenario import load_scenario
+from allegro_twin.evaluate.trial import Trial, too_heavy
+from allegro_twin.files.assets import data_root
+from allegro_twin.library.grasps import load_grasp
+from allegro_twin.loop import run, until
+from allegro_twin.spec import Side
+
+DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))
+MORE = sorted(path.stem for path in (data_root() / "scenarios" / "more").glob("*.yaml"))
+
+
+def pick(name: str, side: Side) -> tuple[Report, Trial]:
+    rig = assemble(scenario_config(name, side))
+    assert rig.trial is not None
+    assert rig.seconds is not None
+    for _ in rig.trial.watched(until(rig.seconds, run(rig.backend, rig.controller))):
+        pass
+    return rig.trial.report(), rig.trial
+
+
+def test_the_demo_has_its_twelve_objects() -> None:
+    assert sorted(
+        ["tomato_soup_can", "tuna_fish_can", "mug", "potted_meat_can", "pudding_box", "foam_brick", "rubiks_cube",
+         "tennis_ball", "apple", "lemon", "gelatin_box", "golf_ball"]
+    ) == DEMO  # fmt: skip
+    assert len(DEMO) + len(MORE) == 22
+
+
+@pytest.mark.parametrize("name", ["tennis_ball", "rubiks_cube", "tomato_soup_can"])
+def test_an_object_is_picked_up_turned_over_and_shaken_without_being_lost(name: str, side: Side) -> None:
+    report, _ = pick(name, side)
+    assert report.held, report.reason
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", DEMO)
+def test_twelve_of_twelve_are_held_by_either_hand(name: str, side: Side) -> None:
+    report, _ = pick(name, side)
+    assert report.held, report.reason
+
+
+@pytest.mark.long
+def test_at_least_nineteen_of_all_twenty_two_are_held_by_either_hand(side: Side) -> None:
+    assert sum(pick(name, side)[0].held for name in DEMO + MORE) >= 19
+
+
+@pytest.mark.parametrize("name", DEMO + MORE)
+def test_no_scenario_bends_the_rules(name: str) -> None:
+    settings, _ = load_scenario(name)
+    assert settings.friction <= 1.0
+    assert settings.protocol == "table_pick"
+    assert settings.objects[0].shape is None  # Sizes and masses are the catalogue's.
+    trial = make_trial(name, load_spec())
+    model = trial.backend.model
+    assert (model.neq, model.ntendon) == (0, 0)
+    assert model.geom_friction[:, 0].max() <= 1.0
+    np.testing.assert_array_equal(model.actuator_forcerange[:16, 1], load_spec().actuation.torque_limit)
+
+
+def test_a_trial_repeats_bit_for_bit() -> None:
+    first, second = pick("lemon", "right")[0], pick("lemon", "right")[0]
+    assert first == second or repr(first) == repr(second)
+
+
+def test_a_trial_that_was_cut_short_has_no_verdict() -> None:
+    rig = assemble(scenario_config("lemon"))
+    assert rig.trial is not None
+    for _ in rig.trial.watched(until(1.0, run(rig.backend, rig.controller))):
+        pass
+    with pytest.raises(HandError, match="there is no verdict"):
+        rig.trial.report()
+
+
+def test_an_open_hand_does_not_pass() -> None:
+    """The bar can be missed: fingers that do not close leave the object on the table."""
+    rig = assemble(scenario_config("rubiks_cube"))
+    assert rig.trial is not None
+    assert rig.seconds is not None
+    still = assemble(scenario_config("rubiks_cube").model_copy(update={"controller": _limp()})).controller
+    for _ in rig.trial.watched(until(rig.seconds, run(rig.backend, still))):
+        pass
+    report = rig.trial.report()
+    assert not report.held
+    assert report.reason.startswith(("dropped", "still on the table", "moved"))
+
+
+def _limp() -> object:
+    from allegro_twin.config import TorqueSettings
+
+    return TorqueSettings(kind="torque")
+
+
+@pytest.fixture
+def weigh() -> Callable[[float], str | None]:
+    spec = load_spec()
+    grasp = load_grasp("quadpod", spec)
+    return lambda mass: too_heavy(mass, grasp, spec, 0.8)
+
+
+def test_an_object_heavier_than_friction_can_carry_is_a_warning_with_the_numbers(
+    weigh: Callable[[float], str | None],
+) -> None:
+    assert weigh(0.2) is None
+    message = weigh(5.0)
+    assert message is not None
+    assert message.startswith("the object weighs 49.1 N (5.00 kg); friction 0.8 and the torque limits hold at most")

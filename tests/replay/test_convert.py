@@ -1,0 +1,43 @@
+"""A recording converts to what other programs read, whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.files.whole import whole_file
+from allegro_twin.replay.convert import to_csv, to_parquet
+from allegro_twin.replay.recording import load
+
+
+def test_parquet_holds_the_same_columns_and_the_metadata(recording_path: Path, tmp_path: Path) -> None:
+    recording = load(recording_path)
+    to_parquet(recording, tmp_path / "r.parquet")
+    table = pyarrow.parquet.read_table(tmp_path / "r.parquet")
+    assert table.column_names == list(recording.columns)
+    np.testing.assert_array_equal(np.array(table["position"].to_pylist()), recording.columns["position"])
+    assert b'"allegro_right"' not in table.schema.metadata[b"allegro_twin"]
+    assert b'"model": "allegro"' in table.schema.metadata[b"allegro_twin"]
+
+
+def test_csv_has_a_column_per_joint_by_name(recording_path: Path, tmp_path: Path) -> None:
+    recording = load(recording_path)
+    to_csv(recording, tmp_path / "r.csv")
+    table = pyarrow.csv.read_csv(tmp_path / "r.csv")
+    np.testing.assert_array_equal(table["position.thumb_3"].to_numpy(), recording.columns["position"][:, 15])
+    assert {"t", "tick", "gravity.2", "command_torque.index_0"} <= set(table.column_names)
+
+
+def test_a_file_that_fails_half_way_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "kept.csv"
+    path.write_text("old")
+    with pytest.raises(RecordingError, match="cannot write"), whole_file(path) as temporary:
+        temporary.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,196 @@
+"""Objects, the wrist and the probe: what stands around the hand is where and what it was said to be."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.plan import plan, stage
+from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.library.grasps import load_grasp
+from allegro_twin.sim import objects, wrist
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.probe import Probe
+from allegro_twin.sim.scene import TIMESTEP, Stage, compile_scene
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import TorqueCommand
+
+AWAY = {"position": (0, 0, 0.4), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
+
+
+def scenario(**changes: Any) -> Scenario:
+    content: dict[str, Any] = {"objects": [{"name": "rubiks_cube"}], "grasp": "quadpod", "wrist": AWAY}
+    return Scenario.model_validate(content | changes)
+
+
+def backend_at(settings: Scenario, folder: Path = Path(), side: Side = "right") -> SimBackend:
+    spec = load_spec(side=side)
+    return SimBackend(spec, compile_scene(spec, stage(settings, side, folder)))
+
+
+def test_the_catalogue_has_the_22_ycb_objects() -> None:
+    things = objects.catalogue()
+    assert len(things) == 22
+    can = things["tomato_soup_can"]
+    assert (can.shape, can.size, can.mass) == ("cylinder", (0.066, 0.101), 0.349)
+    with pytest.raises(ConfigError, match="no object named 'tomato_can'; did you mean 'tomato_soup_can'"):
+        objects.named("tomato_can")
+
+
+@pytest.mark.parametrize("name", sorted(objects.catalogue()))
+def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str) -> None:
+    backend = backend_at(scenario(objects=[{"name": name}]))
+    backend.reset()
+    body = backend.model.body(name)
+    assert body.mass[0] == pytest.approx(objects.named(name).mass)
+    before = backend.data.body(name).xpos.copy()
+    for _ in range(100):
+        backend.read()
+    np.testing.assert_allclose(backend.data.body(name).xpos, before, atol=5e-4)
+
+
+@pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
+def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: float) -> None:
+    placed = stage(scenario(objects=[{"name": "pudding_box", "up": up}]), "right", Path()).things[0]
+    assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
+    turned = np.empty(3)
+    mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
+    np.testing.assert_allclose(turned, [0, 0, 1], atol=1e-12)
+
+
+def test_yaw_turns_about_the_vertical() -> None:
+    turned = np.empty(3)
+    mujoco.mju_rotVecQuat(turned, np.array([1.0, 0, 0]), objects.orientation("z", math.pi / 2))
+    np.testing.assert_allclose(turned, [0, 1, 0], atol=1e-12)
+
+
+def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> None:
+    corners = [(x, y, z) for x in (-20, 20) for y in (-20, 20) for z in (-20, 20)]
+    faces = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    text = [f"v {x} {y} {z}" for x, y, z in corners] + ["f " + " ".join(map(str, face)) for face in faces]
+    (tmp_path / "cube.obj").write_text("\n".join(text))
+    (tmp_path / "ball.xml").write_text(
+        "<mujoco><worldbody><body name='b'><freejoint/>"
+        "<geom name='g' size='0.02' mass='0.05'/></body></worldbody></mujoco>"
+    )
+    mesh = {"name": "cube", "shape": "mesh", "file": "cube.obj", "scale": 0.001, "mass": 0.1, "at": (0, 0, 0.0201)}
+    ball = {"name": "ball", "shape": "mjcf", "file": "ball.xml", "at": (0.1, 0, 0.0201)}
+    backend = backend_at(scenario(objects=[mesh, ball]), tmp_path)
+    backend.reset()
+    for _ in range(100):
+        backend.read()
+    assert backend.mass_of("cube") == pytest.approx(0.1)
+    assert backend.mass_of("ball") == pytest.approx(0.05)
+    for name, x in (("cube", 0.0), ("ball", 0.1)):
+        np.testing.assert_allclose(backend.data.body(name).xpos, [x, 0, 0.02], atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        ({"name": "it", "shape": "mesh"}, "a mesh needs `file`"),
+        ({"name": "it", "shape": "mesh", "file": "no.stl"}, "no file at"),
+        ({"name": "it", "shape": "box", "size": (0.1,), "mass": 1}, "a box needs `size` with 3 values"),
+        ({"name": "it", "shape": "sphere", "size": (0.1,)}, "a sphere needs `mass`"),
+    ],
+)
+def test_an_own_object_says_what_it_lacks(own: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message):
+        stage(scenario(objects=[own]), "right", tmp_path)
+
+
+def test_an_unreadable_mjcf_is_one_line_with_its_file(tmp_path: Path) -> None:
+    (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom size='x'/></worldbody></mujoco>")
+    own = {"name": "it", "shape": "mjcf", "file": "bad.xml", "at": (0, 0, 0)}
+    with pytest.raises(ConfigError, match=r"bad\.xml: (not a readable MJCF|must hold one body)") as caught:
+        backend_at(scenario(objects=[own]), tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
+    spec = load_spec(side=side)
+    settings = scenario()
+    grasp = load_grasp("quadpod", spec)
+    timeline = plan(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
+    model = compile_scene(spec, stage(settings, side, Path()))
+    drive = wrist.commands(timeline.segments, TIMESTEP, wrist.load(model))
+    return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline
+
+
+def test_the_wrist_is_where_the_timeline_says_and_shakes_as_hard_as_it_says(side: Side) -> None:
+    backend, timeline = wrist_run("table_pick", side)
+    backend.reset()
+    palm = backend.model.body("palm_link").id
+    places, ends = [], {}
+    for k in range(round(timeline.seconds / 0.003)):
+        state = backend.read()
+        places.append(backend.data.xpos[palm].copy())
+        for window in timeline.windows:
+            if abs(state.t - window.end) < 1e-9:
+                ends[window.name] = (places[-1], backend.data.xmat[palm].reshape(3, 3).copy())
+        assert k >= 0
+    start = np.array(places[0])
+    np.testing.assert_allclose(ends["approach"][0] - start, [0, 0, -0.1], atol=5e-4)
+    np.testing.assert_allclose(ends["lift"][0] - ends["approach"][0], [0, 0, 0.15], atol=5e-4)
+    np.testing.assert_allclose(ends["turn"][1], ends["hold"][1] @ np.diag([-1, -1, 1]), atol=2e-3)
+    np.testing.assert_allclose(ends["shake"][0], ends["turn"][0], atol=5e-4)
+    shake = next(window for window in timeline.windows if window.name == "shake")
+    inside = np.array(places)[round(shake.begin / 0.003) :]
+    acceleration = np.diff(inside, 2, axis=0) / 0.003**2
+    np.testing.assert_allclose(np.abs(acceleration).max(axis=0), 3.0, rtol=0.15)
+
+
+def test_the_left_trial_is_the_mirror_image_of_the_right() -> None:
+    right, left = (
+        backend_at(scenario(objects=[{"name": "gelatin_box", "yaw": 20, "at": (0.01, 0.02)}]), side=s)
+        for s in ("right", "left")
+    )
+    right.reset()
+    left.reset()
+    mirror = np.diag([1.0, -1.0, 1.0])
+    for name in ("palm_link", "gelatin_box"):
+        np.testing.assert_allclose(left.data.body(name).xpos, mirror @ right.data.body(name).xpos, atol=1e-12)
+        np.testing.assert_allclose(
+            left.data.body(name).xmat.reshape(3, 3),
+            mirror @ right.data.body(name).xmat.reshape(3, 3) @ mirror,
+            atol=1e-12,
+        )
+
+
+def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> None:
+    upward = np.array([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0])  # The palm looks at the sky.
+    thing = objects.Thing("brick", "box", (0.04, 0.04, 0.02), 0.2)
+    place = objects.Placement(thing, (0.06, 0.0, 0.0225), (1.0, 0.0, 0.0, 0.0))
+    backend = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), upward, [place])))
+    probe = Probe(backend, "brick")
+    backend.reset()
+    for _ in range(200):
+        backend.write(TorqueCommand(np.zeros(16)))
+        backend.read()
+    seen = probe()
+    assert seen["contact_force"][probe.parts.index("palm")] == pytest.approx(0.2 * 9.81, rel=0.02)
+    assert seen["on_table"] == [0.0]
+
+
+def test_a_fingertip_feels_what_it_presses(spec: HandSpec) -> None:
+    """A tip that pushes on a fixed wall with a known torque reports that force."""
+    place = objects.Placement(objects.Thing("wall", "box", (0.02, 0.2, 0.2), 50.0), (0.030, 0.0, 0.16), (1.0, 0, 0, 0))
+    stage_ = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), [place], gravity=(0.0, 0.0, 0.0))
+    backend = SimBackend(spec, compile_scene(spec, stage_))
+    backend.reset()
+    torque = np.zeros(16)
+    torque[5] = 0.2
+    for _ in range(150):
+        backend.write(TorqueCommand(torque))
+        backend.read()
+    touch = {f.name: backend.data.sensor(f"{f.name}_touch").data for f in spec.fingers}
+    assert touch["middle"][0] > 0
+    assert np.linalg.norm(touch["middle"][1:]) > 0.5
+    assert touch["index"][0] == 0

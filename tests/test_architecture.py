@@ -1,0 +1,152 @@
+"""The tree keeps its shape: imports point down, each library has one home, no file names a registry or a machine."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "allegro_twin"
+# docs/design.md#layers. A module may import from lower layers and from its own folder.
+LAYERS = [
+    {"errors", "types", "spec"},
+    {"backend", "files"},
+    {"description", "kinematics", "control", "loop", "safety"},
+    {"sim", "replay", "library"},
+    {"config", "view", "evaluate"},
+    {"build"},
+    {"session"},
+    {"cli"},
+]
+HOMES = {
+    "mujoco": {"sim"},
+    "pinocchio": {"kinematics"},
+    "pyarrow": {"replay"},
+    "rerun": {"view"},
+    "yaml": {"files"},
+    "av": {"sim"},
+    "PIL": {"sim"},
+    "rich": {"cli"},
+    "typer": {"cli"},
+}
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room(module: str) -> str:
+    """The top-level folder or module below the package; the package itself stands above all."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else ""
+
+
+def layer(name: str) -> int:
+    return next((k for k, names in enumerate(LAYERS) if name in names), len(LAYERS))
+
+
+def imports(path: Path) -> list[str]:
+    """Every module imported anywhere in a file, lazily or not; what only types need is left out."""
+    found = []
+    tree = ast.parse(path.read_text())
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in typing_only:
+            continue
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found += [node.module] if node.module != "allegro_twin" else [f"allegro_twin.{a.name}" for a in node.names]
+    return found
+
+
+def own_room(path: Path) -> str:
+    relative = path.relative_to(PACKAGE).with_suffix("")
+    return "" if relative.name.startswith("__") and len(relative.parts) == 1 else relative.parts[0]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_down_and_never_sideways(path: Path) -> None:
+    mine = own_room(path)
+    assert mine == "" or layer(mine) < len(LAYERS), f"{mine} has no layer: give it one in docs/design.md and here"
+    for module in imports(path):
+        if module.split(".")[0] != "allegro_twin" or mine == "":
+            continue
+        theirs = room(module)
+        known = theirs if layer(theirs) < len(LAYERS) else ""
+        same = known == mine or (layer(mine) == 0 and layer(known) == 0)
+        assert same or known == "" or layer(known) < layer(mine), f"{path.name} imports {module} from the side or above"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_every_library_has_one_home(path: Path) -> None:
+    for module in imports(path):
+        homes = HOMES.get(module.split(".")[0])
+        assert homes is None or own_room(path) in homes, f"{path.name} imports {module}, which lives in {homes}"
+
+
+def test_only_paced_sleeps_and_nothing_below_the_session_asks_for_the_time() -> None:
+    users = {str(p.relative_to(PACKAGE)) for p in MODULES if "time" in imports(p) or "datetime" in imports(p)}
+    assert users == {"loop.py"}
+    assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1
+
+
+def test_importing_the_package_loads_nothing_heavier_than_numpy() -> None:
+    code = "import sys, allegro_twin; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    loaded = set(
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    )
+    heavy = {"mujoco", "pinocchio", "pyarrow", "pydantic", "yaml", "typer", "rich", "rerun", "scipy", "av", "PIL"}
+    assert not loaded & heavy
+    assert "numpy" in loaded
+
+
+def test_replay_runs_without_mujoco(recording_path: Path) -> None:
+    config = recording_path.with_name("replay.yaml")
+    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: pd, posture: home}}\n")
+    code = f"""
+import sys
+sys.modules["mujoco"] = None
+from allegro_twin.build import assemble
+from allegro_twin.config import load_config
+from allegro_twin.loop import run, to_the_end
+rig = assemble(load_config({str(config)!r}))
+print(sum(1 for _ in to_the_end(run(rig.backend, rig.controller))))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "251"
+
+
+def committed() -> list[Path]:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    names = listed.stdout.split() if listed.returncode == 0 else []
+    return [ROOT / name for name in names if (ROOT / name).is_file()]
+
+
+def test_no_file_names_a_package_registry_or_a_machine() -> None:
+    words = [
+        "pypi" + ".org",
+        "python" + "hosted",
+        "registry.npm" + "js",
+        "deb.deb" + "ian",
+        "/wo" + "rk/",
+        "/ro" + "ot/",
+    ]
+    for path in committed():
+        if path.suffix in {".png", ".mp4", ".rrd"}:
+            continue
+        text = path.read_text(errors="replace")
+        assert not [word for word in words if word in text], path
+
+
+def test_every_module_says_its_idea_and_stays_one_idea() -> None:
+    for path in MODULES:
+        tree = ast.parse(path.read_text())
+        assert ast.get_docstring(tree), f"{path} has no docstring"
+        assert path.read_text().count("\n") <= 250, f"{path} is longer than 250 lines"
