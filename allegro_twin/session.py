@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -82,6 +82,17 @@ def write_reports(path: Path, reports: dict[str, Report]) -> None:
     }
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1, default=dict))
+
+
+def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
+    """One picture of all trials in a folder; None where there are no pictures."""
+    strips = {name: folder / f"{name}.png" for name in names}
+    if not strips or not all(path.is_file() for path in strips.values()):
+        return None
+    from allegro_twin.sim.render import overview
+
+    overview(strips, folder / "overview.png")
+    return folder / "overview.png"
 
 
 def _kept(samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[Sample]:

@@ -30,14 +30,14 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     """One row a trial: the verdict and its margins."""
     held = sum(report.held for report in reports.values())
     table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
-    for name, justify in (
-        ("object", "left"), ("hand", "left"), ("grasp", "left"), ("held", "left"), ("drift\nmm", "right"),
-        ("turn\n°", "right"), ("contact force N\nindex middle ring thumb palm", "right"), ("peak\ntorque", "right"),
-    ):  # fmt: skip
-        table.add_column(name, justify=justify)  # type: ignore[arg-type]  # Rich narrows it to a literal.
+    parts = list(next(iter(reports.values())).phases[0].contact_force)
+    for name in ("object", "hand", "grasp", "held"):
+        table.add_column(name)
+    for name in ("drift\nmm", "turn\n°", *(f"{part[:6]}\nN" for part in parts), "torque\npeak"):
+        table.add_column(name, justify="right")
     for (scenario, side), report in reports.items():
         checks = [phase for phase in report.phases if phase.check]
-        force = " ".join(f"{value:5.1f}" for value in checks[0].contact_force.values()) if checks else ""
+        forces = checks[0].contact_force.values() if checks else ()
         table.add_row(
             scenario,
             side,
@@ -45,7 +45,7 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
             "[green]yes[/]" if report.held else "[red]no[/]",
             f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
             f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
-            force,
+            *(f"{force:.1f}" for force in forces),
             f"{report.peak_torque:.0%}",
         )
     failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]

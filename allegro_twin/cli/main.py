@@ -65,7 +65,7 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
     from allegro_twin.build import assemble
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import outputs_in
-    from allegro_twin.session import perform, write_reports
+    from allegro_twin.session import perform, picture_all, write_reports
 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
@@ -94,8 +94,13 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
 
         console.console.print(console.summary(reports, grasps, ENGINE))
     if out is not None and reports:
-        write_reports(out / "report.json", {f"{name}_{side}": r for (name, side), r in reports.items()})
-        console.console.print(f"Recordings, pictures and report.json are in {out}/")
+        names = {f"{name}_{side}": report for (name, side), report in reports.items()}
+        write_reports(out / "report.json", names)
+        shown = picture_all(out, names)
+        console.console.print(
+            f"In {out}/: a recording of each run, report.json{', pictures, overview.png' if shown else ''}"
+        )
+        console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
     return reports
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,9 @@ class Camera:
         self,
         backend: SimBackend,
         *,
-        width: int = 640,
+        width: int = 480,
         height: int = 480,
-        distance: float = 0.62,
+        distance: float = 0.5,
         azimuth: float = 140.0,
         elevation: float = -22.0,
     ) -> None:
@@ -95,3 +95,22 @@ def pictured(samples: Iterable[Sample], camera: Camera, path: Path, moments: Seq
         pictures.append(camera.take())
     with whole_file(path) as temporary:
         Image.fromarray(np.hstack(pictures)).save(temporary)
+
+
+def overview(strips: Mapping[str, Path], target: Path, *, pane: int = 1, columns: int = 6) -> None:
+    """One picture of many trials: a pane of every strip that `pictured` made, with its name."""
+    from PIL import Image, ImageDraw
+
+    size = 240
+    rows = -(-len(strips) // columns)
+    sheet = Image.new("RGB", (columns * size, rows * size), "white")
+    draw = ImageDraw.Draw(sheet)
+    for index, (name, path) in enumerate(strips.items()):
+        strip = Image.open(path)
+        edge = strip.height
+        left = min(pane * edge, strip.width - edge)
+        corner = (index % columns * size, index // columns * size)
+        sheet.paste(strip.crop((left, 0, left + edge, edge)).resize((size, size)), corner)
+        draw.text((corner[0] + 8, corner[1] + 6), name, fill=(40, 40, 40))
+    with whole_file(target) as temporary:
+        sheet.save(temporary)
