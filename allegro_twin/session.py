@@ -9,13 +9,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import allegro_twin
 from allegro_twin.build import Rig
 from allegro_twin.config import RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
-from allegro_twin.types import HandState, Sample
+from allegro_twin.types import Array, HandState, Sample
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
@@ -57,10 +59,10 @@ def perform(rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = la
         samples = to_the_end(run(rig.backend, rig.controller))
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
-        if rig.trial is not None:
-            samples = rig.trial.watched(samples)
-        samples = _kept(samples, rig, config, outputs)
-        samples = _drawn(samples, rig, outputs, stack)
+        beside = _Beside(rig)
+        samples = beside.followed(samples)
+        samples = _kept(samples, rig, config, outputs, beside)
+        samples = _drawn(samples, rig, outputs, beside, stack)
         samples = _photographed(samples, rig, outputs, notes, stack)
         last = None
         for sample in samples:
@@ -95,7 +97,34 @@ def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
     return folder / "overview.png"
 
 
-def _kept(samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[Sample]:
+class _Beside:
+    """What is known beside the samples: where the controller wants the joints, and what a trial sees."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._target = rig, np.empty(0)
+
+    def followed(self, samples: Iterator[Sample]) -> Iterator[Sample]:
+        """A stage that keeps up with the samples."""
+        if self._rig.trial is not None:
+            samples = self._rig.trial.watched(samples)
+        reference = getattr(self._rig.controller, "reference", None)
+        path, began = None, 0.0
+        for sample in samples:
+            state = sample.state
+            if path is None and reference is not None:
+                path, began = reference.begin(state.position), state.t
+            if path is not None:
+                self._target = path(state.t - began).position
+            yield sample
+
+    def __call__(self) -> dict[str, Array]:
+        found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}
+        return found | {"target": self._target} if self._target.size else found
+
+
+def _kept(
+    samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs, beside: _Beside
+) -> Iterator[Sample]:
     if outputs.record is None:
         return samples
     from allegro_twin.replay.recorder import recorded
@@ -105,21 +134,21 @@ def _kept(samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outpu
         meta |= rig.sim.meta()
     if rig.trial is not None:
         meta |= rig.trial.meta()
-    extras = rig.trial.latest if rig.trial is not None else None
-    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=extras)
+    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 
-def _drawn(samples: Iterator[Sample], rig: Rig, outputs: Outputs, stack: ExitStack) -> Iterator[Sample]:
+def _drawn(
+    samples: Iterator[Sample], rig: Rig, outputs: Outputs, beside: _Beside, stack: ExitStack
+) -> Iterator[Sample]:
     if outputs.rrd is None and outputs.live is None:
         return samples
     viewer_of, shown = rerun_stage()
     things = rig.trial.meta()["objects"] if rig.trial is not None else ()
-    look = rig.trial.latest if rig.trial is not None else None
     if outputs.rrd is not None:
         temporary = stack.enter_context(whole_file(outputs.rrd))
         viewer = viewer_of(rig.spec, things)
         stack.callback(viewer.close)
-        samples = shown(samples, viewer.to_file(temporary), look)
+        samples = shown(samples, viewer.to_file(temporary), beside)
     if outputs.live is not None:
         viewer = viewer_of(rig.spec, things)
         stack.callback(viewer.close)
@@ -127,7 +156,7 @@ def _drawn(samples: Iterator[Sample], rig: Rig, outputs: Outputs, stack: ExitSta
             viewer.serve()
         else:
             viewer.spawn()
-        samples = shown(paced(samples), viewer, look)
+        samples = shown(paced(samples), viewer, beside)
     return samples
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 
 Look = Callable[[], Mapping[str, Array]]
-"""What is known beside the hand's state: `palm`, `object` (7,), `contact_force` (p,)."""
+"""What is known beside the hand's state: `target` (n,), `palm`, `object` (7,), `contact_force` (p,)."""
 
 
 class Viewer:
@@ -31,14 +34,17 @@ class Viewer:
         self._meta = things
 
     def spawn(self) -> Viewer:
-        """Open the native viewer."""
+        """Open the native viewer. Raises ConfigError where there is no screen for it."""
+        if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise ConfigError("there is no screen for Rerun's window: look in the browser with --web, or write a .rrd")
         self._stream.spawn(default_blueprint=self._blueprint())
         self._draw_static()
         return self
 
-    def serve(self, *, open_browser: bool = True, web_port: int = 9090, grpc_port: int = 9876) -> str:
-        """Serve a page to look at in the browser; its address."""
-        url = self._stream.serve_grpc(grpc_port=grpc_port, default_blueprint=self._blueprint())
+    def serve(self, *, open_browser: bool = True, web_port: int = 9090) -> str:
+        """Serve a page to look at in the browser; its address. Raises ConfigError when the port is taken."""
+        _claim(web_port)
+        url = self._stream.serve_grpc(grpc_port=_claim(0), default_blueprint=self._blueprint())
         rr.serve_web_viewer(web_port=web_port, open_browser=open_browser, connect_to=url)
         self._draw_static()
         return f"http://localhost:{web_port}/?url={url.replace(':', '%3A').replace('/', '%2F').replace('+', '%2B')}"
@@ -79,6 +85,8 @@ class Viewer:
         command = sample.command
         goal = command.torque if isinstance(command, TorqueCommand) else command.position
         stream.log("joints/command", rr.Scalars(goal))
+        if "target" in look:
+            stream.log("joints/target", rr.Scalars(look["target"]))
         if "contact_force" in look:
             stream.log("contact/force", rr.Scalars(look["contact_force"]))
 
@@ -99,10 +107,10 @@ class Viewer:
         for thing in self._meta:
             stream.log(f"world/objects/{thing['name']}/look", _thing(thing), static=True)
         if self._meta:
-            table = rr.Boxes3D(half_sizes=[[0.45, 0.45, 0.01]], centers=[[0, 0, -0.01]], colors=[[200, 180, 150]],
+            table = rr.Boxes3D(half_sizes=[[0.25, 0.25, 0.01]], centers=[[0, 0, -0.01]], colors=[[200, 180, 150]],
                                fill_mode="solid")  # fmt: skip
             stream.log("world/table", table, static=True)
-        for name in ("position", "velocity", "torque", "command"):
+        for name in ("position", "target", "velocity", "torque", "command"):
             stream.log(f"joints/{name}", rr.SeriesLines(names=list(self._spec.aliases)), static=True)
         parts = [finger.name for finger in self._spec.fingers] + ["palm"]
         stream.log("contact/force", rr.SeriesLines(names=parts), static=True)
@@ -110,13 +118,23 @@ class Viewer:
     def _blueprint(self) -> rrb.Blueprint:
         series = [
             rrb.TimeSeriesView(origin="joints/position", name="Joint position (rad)"),
+            rrb.TimeSeriesView(origin="joints/target", name="Target position (rad)"),
             rrb.TimeSeriesView(origin="joints/torque", name="Applied torque (N·m)"),
-            rrb.TimeSeriesView(origin="joints/command", name="Commanded torque (N·m)"),
         ]
         if self._meta:
             series.append(rrb.TimeSeriesView(origin="contact/force", name="Contact force (N)"))
         scene = rrb.Spatial3DView(origin="world", name="Hand")
         return rrb.Blueprint(rrb.Horizontal(scene, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True)
+
+
+def _claim(port: int) -> int:
+    """A port of this machine that is free: the given one, or any for 0. Raises ConfigError when it is taken."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise ConfigError(f"port {port} is taken by another program; choose another with --port") from error
+        return int(probe.getsockname()[1])
 
 
 def shown(samples: Iterable[Sample], viewer: Viewer, look: Look | None = None) -> Iterator[Sample]:

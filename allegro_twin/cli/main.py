@@ -131,11 +131,12 @@ def view(
 
     with console.progress() as bar:
         task = bar.add_task("reading", total=None)
-        url = show(recording, web=web, port=port, partial=partial, total=lambda n: bar.update(task, total=n),
+        viewer, url = show(recording, web=web, port=port, partial=partial, total=lambda n: bar.update(task, total=n),
                    advance=lambda: bar.advance(task))  # fmt: skip
     if url:
         console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
         _wait()
+    viewer.close()
 
 
 @app.command()

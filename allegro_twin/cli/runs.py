@@ -50,8 +50,8 @@ def show(
     partial: bool,
     total: Callable[[int], None],
     advance: Callable[[], None],
-) -> str:
-    """Play a recording into a Rerun viewer; the address of the page when it is in the browser."""
+) -> tuple[Any, str]:
+    """Play a recording into a Rerun viewer. The viewer, whose page lives as long as it, and the page's address."""
     from allegro_twin.replay.backend import ReplayBackend, samples_of
     from allegro_twin.replay.recording import load
     from allegro_twin.session import rerun_stage
@@ -67,7 +67,7 @@ def show(
     for _ in shown(samples_of(backend), viewer, backend.extras):
         advance()
     viewer.flush()
-    return str(url)
+    return viewer, url
 
 
 def convert(path: Path, target: Path, *, partial: bool) -> int:
