@@ -105,7 +105,7 @@ class Trial:
         return report if report.held else replace(report, reason=f"{report.reason}; {self._load(observed)}")
 
     def _load(self, seen: Observations) -> str:
-        """What the hand had to carry, and which joints had no more to give between the reference and the first check."""
+        """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
         begin = next(w.end for w in self.windows if w.name == self.protocol.reference)
         end = next((w.end for w in self.windows if w.check), self.seconds)
