@@ -25,8 +25,8 @@ class Taught:
         if not speed > 0.0:
             raise ConfigError(f"speed must be positive, as a multiple of the taught one; it is {speed}")
         rows = tuple(frozen(row) for row in self.positions)
-        straight: tuple[Profile, ...] = ("linear",) * (len(rows) - 1)
-        return Trajectory(tuple((self.times / speed).tolist()), rows, straight)
+        straight: list[Profile] = ["linear"] * (len(rows) - 1)
+        return Trajectory(tuple((self.times / speed).tolist()), rows, tuple(straight))
 
 
 def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: float = 0.004) -> Taught:
