@@ -87,8 +87,8 @@ class LimitSettings(Settings):
     """N·m; default: the hand's own clip, which is also the highest possible."""
     velocity: PerJoint = 12.0
     """rad/s."""
-    margin: Annotated[float, Field(ge=0)] = 0.0
-    """Soft stops this far inside the joint limits, rad."""
+    margin: Annotated[float, Field(ge=-0.6)] = 0.0
+    """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""
 
 
 class RunConfig(Settings):

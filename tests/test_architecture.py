@@ -17,7 +17,7 @@ LAYERS = [
     {"backend", "files"},
     {"description", "kinematics", "control", "loop", "safety"},
     {"sim", "replay", "library"},
-    {"config", "view", "evaluate"},
+    {"config", "view", "evaluate", "identify", "grasping"},
     {"build"},
     {"session"},
     {"hand"},

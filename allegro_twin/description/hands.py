@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from allegro_twin.description import facts
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
-from allegro_twin.types import frozen
+from allegro_twin.types import Vector, frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss")
 
@@ -20,6 +22,7 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
     Raises ConfigError that names the file and the key.
     """
     hand = facts.load(model, side)
+    lower, upper = _limits(hand.joints, serial)
     fingers = tuple(Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items())
     joints = hand.joints
     return HandSpec(
@@ -27,14 +30,35 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
         side=side,
         joints=tuple(joint.name for joint in joints),
         fingers=fingers,
-        lower=frozen([joint.lower for joint in joints]),
-        upper=frozen([joint.upper for joint in joints]),
+        lower=lower,
+        upper=upper,
         actuation=load_actuation(model, len(joints), serial),
         mirror_flips=hand.mirror_flips,
         serial=serial,
         aliases=aliases(fingers, len(joints)),
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
     )
+
+
+def _limits(joints: tuple[facts.Joint, ...], serial: str) -> tuple[Vector, Vector]:
+    """The model's joint limits, or those that were measured on this very hand."""
+    lower, upper = frozen([joint.lower for joint in joints]), frozen([joint.upper for joint in joints])
+    if not serial:
+        return lower, upper
+    path = find(serial, "hand", "conf/hands")
+    measured = read_yaml(path).get("limits")
+    if measured is None:
+        return lower, upper
+    if not isinstance(measured, dict) or set(measured) != {"lower", "upper"}:
+        raise ConfigError(f"{path}: limits needs exactly lower and upper, {len(joints)} numbers each, rad")
+    for name, row in measured.items():
+        if not isinstance(row, list) or len(row) != len(joints) or not all(isinstance(v, int | float) for v in row):
+            raise ConfigError(f"{path}: limits.{name} needs {len(joints)} numbers, rad")
+    lower, upper = frozen(measured["lower"]), frozen(measured["upper"])
+    if not (lower < upper).all():
+        bad = int(np.argmin(upper - lower))
+        raise ConfigError(f"{path}: limits of {joints[bad].name}: {lower[bad]} is not below {upper[bad]}")
+    return lower, upper
 
 
 def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | None:

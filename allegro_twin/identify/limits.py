@@ -1,0 +1,65 @@
+"""The real ends of every joint: a sweep that finds them, what was found, and what follows for the encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Sample, Vector, frozen
+
+BEYOND = 0.35  # rad past the model's limits: what published hands differ by, and room to press against the stop.
+TORQUE = 0.25  # N·m at most while sweeping: more than any joint's weight and friction, less than any clip but one.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundLimits:
+    """Lowest and highest joint positions that were seen, (n,) each, rad."""
+
+    lower: Vector
+    upper: Vector
+
+
+def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
+    """From `rest` (n,), rad, every joint to both ends and back, the same joint of all alike fingers at once.
+
+    In between, the others stay at rest, where no finger is in the way of another.
+    """
+    waypoints = [Waypoint(rest, speed=speed)]
+    for group in _alike(spec):
+        for end in (spec.lower - BEYOND, spec.upper + BEYOND, rest):
+            goal = rest.copy()
+            goal[group] = end[group]
+            waypoints.append(Waypoint(goal, speed=speed, profile="linear"))
+    return Moves(waypoints)
+
+
+def observed(samples: Iterable[Sample]) -> FoundLimits:
+    """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError when there were no samples."""
+    lower, upper = None, None
+    for sample in samples:
+        position = sample.state.position
+        lower = position if lower is None else np.minimum(lower, position)
+        upper = position if upper is None else np.maximum(upper, position)
+    if lower is None or upper is None:
+        raise ConfigError("no limits were found: there was no state to look at")
+    return FoundLimits(frozen(lower), frozen(upper))
+
+
+def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
+    """What to subtract from every joint position, (n,), rad, so that the found range has the model's middle: the
+    proposal for the encoder offsets of hands of versions 1 to 3."""
+    return frozen((found.lower + found.upper - spec.lower - spec.upper) / 2.0)
+
+
+def _alike(spec: HandSpec) -> list[list[int]]:
+    """Joints to sweep together: the same place in fingers whose limits are the same."""
+    groups: dict[tuple[int, float, float], list[int]] = {}
+    for finger in spec.fingers:
+        for place, joint in enumerate(finger.joints):
+            groups.setdefault((place, float(spec.lower[joint]), float(spec.upper[joint])), []).append(joint)
+    return list(groups.values())

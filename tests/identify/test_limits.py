@@ -1,0 +1,83 @@
+"""A sweep finds the real ends of every joint, hidden stops and shifted encoders included."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.identify.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.postures import load_posture
+from allegro_twin.loop import run, until
+from allegro_twin.safety import Guard, Limits
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Command, HandState, Vector, frozen
+from tests.conftest import MakeSim
+
+
+class Shifted:
+    """A hand whose encoders are off by so much, and that says to be the nominal one."""
+
+    def __init__(self, inner: SimBackend, offset: Vector, spec: HandSpec) -> None:
+        self._inner, self._offset, self.spec, self.period = inner, offset, spec, inner.period
+
+    def reset(self) -> HandState:
+        return self._seen(self._inner.reset())
+
+    def read(self) -> HandState:
+        return self._seen(self._inner.read())
+
+    def write(self, command: Command) -> None:
+        self._inner.write(command)
+
+    def close(self) -> None:
+        self._inner.close()
+
+    def _seen(self, state: HandState) -> HandState:
+        return replace(state, position=frozen(state.position + self._offset))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
+    seed: int, side: Side, make_sim: MakeSim
+) -> None:
+    spec = load_spec(side=side)
+    rng = np.random.default_rng(seed)
+    hidden = replace(
+        spec,
+        lower=frozen(spec.lower + rng.uniform(-0.08, 0.08, 16)),
+        upper=frozen(spec.upper + rng.uniform(-0.08, 0.05, 16)),
+    )
+    offset = frozen(rng.uniform(-0.1, 0.1, 16))
+    rest = load_posture("calibrate", spec)
+    hand = Shifted(make_sim(hidden, posture=hidden.posture(rest)), offset, spec)
+    wide = Limits(frozen(np.full(16, TORQUE)), frozen(np.full(16, 12.0)), spec.lower - BEYOND, spec.upper + BEYOND)
+    moves = sweep(spec, rest)
+    controller = PD(moves, load_gains("default", spec), Gravity(HandModel(spec).gravity_torque))
+    seconds = moves.begin(rest).seconds
+    found = observed(until(seconds, run(Guard(hand, wide), controller)))
+    np.testing.assert_allclose(found.lower - offset, hidden.lower, atol=0.01)
+    np.testing.assert_allclose(found.upper - offset, hidden.upper, atol=0.01)
+    middle_shift = (hidden.lower + hidden.upper - spec.lower - spec.upper) / 2
+    np.testing.assert_allclose(centring_offsets(found, spec), offset + middle_shift, atol=0.01)
+
+
+def test_the_sweep_leaves_no_joint_out_and_ends_at_rest(spec: HandSpec) -> None:
+    rest = load_posture("calibrate", spec)
+    path = sweep(spec, rest).begin(rest)
+    rows = np.array([path(t).position for t in np.arange(0, path.seconds, 0.01)])
+    np.testing.assert_allclose(rows.min(axis=0), spec.lower - BEYOND, atol=0.01)
+    np.testing.assert_allclose(rows.max(axis=0), spec.upper + BEYOND, atol=0.01)
+    np.testing.assert_array_equal(path(path.seconds).position, rest)
+
+
+def test_without_samples_there_are_no_limits() -> None:
+    with pytest.raises(ConfigError, match="no limits were found"):
+        observed([])
