@@ -1,0 +1,144 @@
+"""Commands for a hand that is open: go to a posture, grasp, teach, the keyboard, calibrate, show."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+
+Config = Annotated[str, typer.Option("--config", "-c", help="Which hand: a config by path or name.")]
+Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    for command in (posture, grasp, teach, keyboard):
+        app.command()(command)
+    calibrate = typer.Typer(help="Measure a hand and write what was found into its own file.")
+    calibrate.command("limits")(calibrate_limits)
+    calibrate.callback()(_group)
+    app.add_typer(calibrate, name="calibrate")
+    hand = typer.Typer(help="What is known of a hand.")
+    hand.command("show")(show)
+    hand.callback()(_group)
+    app.add_typer(hand, name="hand")
+
+
+def _group() -> None:
+    """A group of commands."""
+
+
+def posture(
+    name: Annotated[str, typer.Argument(help="A posture of the library; `allegro-twin list postures`.")],
+    config: Config = "sim_right",
+    speed: Annotated[float, typer.Option(help="Peak speed of the joint that travels furthest, rad/s.")] = 1.0,
+) -> None:
+    """Go to a posture and show where the joints are."""
+    from allegro_twin.cli import console
+    from allegro_twin.hand import Hand
+
+    with Hand.open(config) as hand:
+        hand.move_to(name, speed)
+        console.console.print(console.final_state(hand.spec, hand.state))
+
+
+def grasp(
+    name: Annotated[str, typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.")],
+    config: Config = "sim_right",
+    width: Annotated[float | None, typer.Option(help="Of the object, m.")] = None,
+    force: Annotated[float | None, typer.Option(help="N on the thumb, or the scale of an envelop grasp.")] = None,
+) -> None:
+    """Perform a grasp and show what the hand felt."""
+    from allegro_twin.cli import console
+    from allegro_twin.hand import Hand
+
+    with Hand.open(config) as hand:
+        felt = hand.grasp(name, object_width=width, force=force)
+        console.console.print(console.felt(felt))
+
+
+def teach(
+    name: Annotated[str, typer.Argument(help="What to call it in the library.")],
+    config: Config = "sim_right",
+    seconds: Seconds = 10.0,
+    into: Annotated[Path, typer.Option(help="Library file to store it in.")] = Path("library/taught.yaml"),
+    motion: Annotated[bool, typer.Option(help="Store the way the fingers went, not only where they were left.")] = False,
+) -> None:
+    """Let a person move the fingers under gravity compensation, and store what was shown, for both hands."""
+    from allegro_twin.cli import console
+    from allegro_twin.hand import Hand
+    from allegro_twin.library.entries import posture_entry, trajectory_entry
+    from allegro_twin.library.library import Library
+
+    with Hand.open(config, background=sys.stdin.isatty()) as hand:
+        console.console.print(f"Move the fingers; {seconds:g} s from now on.")
+        with hand.teach() as lesson:
+            hand.wait(seconds)
+        library = Library()
+        if motion:
+            shown = lesson.motion()
+            library.add(name, trajectory_entry(shown.times, shown.positions, hand.spec), hand.spec)
+        else:
+            library.add(name, posture_entry(lesson.posture(), hand.spec), hand.spec)
+        library.store(name, into)
+    console.console.print(f"{name} is in {into}, for the right and the left hand")
+
+
+def keyboard(
+    config: Config = "sim_right",
+    view: Annotated[bool, typer.Option(help="Watch in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch in the browser.")] = False,
+) -> None:
+    """The manufacturer's keys on a live hand: h r g k p m e a o 1 2 3; ? helps, q quits."""
+    from allegro_twin.cli import console, keys
+    from allegro_twin.hand import Hand
+    from allegro_twin.session import rerun_stage
+
+    with Hand.open(config, background=sys.stdin.isatty()) as hand:
+        if view or web:
+            viewer_of, _ = rerun_stage()
+            viewer = viewer_of(hand.spec)
+            if web:
+                console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
+            else:
+                viewer.spawn()
+            hand.listen(lambda sample: viewer.draw(sample, {}))
+        keys.play(hand, sys.stdin, lambda line: console.console.print(line, highlight=False, markup=False))
+
+
+def calibrate_limits(
+    config: Config = "sim_right",
+    by_hand: Annotated[float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")] = None,
+    into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
+) -> None:
+    """Bring every joint to both its ends and store the real limits."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.calibration import find_limits, store_limits
+
+    with console.progress() as bar:
+        task = bar.add_task("to both ends of every joint", total=None)
+        spec, found = find_limits(config, by_hand, lambda t, total: bar.update(task, completed=t, total=total))
+    console.console.print(console.limits(spec, found))
+    if into is not None:
+        store_limits(into, found)
+        console.console.print(f"Stored in {into}; use it with `hand: {{serial: {into.stem}}}`")
+
+
+def show(
+    config: Config = "sim_right",
+) -> None:
+    """The joints of a hand: the model's limits, the measured ones, the margin, and the motors."""
+    from allegro_twin.cli import console
+    from allegro_twin.config import load_config
+    from allegro_twin.description.hands import load_spec
+
+    settings = load_config(config)
+    model = load_spec(settings.hand.model, settings.hand.side)
+    mine = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
+    if settings.limits.margin < 0:
+        raise ConfigError(f"{config}: limits.margin is negative: only calibration may go beyond the limits")
+    console.console.print(console.identity(model, mine, settings.limits.margin))
