@@ -198,8 +198,10 @@ def _with(file: Path, name: str, added: _Added) -> str:
     entry = added.entry if old is None else on_side(added.entry, added.spec, old.side, name)
     content = {"kind": entry.kind} | entry.model_dump(exclude_unset=True)
     content["side"] = entry.side
-    if old is not None and old.kind == entry.kind and old.description and not entry.description:
-        content["description"] = old.description
+    if not entry.description:
+        content.pop("description", None)
+        if old is not None and old.kind == entry.kind and old.description:
+            content["description"] = old.description
     joint_values(parse_entry(content, name), added.spec, name)
     if before and edit.ENTRIES not in parse_yaml(text, str(file)):
         if old is None:
