@@ -8,28 +8,22 @@ from __future__ import annotations
 
 import fcntl
 import json
-import math
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, MutableMapping, MutableSequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import compose_yaml, parse_yaml
+from allegro_twin.files.roundtrip import INDENT, edited
 from allegro_twin.files.whole import whole_file
 
 ENTRIES = "entries"
-_INDENT = 2
 
 
 @contextmanager
@@ -101,7 +95,7 @@ def line_of(text: str, keys: Iterable[int | str]) -> int:
 
 def with_document(text: str, content: Mapping[str, Any], where: str) -> str:
     """The text of a file that holds one entry, with new content. Raises ConfigError when that cannot be done."""
-    return _checked(_edited(text, content, where), dict(content), where)
+    return _checked(edited(text, content, where), dict(content), where)
 
 
 def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:
@@ -119,7 +113,7 @@ def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: s
     text = re.sub(rf"(?m)^{ENTRIES}:[ \t]*\{{[ \t]*\}}", f"{ENTRIES}:", text)
     lines, span = text.splitlines(keepends=True), _span(text, name)
     block = [line.removeprefix(" " * span.indent) for line in lines[span.first : span.last]]
-    new = "" if content is None else _edited("".join(block), {name: content}, where)
+    new = "" if content is None else edited("".join(block), {name: content}, where)
     indented = [(" " * span.indent + line if line.strip() else line) for line in new.splitlines(keepends=True)]
     made = "".join(indented).replace("\r\n", "\n").replace("\n", end)
     return _checked("".join(lines[: span.first]) + made + "".join(lines[span.last :]), expected, where)
@@ -145,7 +139,7 @@ def _span(text: str, name: str) -> _Span:
     keys = [key for key, _ in held.value] if isinstance(held, yaml.MappingNode) else []
     if not keys:
         line = top[place][0].start_mark.line + 1
-        return _Span(line, line, _INDENT)
+        return _Span(line, line, INDENT)
     indent = keys[0].start_mark.column
     starts = [*(key.start_mark.line for key in keys), after]
     index = next((k for k, key in enumerate(keys) if key.value == name), len(keys))
@@ -160,74 +154,6 @@ def _between(line: str, indent: int) -> bool:
     """Whether a line at an entry's end belongs to what follows: empty, or a comment no deeper than the keys."""
     bare = line.strip()
     return not bare or (bare.startswith("#") and len(line) - len(line.lstrip(" ")) <= indent)
-
-
-def _edited(text: str, content: Mapping[str, Any], where: str) -> str:
-    """A mapping's text with new content: comments, order and the look of what stays are kept."""
-    ruamel = YAML()
-    ruamel.width = 1 << 20
-    ruamel.preserve_quotes = True
-    ruamel.indent(mapping=_INDENT, sequence=2 * _INDENT, offset=_INDENT)
-    try:
-        node = ruamel.load(text) if text.strip() else CommentedMap()
-        node = CommentedMap() if node is None else node
-        _merge(node, content)
-        stream = StringIO()
-        ruamel.dump(node, stream)
-    except YAMLError as error:
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise ConfigError(f"{where}: cannot be changed by a program: {problem}; edit it by hand") from error
-    return stream.getvalue()
-
-
-def _merge(node: MutableMapping[str, Any], content: Mapping[str, Any]) -> None:
-    for key in [key for key in node if key not in content]:
-        del node[key]
-    for key, value in content.items():
-        old = node.get(key)
-        if isinstance(old, MutableMapping) and isinstance(value, Mapping):
-            _merge(old, value)
-        elif isinstance(old, CommentedSeq) and isinstance(value, list | tuple):
-            _merge_list(old, value)
-        elif key not in node or not _same(old, value):
-            node[_key(key) if key not in node else key] = _styled(value)
-
-
-def _merge_list(node: MutableSequence[Any], values: list[Any] | tuple[Any, ...]) -> None:
-    for place, value in enumerate(values[: len(node)]):
-        if not _same(node[place], value):
-            node[place] = _styled(value)
-    del node[len(values) :]
-    for value in values[len(node) :]:
-        node.append(_styled(value))
-
-
-def _same(old: Any, new: Any) -> bool:
-    """Equal to the last bit: the sign of a zero counts, for the mirror image has it."""
-    if isinstance(old, float) and isinstance(new, float):
-        return old == new and math.copysign(1.0, old) == math.copysign(1.0, new)
-    return type(old) is type(new) and bool(old == new)
-
-
-def _styled(value: Any) -> Any:
-    """Plain data as YAML that a person would write: numbers in a row, the rest in blocks."""
-    if isinstance(value, Mapping):
-        return CommentedMap({_key(key): _styled(inner) for key, inner in value.items()})
-    if isinstance(value, list | tuple):
-        sequence = CommentedSeq([_styled(inner) for inner in value])
-        if not any(isinstance(inner, Mapping | list | tuple) for inner in value):
-            sequence.fa.set_flow_style()
-        return sequence
-    return _key(value) if isinstance(value, str) else value
-
-
-def _key(word: str) -> str:
-    """A word in quotes where YAML 1.1 would read something else: `off` is a posture, not False."""
-    try:
-        plain = yaml.safe_load(word) == word
-    except yaml.YAMLError:
-        plain = False
-    return word if plain else DoubleQuotedScalarString(word)
 
 
 def _checked(text: str, expected: Mapping[str, Any], where: str) -> str:

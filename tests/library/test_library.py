@@ -157,7 +157,8 @@ def test_the_mirror_of_a_trajectory_is_exact_row_by_row(positions: list[Array]) 
 
 def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine: Path) -> None:
     library = Library(mine)
-    position = load_posture("scissors", LEFT)
+    position = load_posture("scissors", LEFT).copy()
+    position[0] = 0.0  # The file has 0.0 for the right, whose mirror image is -0.0.
     library.add("wave", posture_entry(position, LEFT), LEFT)
     library.store("wave", mine)
     assert mine.read_text().count("side:") == 1
@@ -166,6 +167,19 @@ def test_storing_for_the_left_changes_the_entry_whose_file_is_for_the_right(mine
     assert same_bits(fresh.posture("wave", LEFT), position)
     assert same_bits(fresh.posture("wave", RIGHT), LEFT.mirrored(position))
     assert [listed.name for listed in fresh.list()].count("wave") == 1
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("tiny", [1e-5, -1.5e-7, 5e-324, 0.1 + 0.2 - 0.3, 1 / 3, -0.0])
+def test_a_file_gives_back_every_bit(tmp_path: Path, tiny: float, side: Side) -> None:
+    hand = load_spec(side=side)
+    position = load_posture("open", hand).copy()
+    position[:4] = tiny
+    for name in ("a", "b", "a"):  # New in a new file, new beside another, in place of itself.
+        library = Library(tmp_path)
+        library.add(name, posture_entry(position, hand), hand)
+        library.store(name, tmp_path / "mine.yaml")
+        assert same_bits(Library(tmp_path).posture(name, hand), position)
 
 
 def test_what_is_added_is_there_until_it_is_deleted_and_no_file_knows(tmp_path: Path, spec: HandSpec) -> None:
