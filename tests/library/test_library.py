@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.description.hands import load_spec
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.assets import data_root, parse_yaml
 from allegro_twin.library.entries import (
     PostureFile,
     joint_values,
@@ -31,6 +32,7 @@ RIGHT, LEFT = load_spec(side="right"), load_spec(side="left")
 WITHIN = st.lists(st.floats(0.0, 1.0), min_size=16, max_size=16).map(
     lambda parts: RIGHT.lower + np.array(parts) * (RIGHT.upper - RIGHT.lower)
 )
+QUADPOD = (data_root() / "conf" / "grasps" / "quadpod.yaml").read_text()
 MINE = """\
 # Taught on a Tuesday.   Spaces   stay.
 
@@ -52,6 +54,10 @@ entries:
       ring: [0, 0, 0, 0],   thumb: [0.5, 0, 0, 0]}}
 # The end.
 """
+
+
+def _read(text: str) -> dict[str, Any]:
+    return parse_yaml(text, "it")
 
 
 @pytest.fixture
@@ -263,9 +269,7 @@ def load_entry(name: str) -> PostureFile:
 
 
 def test_a_file_of_one_entry_keeps_its_comments_when_it_changes(tmp_path: Path, spec: HandSpec) -> None:
-    from allegro_twin.files.assets import data_root
-
-    source = (data_root() / "conf" / "grasps" / "quadpod.yaml").read_text()
+    source = QUADPOD
     path = tmp_path / "my_quadpod.yaml"
     path.write_text("# Mine, from the shipped one.\n" + source)
     library = Library(tmp_path)
@@ -281,12 +285,6 @@ def test_a_file_of_one_entry_keeps_its_comments_when_it_changes(tmp_path: Path, 
         library.store("other", path)
     library.delete("my_quadpod", from_file=True)
     assert not path.exists()
-
-
-def _read(text: str) -> dict[str, Any]:
-    from allegro_twin.files.assets import parse_yaml
-
-    return parse_yaml(text, "it")
 
 
 def test_a_taught_trajectory_is_stored_and_played_on_either_hand(tmp_path: Path, side: Side) -> None:
@@ -326,6 +324,15 @@ HOME = {name: [0.0, 0.0, 0.0, 0.0] for name in ("index", "middle", "ring")} | {"
         (wrong({"kind": "posure", "angles": HOME}), "no kind named 'posure'; did you mean 'posture'"),
         (wrong({"times": [0.0, 0.0], "positions": [[0.0] * 16] * 2}), "times must ascend; 0 s comes after 0 s"),
         (wrong({"times": [0.0, 1.0], "positions": [[0.3] * 16, [0.3] * 15]}), r"positions\[1\] needs .* it has 15"),
+        (wrong({"times": [0.0, 1.0], "positions": [[0.3] * 16]}), "2 times and 1 positions: each needs the other"),
+        (
+            lambda lib: trajectory_entry([0, 1], [[0.3] * 16, [0.5] * 16], RIGHT),
+            r"positions\[1\]: index_0 = 0.5000 rad",
+        ),
+        (
+            wrong({**_read(QUADPOD), "object_size": [0.06, 0.05]}),
+            r"object_size: the smallest width comes first, not \[0.06, 0.05\]",
+        ),
         (lambda lib: lib.add("bad", posture_entry(np.zeros(15), RIGHT), RIGHT), "needs one value or 16.* it has 15"),
         (lambda lib: lib.add("bad", posture_entry(np.full(16, 9.0), RIGHT), RIGHT), "outside its limits"),
         (lambda lib: lib.add("home", load_entry("rock"), RIGHT), "'home' ships with the package"),
@@ -374,8 +381,6 @@ def test_a_file_with_a_mistake_is_one_clear_line_and_stays_as_it_is(
 
 
 def test_a_name_has_one_place_and_what_ships_is_not_written(mine: Path, spec: HandSpec) -> None:
-    from allegro_twin.files.assets import data_root
-
     library = Library(mine.parent)
     library.add("wave", load_entry("rock"), spec)
     with pytest.raises(ConfigError, match="'wave' is in .*mine.yaml already"):
@@ -388,6 +393,27 @@ def test_a_name_has_one_place_and_what_ships_is_not_written(mine: Path, spec: Ha
     mine.with_name("other.yaml").write_text(MINE)
     with pytest.raises(ConfigError, match="is also in"):
         library.list()
+
+
+def test_a_link_stays_a_link_and_its_file_keeps_its_permissions(mine: Path, spec: HandSpec) -> None:
+    mine.chmod(0o640)
+    link = mine.with_name("link.yaml")
+    link.symlink_to(mine)
+    library = Library(link)
+    library.add("new", load_entry("rock"), spec)
+    library.store("new", link)
+    assert link.is_symlink()
+    assert mine.stat().st_mode & 0o777 == 0o640
+    assert Library(mine.parent).posture("new", spec).shape == (16,)
+
+
+def test_a_place_that_cannot_be_written_is_an_error_and_the_entry_is_kept(tmp_path: Path, spec: HandSpec) -> None:
+    (tmp_path / "file").write_text("")
+    library = Library(tmp_path)
+    library.add("new", load_entry("rock"), spec)
+    with pytest.raises(RecordingError, match="cannot write .*new.yaml"):
+        library.store("new", tmp_path / "file" / "new.yaml")
+    assert library.posture("new", spec).shape == (16,)
 
 
 def test_an_entry_that_shares_lines_with_another_is_left_to_a_person(mine: Path, spec: HandSpec) -> None:
