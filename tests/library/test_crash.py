@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -10,7 +11,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from allegro_twin.files.edit import write_text
 from allegro_twin.library.library import Library
 from allegro_twin.spec import HandSpec
 
@@ -18,8 +21,10 @@ from allegro_twin.spec import HandSpec
 WRITER = """
 import itertools, sys
 import numpy as np
+import pytest
 from allegro_twin.description.hands import load_spec
 from allegro_twin.library.entries import posture_entry
+from allegro_twin.files.edit import write_text
 from allegro_twin.library.library import Library
 spec, path, name, count = load_spec(), sys.argv[1], sys.argv[2], int(sys.argv[3])
 library = Library(path)
@@ -81,3 +86,14 @@ def test_two_writers_at_once_lose_no_entry(tmp_path: Path) -> None:
     names = {listed.name for listed in Library(path).list() if not listed.shipped}
     assert names == {"still"} | {f"{name}_{k}" for name in ("a", "b") for k in range(25)}
     assert path.read_text().startswith(START)
+
+
+def test_the_text_is_on_the_disk_before_it_takes_the_files_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("old")
+    seen = []
+    monkeypatch.setattr(os, "fsync", lambda handle: seen.append((os.path.isdir(handle), path.read_text())))
+    write_text(path, "new")
+    assert seen == [(False, "old"), (True, "new")]  # The file before the move, and the folder after it.
