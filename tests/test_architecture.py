@@ -20,6 +20,7 @@ LAYERS = [
     {"config", "view", "evaluate"},
     {"build"},
     {"session"},
+    {"hand"},
     {"cli"},
 ]
 HOMES = {

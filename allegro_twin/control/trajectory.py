@@ -50,6 +50,16 @@ class Hold:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Following:
+    """Follow a path that is already known, from its beginning, wherever the hand is."""
+
+    path: Path
+
+    def begin(self, position: Vector) -> Path:
+        return self.path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Waypoint:
     """A posture to reach, and how: by a time, or at a speed."""
 

@@ -45,6 +45,8 @@ def mjcf(hand: Description, actuation: Actuation) -> str:
 
 def _defaults(root: Element) -> None:
     top = SubElement(SubElement(root, "default"), "default", {"class": "hand"})
+    # A hard stop: 0.3 N·m press a joint 2 mrad into it; MuJoCo's own default lets it give by 60.
+    SubElement(top, "joint", solreflimit="0.004 1", solimplimit="0.95 0.99 0.001")
     visual = SubElement(top, "default", {"class": "visual"})
     SubElement(visual, "geom", contype="0", conaffinity="0", group="2", mass="0")
     collision = SubElement(top, "default", {"class": "collision"})

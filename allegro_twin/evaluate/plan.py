@@ -58,13 +58,19 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
 def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     things = [_placed(settings, folder) for settings in scenario.objects]
+    stand = None
+    if scenario.stand is not None:
+        x, y, z = things[0].position
+        things[0] = replace(things[0], position=(x, y, z + scenario.stand.height))
+        stand = (x, y, *scenario.stand.size, scenario.stand.height)
     position = np.add(things[0].position, scenario.wrist.position) + scenario.wrist.retreat
     rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
+        stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
-    return Stage(position, quaternion(rotation), things, scenario.friction, table=True, wrist=True)
+    return Stage(position, quaternion(rotation), things, scenario.friction, table=True, wrist=True, stand=stand)
 
 
 def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:

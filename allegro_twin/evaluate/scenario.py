@@ -96,6 +96,15 @@ class ObjectSettings(Settings):
     """Middle of the object on the table, m; with a third value its height, else it stands on the table."""
 
 
+class Stand(Settings):
+    """A fixed block on the table, on which the first object lies: room for fingers below and around it."""
+
+    height: Positive
+    """m."""
+    size: tuple[Positive, Positive] = (0.04, 0.04)
+    """Edges along the world's x and y, m."""
+
+
 class Wrist(Settings):
     """Where the palm is when the fingers close, from the middle of the first object, world axes."""
 
@@ -117,6 +126,8 @@ class Scenario(Settings):
     """The first is the one to grasp."""
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
     """Sliding friction of every contact."""
+    stand: Stand | None = None
+    """None: the objects lie on the table."""
     grasp: str
     """Name in the grasp library."""
     side: Side = "right"

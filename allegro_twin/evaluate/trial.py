@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,7 +92,7 @@ class Trial:
             columns["on_table"][:, 0],
             np.array(torque),
         )
-        return judge(
+        report = judge(
             observed,
             self.windows,
             self.protocol.reference,
@@ -101,6 +102,17 @@ class Trial:
             rotation=self.protocol.success.rotation,
             lift=self._lift,
         )
+        return report if report.held else replace(report, reason=f"{report.reason}; {self._load(observed)}")
+
+    def _load(self, seen: Observations) -> str:
+        """What the hand had to carry, and which joints had no more to give up to the first check."""
+        limit = self.backend.spec.actuation.torque_limit
+        begin = next(w.end for w in self.windows if w.name == self.protocol.reference)
+        end = next((w.end for w in self.windows if w.check), self.seconds)
+        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= 0.99 * limit).mean(axis=0)
+        full = [name for name, part in zip(self.backend.spec.aliases, share, strict=True) if part > 0.5]
+        weight = f"it weighs {self.mass * STANDARD_GRAVITY:.1f} N"
+        return f"{weight}, and {', '.join(full)} pushed at their torque limit" if full else weight
 
     def meta(self) -> dict[str, object]:
         """What a recording should say of the scene."""

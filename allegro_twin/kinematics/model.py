@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -79,3 +80,14 @@ class HandModel:
         pin.framesForwardKinematics(self._model, self._data, position[self._place])
         placed = {name: self._data.oMf[index] for name, index in frames.items()}
         return {name: Pose(frame.translation.copy(), frame.rotation.copy()) for name, frame in placed.items()}
+
+    def fingertip_jacobians(self, position: Vector, fingers: Sequence[str]) -> tuple[Array, Array]:
+        """Positions (k, 3), m, and translational Jacobians (k, 3, n), m/rad, of some fingertips, in the palm frame."""
+        q = position[self._place]
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
+        frames = [self._tips[finger] for finger in fingers]
+        places = np.array([self._data.oMf[frame].translation for frame in frames])
+        aligned = pin.LOCAL_WORLD_ALIGNED
+        jacobians = [pin.getFrameJacobian(self._model, self._data, f, aligned)[:3][:, self._order] for f in frames]
+        return places, np.array(jacobians)

@@ -79,6 +79,10 @@ class SimBackend:
         self._tick += 1
         return self._state()
 
+    def push(self, torque: Vector) -> None:
+        """Torques on the joints from outside, (n,), N·m, until replaced: a person who leads the fingers."""
+        self.data.qfrc_applied[self._dof] = torque
+
     def close(self) -> None:
         self.data.ctrl[self._motors] = 0.0
 

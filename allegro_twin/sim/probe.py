@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from allegro_twin.sim.backend import SimBackend
@@ -16,7 +15,6 @@ class Probe:
         model = backend.model
         self._data, self._model = backend.data, model
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
-        self._table = _geom(model, "table")
         # Each geom's group: 0 for the object, 1… for the fingers in the spec's order, last the palm; -1 for the rest.
         self.parts = (*(finger.name for finger in backend.spec.fingers), "palm")
         self._part = np.full(model.ngeom, -1)
@@ -28,7 +26,8 @@ class Probe:
 
     def __call__(self) -> dict[str, Array]:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
-        on the object by each finger and the palm, (fingers + 1,), N. `on_table`: 1 where it touches the table, (1,)."""
+        on the object by each finger and the palm, (fingers + 1,), N. `on_table`: 1 where it touches the table or its
+        stand, (1,)."""
         data = self._data
         force, on_table = self._contacts()
         return {
@@ -47,8 +46,4 @@ class Probe:
         other = np.where(bodies[:, 0] == self._thing, pairs[:, 1], pairs[:, 0])
         part = self._part[other]
         by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts)).astype(np.float64)
-        return by_part, np.array([float((other == self._table).any())])
-
-
-def _geom(model: mujoco.MjModel, name: str) -> int:
-    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name))
+        return by_part, np.array([float((self._model.geom_bodyid[other] == 0).any())])

@@ -33,6 +33,8 @@ class Stage:
     """Sliding friction of every contact."""
     table: bool = False
     """A table top at z = 0."""
+    stand: tuple[float, float, float, float, float] | None = None
+    """A block on the table: its place x, y, its edges along x, y, and its height, m."""
     wrist: bool = False
     """The palm hangs on a gantry that can move it, instead of being fixed."""
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
@@ -114,6 +116,12 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
         diffuse=[0.55] * 3,
         type=mujoco.mjtLightType.mjLIGHT_SPOT,
     )
+    if stage.stand is not None:
+        x, y, length, width, height = stage.stand
+        world.add_geom(
+            name="stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[length / 2, width / 2, height / 2],
+            pos=[x, y, height / 2], friction=[stage.friction, TORSIONAL, ROLLING], rgba=[0.62, 0.56, 0.50, 1.0],
+        )  # fmt: skip
     if stage.table:
         world.add_geom(
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],

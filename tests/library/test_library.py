@@ -110,7 +110,7 @@ def test_every_filter_narrows_the_list() -> None:
     everything = names()
     assert {"home", "quadpod"} <= everything
     assert names(kind="posture") == {n for n in everything if n not in names(kind="grasp")}
-    assert names(taxonomy=27) == names(taxonomy="quadpod") >= {"quadpod", "quadpod_pear", "quadpod_small"}
+    assert names(taxonomy=27) == names(taxonomy="quadpod") >= {"quadpod", "quadpod_pear"}
     assert names(taxonomy="power") | names(taxonomy="precision") | names(taxonomy="intermediate") == names(kind="grasp")
     assert "quadpod" not in names(taxonomy="power")
     assert "quadpod" in names(fingers=4)
@@ -118,7 +118,7 @@ def test_every_filter_narrows_the_list() -> None:
     assert "quadpod" in names(object_size=0.054)
     assert "quadpod" not in names(object_size=0.06)
     assert {"quadpod", "prismatic_3_finger_cube"} <= names(object_size=(0.053, 0.058), kind="grasp")
-    assert names(taxonomy="quadpod", object_size=(0.04, 0.05)) == {"quadpod_small"}
+    assert names(taxonomy="quadpod", object_size=(0.06, 0.07)) == {"quadpod_pear"}
 
 
 def test_a_filter_that_nothing_can_have_says_so() -> None:

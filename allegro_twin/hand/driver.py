@@ -1,0 +1,88 @@
+"""Who turns the loop: the caller, a period at a time, or a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+from allegro_twin.errors import HandError, HandFault
+from allegro_twin.types import Sample
+
+Condition = Callable[[Sample], bool]
+
+
+class Driver:
+    """Runs samples and lets callers wait for what they wait for.
+
+    In the foreground time passes only while somebody waits, so a simulation is as fast as it goes and repeats itself;
+    in the background it passes on its own, as it does for a real hand. An error is raised to whoever waits next.
+    """
+
+    def __init__(self, samples: Iterator[Sample], *, background: bool) -> None:
+        self._samples, self._news = samples, threading.Condition()
+        self._latest = next(samples)
+        self._error: BaseException | None = None
+        self._stopped = False
+        self._thread: threading.Thread | None = None
+        if background:
+            self._thread = threading.Thread(target=self._turn, name="allegro_twin", daemon=True)
+            self._thread.start()
+
+    @property
+    def latest(self) -> Sample:
+        """The newest sample. Raises what ended the loop, if anything did."""
+        with self._news:
+            self._check()
+            return self._latest
+
+    def wait(self, condition: Condition) -> Sample:
+        """Let time pass until a sample fulfils the condition. Raises what ended the loop."""
+        if self._thread is None:
+            while not condition(self._latest):
+                self._check()
+                self._advance()
+            return self._latest
+        with self._news:
+            while not condition(self._latest):
+                self._check()
+                self._news.wait(timeout=1.0)
+            return self._latest
+
+    def close(self) -> None:
+        """End the loop. Idempotent."""
+        self._stopped = True
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout=5.0)
+        close = getattr(self._samples, "close", None)
+        if close is not None and (self._thread is None or not self._thread.is_alive()):
+            close()
+
+    def _advance(self) -> None:
+        try:
+            self._latest = next(self._samples)
+        except StopIteration:
+            self._error = HandFault("the hand has ended: nothing more comes from it")
+            raise self._error from None
+        except HandError as error:
+            self._error = error
+            raise
+
+    def _turn(self) -> None:
+        while not self._stopped:
+            try:
+                sample = next(self._samples)
+            except (HandError, StopIteration) as error:
+                ended = HandFault("the hand has ended: nothing more comes from it")
+                with self._news:
+                    self._error = error if isinstance(error, HandError) else ended
+                    self._news.notify_all()
+                return
+            with self._news:
+                self._latest = sample
+                self._news.notify_all()
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise self._error
+        if self._stopped:
+            raise HandFault("the hand is closed; open it again")

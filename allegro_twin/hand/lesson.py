@@ -1,0 +1,31 @@
+"""What happens while somebody teaches the hand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.control.teach import Taught, taught
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import Sample, Vector
+
+
+class Lesson:
+    """Keeps every sample of a lesson."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, Vector]] = []
+
+    def __call__(self, sample: Sample) -> None:
+        self._rows.append((sample.state.t, sample.state.position))
+
+    def posture(self) -> Vector:
+        """Where the fingers were left, (n,), rad."""
+        if not self._rows:
+            raise ConfigError("nothing was taught: no time has passed in the lesson; hand.wait(seconds) lets it")
+        return self._rows[-1][1]
+
+    def motion(self, tolerance: float = 0.004) -> Taught:
+        """The way they went, trimmed and simplified to within `tolerance` (rad)."""
+        self.posture()
+        times, positions = zip(*self._rows, strict=True)
+        return taught(np.array(times), np.array(positions), tolerance=tolerance)

@@ -1,0 +1,269 @@
+"""The facade does what a person at a prompt expects, in the foreground and in the background."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.config import RunConfig
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
+from allegro_twin.hand import Hand
+from allegro_twin.hand.mover import Kind
+from allegro_twin.library.postures import load_posture
+from allegro_twin.sim.guide import Guide
+from allegro_twin.types import HandState, Sample, Vector
+
+
+def config(side: str = "right", **blocks: object) -> RunConfig:
+    return RunConfig.model_validate(
+        {"hand": {"side": side}, "backend": {"kind": "sim"}, "controller": {"kind": "pid"}} | blocks
+    )
+
+
+@pytest.fixture
+def hand() -> Iterator[Hand]:
+    with Hand.open(config()) as opened:
+        yield opened
+
+
+def test_it_opens_limp_and_lets_no_time_pass(hand: Hand) -> None:
+    assert hand.controller == "torque"
+    assert hand.controllers == ("torque", "gravity", "pd", "pid")
+    assert hand.state.t == 0.0
+    time.sleep(0.02)
+    assert hand.state.t == 0.0
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_posture_is_reached_by_name_on_either_hand(side: str) -> None:
+    with Hand.open(config(side)) as hand:
+        hand.move_to("home")
+        np.testing.assert_allclose(hand.state.position, load_posture("home", hand.spec), atol=0.02)
+        assert np.abs(hand.errors).max() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["torque", "gravity"])
+def test_a_move_from_torque_or_gravity_compensation_changes_to_pid(hand: Hand, kind: Kind) -> None:
+    hand.set_controller(kind)
+    hand.move_to("open")
+    kinds: list[str] = [hand.controller]
+    hand.set_controller("pd")
+    hand.move_to("home")
+    assert [*kinds, hand.controller] == ["pid", "pd"]
+
+
+def test_it_moves_at_the_speed_that_was_asked_for(hand: Hand) -> None:
+    hand.move_to("open")
+    speeds: list[float] = []
+    hand.listen(lambda sample: speeds.append(float(np.abs(sample.state.velocity).max())))
+    hand.move_to("home", speed=0.5)
+    assert max(speeds) == pytest.approx(0.5, rel=0.15)
+
+
+def test_in_the_foreground_a_script_repeats_itself_bit_for_bit() -> None:
+    def script() -> HandState:
+        with Hand.open(config()) as hand:
+            hand.move_to("home", 2.0)
+            hand.set_controller("gravity")
+            hand.wait(0.2)
+            hand.move_to("rock", 2.0)
+            return hand.state
+
+    first, second = script(), script()
+    assert first.t == second.t
+    np.testing.assert_array_equal(first.position, second.position)
+
+
+def test_changing_the_controller_never_jumps_the_torque(hand: Hand) -> None:
+    sent: list[Vector] = []
+    hand.listen(lambda sample: sent.append(sample.command.torque))  # type: ignore[union-attr]  # A torque hand.
+    hand.move_to("home", 2.0)
+    limit = hand.spec.actuation.torque_limit
+    kinds: list[Kind] = ["gravity", "pd", "torque", "pid", "gravity"]
+    for kind in kinds:
+        before = len(sent)
+        hand.set_controller(kind)
+        hand.wait(0.3)
+        assert (np.abs(sent[before] - sent[before - 1]) <= 0.05 * limit).all(), kind
+
+
+def test_without_gravity_from_the_hand_it_must_be_given_and_may_be_replaced(hand: Hand) -> None:
+    np.testing.assert_allclose(hand.gravity, [0, 0, -9.81], atol=1e-9)
+    hand.gravity = [0.0, 0.0, 0.0]
+    np.testing.assert_array_equal(hand.gravity, np.zeros(3))
+    hand.gravity = None
+    np.testing.assert_allclose(hand.gravity, [0, 0, -9.81], atol=1e-9)
+    for bad in ([1.0, 2.0], [0.0, np.nan, 0.0]):
+        with pytest.raises(ConfigError, match="gravity needs three finite numbers"):
+            hand.gravity = bad
+
+
+def test_a_gravity_that_is_set_while_compensating_takes_effect_at_once(hand: Hand) -> None:
+    hand.move_to("open")
+    hand.set_controller("gravity")
+    hand.wait(0.5)
+    still = hand.state.position
+    hand.gravity = [9.81, 0.0, 0.0]
+    hand.wait(0.8)
+    assert np.abs(hand.state.position - still).max() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("posture", "message"),
+    [
+        ("hom", "no posture named 'hom'; did you mean 'home'"),
+        (np.zeros(15), "one value or 16"),
+        (np.full(16, 0.6), r"index_0 = 0\.6000 rad is 0\.1300 rad outside its limits"),
+    ],
+)
+def test_a_bad_posture_is_refused_before_anything_moves(hand: Hand, posture: object, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        hand.move_to(posture)  # type: ignore[arg-type]  # That is the point.
+    assert (hand.controller, hand.state.t) == ("torque", 0.0)
+    with pytest.raises(ConfigError, match="speed must be positive"):
+        hand.move_to("home", speed=-1.0)
+    assert hand.controller == "torque"
+
+
+def test_a_margin_keeps_away_from_the_limits_and_can_be_turned_off(hand: Hand) -> None:
+    lower, upper = hand.limits
+    hand.set_margin(0.1)
+    np.testing.assert_allclose(hand.limits[0], lower + 0.1)
+    with pytest.raises(ConfigError, match=r"index_1 = -0\.1745 rad is 0\.0785 rad inside the margin"):
+        hand.move_to("home")
+    hand.use_margin = False
+    hand.move_to("home", 3.0)
+    hand.set_margin(percent=10)
+    np.testing.assert_allclose(hand.limits[1], upper - 0.1 * (upper - lower))
+    hand.set_margin(per_joint=np.linspace(0, 0.1, 16))
+    np.testing.assert_allclose(hand.limits[0] - lower, np.linspace(0, 0.1, 16))
+    for bad in ({"general": 1.0}, {"general": -0.1}, {}, {"general": 0.1, "percent": 5}):
+        with pytest.raises(ConfigError, match=r"margin|set_margin takes one"):
+            hand.set_margin(**bad)
+
+
+def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(hand: Hand) -> None:
+    hand.move_to("open", 2.0)
+    start = hand.state.position
+    reach = np.clip(start + np.tile([0.1, 0.5, 0.4, 0.3], 4), *hand.limits)
+    shown_path = Moves([Waypoint(reach, seconds=1.2), Waypoint(start, seconds=0.9)]).begin(start)
+    began = hand.state.t + 0.4
+    assert hand.sim is not None
+    guide = Guide(hand.sim, lambda t: shown_path(max(t - began, 0.0)).position)
+    shown: list[tuple[float, Vector]] = []
+    with (
+        hand.listening(guide),
+        hand.teach() as lesson,
+        hand.listening(lambda sample: shown.append((sample.state.t, sample.state.position))),
+    ):
+        hand.wait(3.2)
+    guide.let_go()
+    motion = lesson.motion()
+    assert 4 < len(motion.times) < 60
+    assert motion.times[-1] == pytest.approx(1.9, abs=0.3)
+    repeated: list[tuple[float, Vector]] = []
+
+    def keep(sample: Sample) -> None:
+        repeated.append((sample.state.t, sample.state.position))
+
+    hand.move_to(motion.positions[0])
+    with hand.listening(keep):
+        hand.play(motion)
+    offset = _alignment(shown, motion.positions[0])
+    path = motion.path()
+    for t, row in shown:
+        if 0 <= t - offset <= motion.times[-1]:
+            assert np.abs(path(t - offset).position - row).max() < 0.02
+    late = repeated[-1][1]
+    assert np.abs(late - motion.positions[-1]).max() < 0.02
+    assert hand.controller == "pid"
+
+
+def _alignment(shown: list[tuple[float, Vector]], first: Vector) -> float:
+    return next(t for t, row in shown if np.array_equal(row, first))
+
+
+def test_a_posture_is_taught_by_leaving_the_fingers_there(hand: Hand) -> None:
+    hand.move_to("open", 2.0)
+    goal = np.clip(hand.state.position + 0.3, *hand.limits)
+    assert hand.sim is not None
+    guide = Guide(hand.sim, lambda t: goal)
+    with hand.teach() as lesson:
+        with hand.listening(guide):
+            hand.wait(1.5)
+        guide.let_go()
+        hand.wait(0.3)
+    np.testing.assert_allclose(lesson.posture(), goal, atol=0.03)
+    np.testing.assert_allclose(hand.state.position, lesson.posture(), atol=0.01)
+
+
+def test_a_lesson_without_time_or_motion_says_so(hand: Hand) -> None:
+    with hand.teach() as lesson:
+        pass
+    with pytest.raises(ConfigError, match=r"no time has passed in the lesson; hand\.wait"):
+        lesson.posture()
+    hand.move_to("home")
+    with hand.teach() as lesson:
+        hand.wait(0.3)
+    with pytest.raises(ConfigError, match="no joint moved"):
+        lesson.motion()
+
+
+def test_every_way_out_leaves_the_hand_limp() -> None:
+    opened = Hand.open(config())
+    sim = opened.sim
+    assert sim is not None
+    with pytest.raises(KeyboardInterrupt), opened as hand:
+        hand.move_to("home", wait=False)
+        hand.wait(0.3)
+        assert sim.data.ctrl.any()
+        raise KeyboardInterrupt
+    assert not sim.data.ctrl.any()
+    with pytest.raises(HandFault, match="the hand is closed"):
+        _ = opened.state
+    opened.close()
+
+
+def test_in_the_background_time_passes_on_its_own_and_stop_stays_there() -> None:
+    with Hand.open(config(), background=True) as hand:
+        first = hand.state.t
+        time.sleep(0.15)
+        assert hand.state.t > first
+        hand.move_to("home", 0.5, wait=False)
+        time.sleep(0.3)
+        hand.stop()
+        hand.wait()
+        here = hand.state.position
+        time.sleep(0.2)
+        np.testing.assert_allclose(hand.state.position, here, atol=0.01)
+    assert not [thread for thread in threading.enumerate() if thread.name == "allegro_twin"]
+
+
+def test_a_fault_in_the_background_reaches_whoever_asks_next() -> None:
+    with Hand.open(config(limits={"velocity": 0.2}), background=True) as hand:
+        with pytest.raises(HandFault, match=r"over its limit of 0\.20 rad/s"):
+            hand.move_to("home", 3.0)
+        with pytest.raises(HandFault):
+            _ = hand.state
+
+
+def test_it_works_on_a_recording_until_that_ends(recording_path: Path) -> None:
+    replay = config(backend={"kind": "replay", "file": str(recording_path)})
+    with Hand.open(replay) as hand:
+        assert hand.spec.name == "allegro_right"
+        assert hand.fingertips()["index"].position.shape == (3,)
+        hand.wait(0.5)
+        with pytest.raises(EndOfRecording):
+            hand.wait(1.0)
+        assert hand.sim is None
+
+
+def test_the_spec_is_the_configs(hand: Hand) -> None:
+    assert hand.spec.name == load_spec().name
