@@ -29,6 +29,8 @@ HOMES = {
     "pyarrow": {"replay"},
     "rerun": {"view"},
     "yaml": {"files"},
+    "ruamel": {"files"},
+    "ruckig": {"control"},
     "av": {"sim"},
     "PIL": {"sim"},
     "rich": {"cli"},
@@ -103,7 +105,21 @@ def test_importing_the_package_loads_nothing_heavier_than_numpy() -> None:
     loaded = set(
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     )
-    heavy = {"mujoco", "pinocchio", "pyarrow", "pydantic", "yaml", "typer", "rich", "rerun", "scipy", "av", "PIL"}
+    heavy = {
+        "mujoco",
+        "pinocchio",
+        "pyarrow",
+        "pydantic",
+        "yaml",
+        "ruamel",
+        "ruckig",
+        "typer",
+        "rich",
+        "rerun",
+        "scipy",
+        "av",
+        "PIL",
+    }
     assert not loaded & heavy
     assert "numpy" in loaded
 

@@ -1,4 +1,4 @@
-"""Tables of what ships with the package."""
+"""Tables of what ships with the package, and of what is in the user's library."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable
 from rich.table import Table
 
 from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.library.entries import GraspFile, TrajectoryFile
+from allegro_twin.library.library import Library
 
 
 def objects() -> Table:
@@ -19,15 +21,26 @@ def objects() -> Table:
 
 
 def postures() -> Table:
-    return _described("postures", "conf/postures")
+    table = _table("postures", "name", "description")
+    for listed in Library().list("posture"):
+        table.add_row(listed.name, listed.entry.description)
+    return table
 
 
 def grasps() -> Table:
     table = _table("grasps", "name", "type", "taxonomy", "what for")
-    for path in sorted((data_root() / "conf" / "grasps").glob("*.yaml")):
-        content = read_yaml(path)
-        kind = content["taxonomy"]
-        table.add_row(path.stem, kind["type"], f"{kind['number']} {kind['name']}", content.get("description", ""))
+    for listed in Library().list("grasp"):
+        assert isinstance(listed.entry, GraspFile)
+        kind = listed.entry.taxonomy
+        table.add_row(listed.name, kind.type, f"{kind.number} {kind.name}", listed.entry.description)
+    return table
+
+
+def trajectories() -> Table:
+    table = _table("trajectories", "name", "s", "description")
+    for listed in Library().list("trajectory"):
+        assert isinstance(listed.entry, TrajectoryFile)
+        table.add_row(listed.name, f"{listed.entry.times[-1] - listed.entry.times[0]:g}", listed.entry.description)
     return table
 
 
@@ -54,6 +67,7 @@ KINDS: dict[str, Callable[[], Table]] = {
     "objects": objects,
     "postures": postures,
     "grasps": grasps,
+    "trajectories": trajectories,
     "scenarios": scenarios,
     "configs": configs,
     "hands": hands,

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.control.trajectory import Profile, Trajectory
+from allegro_twin.control.profiles import linear
+from allegro_twin.control.trajectory import Trajectory
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, frozen
 
@@ -25,8 +26,7 @@ class Taught:
         if not speed > 0.0:
             raise ConfigError(f"speed must be positive, as a multiple of the taught one; it is {speed}")
         rows = tuple(frozen(row) for row in self.positions)
-        straight: list[Profile] = ["linear"] * (len(rows) - 1)
-        return Trajectory(tuple((self.times / speed).tolist()), rows, tuple(straight))
+        return Trajectory(tuple((self.times / speed).tolist()), rows, (linear,) * (len(rows) - 1))
 
 
 def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: float = 0.004) -> Taught:

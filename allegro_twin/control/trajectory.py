@@ -6,16 +6,15 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from allegro_twin.control.profiles import Profile, Shape, timed
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Vector, frozen
 
-Profile: TypeAlias = Literal["linear", "minimum_jerk"]
-# Peak over mean speed: 1 for a straight line, 15/8 for the minimum-jerk polynomial.
-_PEAK: dict[str, float] = {"linear": 1.0, "minimum_jerk": 15.0 / 8.0}
+__all__ = ["Hold", "Moves", "Path", "Profile", "Reference", "SetPoint", "Trajectory", "Waypoint", "travel_time"]
 
 
 class SetPoint(NamedTuple):
@@ -71,6 +70,9 @@ class Waypoint:
     speed: float = 1.0
     """rad/s, at its peak, of the joint that travels furthest. All joints arrive together."""
     profile: Profile = "minimum_jerk"
+    acceleration: float = 20.0
+    """rad/s², at most, of the joint that travels furthest, where the profile is `time_optimal`. A time in `seconds`
+    stretches or squeezes that motion, and speed and acceleration with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,19 +83,20 @@ class Moves:
 
     def begin(self, position: Vector) -> Trajectory:
         """The timed trajectory. Raises ConfigError for a speed or a time that is not positive."""
-        times, postures, profiles = [0.0], [frozen(position)], []
+        times, postures, shapes = [0.0], [frozen(position)], []
         for waypoint in self.waypoints:
-            times.append(times[-1] + travel_time(postures[-1], waypoint))
+            seconds, shape = _leg(postures[-1], waypoint)
+            times.append(times[-1] + seconds)
             postures.append(frozen(waypoint.posture))
-            profiles.append(waypoint.profile)
-        return Trajectory(tuple(times), tuple(postures), tuple(profiles))
+            shapes.append(shape)
+        return Trajectory(tuple(times), tuple(postures), tuple(shapes))
 
 
 class Trajectory:
-    """Joint positions through waypoints at given times (s, ascending)."""
+    """Joint positions through waypoints at given times (s, ascending), each leg in its shape."""
 
-    def __init__(self, times: tuple[float, ...], postures: tuple[Vector, ...], profiles: tuple[Profile, ...]) -> None:
-        self.times, self.postures, self.profiles = times, postures, profiles
+    def __init__(self, times: tuple[float, ...], postures: tuple[Vector, ...], shapes: tuple[Shape, ...]) -> None:
+        self.times, self.postures, self.shapes = times, postures, shapes
         self._travel = [after - before for before, after in pairwise(postures)]
         self._rest = SetPoint(postures[-1], frozen(np.zeros_like(postures[-1])))
 
@@ -107,22 +110,25 @@ class Trajectory:
             return self._rest
         leg = max(bisect_right(self.times, t) - 1, 0)
         start, seconds = self.times[leg], self.times[leg + 1] - self.times[leg]
-        s = (t - start) / seconds
-        if self.profiles[leg] == "linear":
-            part, rate = s, 1.0 / seconds
-        else:
-            part, rate = s**3 * (10.0 + s * (6.0 * s - 15.0)), 30.0 * s**2 * (1.0 - s) ** 2 / seconds
+        part, rate = self.shapes[leg]((t - start) / seconds)
         travel = self._travel[leg]
-        return SetPoint(self.postures[leg] + part * travel, rate * travel)
+        return SetPoint(self.postures[leg] + part * travel, rate / seconds * travel)
 
 
 def travel_time(start: Vector, waypoint: Waypoint) -> float:
-    """Seconds from a posture to a waypoint. Raises ConfigError unless speed and time are positive."""
-    if waypoint.seconds is not None:
-        if not waypoint.seconds > 0.0:
-            raise ConfigError(f"a move must take a positive time, not {waypoint.seconds} s")
-        return waypoint.seconds
-    if not waypoint.speed > 0.0:
-        raise ConfigError(f"speed must be positive, in rad/s; it is {waypoint.speed}")
+    """Seconds from a posture to a waypoint. Raises ConfigError unless speed, acceleration and time are positive."""
+    return _leg(start, waypoint)[0]
+
+
+def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
+    for value, what in (
+        (waypoint.speed, "speed must be positive, in rad/s"),
+        (waypoint.acceleration, "acceleration must be positive, in rad/s²"),
+    ):
+        if not value > 0.0:
+            raise ConfigError(f"{what}; it is {value}")
+    if waypoint.seconds is not None and not waypoint.seconds > 0.0:
+        raise ConfigError(f"a move must take a positive time, not {waypoint.seconds} s")
     furthest = float(np.abs(waypoint.posture - start).max())
-    return max(furthest * _PEAK[waypoint.profile] / waypoint.speed, 1e-3)
+    seconds, shape = timed(waypoint.profile, furthest, waypoint.speed, waypoint.acceleration)
+    return (max(seconds, 1e-3) if waypoint.seconds is None else waypoint.seconds), shape

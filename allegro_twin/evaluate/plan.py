@@ -48,7 +48,7 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
             waypoint = grasp.waypoint(phase.hand, phase.seconds)
         seconds = max(round(travel_time(posture, waypoint) / period), 1) * period
         posture = waypoint.posture
-        waypoints.append(Waypoint(posture, seconds=seconds, profile=grasp.profile))
+        waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
         segments.append(_segment(phase, seconds, scenario, side))
         windows.append(Window(phase.name, t, t + seconds, phase.check))
         t += seconds

@@ -39,15 +39,29 @@ def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml") -> Pat
 def read_yaml(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file. Raises ConfigError with the file and the line."""
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, where: str) -> dict[str, Any]:
+    """The mapping in a YAML text; `where` names its source. Raises ConfigError with the source and the line."""
+    try:
+        content = yaml.load(text, Loader=_LOADER)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 0
-        raise ConfigError(f"{path}:{line}: not valid YAML: {error.problem}") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+        raise ConfigError(f"{where}:{line}: not valid YAML: {error.problem}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{where}: cannot be read: {str(error).splitlines()[0]}") from error
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold a mapping of keys to values, not {type(content).__name__}")
+        raise ConfigError(f"{where}: must hold a mapping of keys to values, not {type(content).__name__}")
     return content
+
+
+def compose_yaml(text: str) -> yaml.Node | None:
+    """The tree of a YAML text, with the place of every part; None for a text of comments. Raises yaml.YAMLError."""
+    return yaml.compose(text, Loader=_LOADER)
 
 
 class _LOADER(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # The C loader is optional.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeAlias, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -12,6 +13,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
 
 S = TypeVar("S", bound="Settings")
+Where: TypeAlias = str | Callable[[tuple[int | str, ...]], str]
+"""The source that an error names: fixed, or made from the keys that lead to what is wrong, with its line say."""
 
 
 class Settings(BaseModel):
@@ -25,7 +28,7 @@ def load(model: type[S], path: Path) -> S:
     return parse(model, read_yaml(path), str(path))
 
 
-def parse(model: type[S], content: dict[str, Any], where: str) -> S:
+def parse(model: type[S], content: dict[str, Any], where: Where) -> S:
     """Settings from a mapping; `where` names its source in the error."""
     try:
         return model.model_validate(content)
@@ -33,11 +36,12 @@ def parse(model: type[S], content: dict[str, Any], where: str) -> S:
         raise ConfigError(_explain(error, model, where)) from error
 
 
-def _explain(error: ValidationError, model: type[BaseModel], where: str) -> str:
+def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
     details = error.errors(include_url=False)
     # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     first, more = details[0], len(details) - 1
+    where = source if isinstance(source, str) else source(first["loc"])
     location = ".".join(str(part) for part in first["loc"]) or "(top)"
     tail = f" ({more} more)" if more else ""
     if first["type"] == "extra_forbidden":

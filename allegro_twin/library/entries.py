@@ -1,0 +1,190 @@
+"""What the library stores: postures, grasps and trajectories, each for one hand, and their mirror image for the other.
+
+An entry is stored once, for the side that it was made on. The other side is derived from it whenever it is asked for,
+by `HandSpec.mirrored`: exact, because only signs change. So the two sides cannot differ, whoever edits the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
+
+from allegro_twin.control.trajectory import Profile
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Settings, Where, parse
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Array, Vector
+
+Angles: TypeAlias = dict[str, list[float]]
+"""For each finger the positions of its joints from the palm outward, rad."""
+Kind: TypeAlias = Literal["posture", "grasp", "trajectory"]
+
+
+class Taxonomy(Settings):
+    """Place in the GRASP taxonomy of Feix et al. (IEEE Trans. Human-Machine Systems 46(1), 2016)."""
+
+    number: Annotated[int, Field(ge=1, le=33)]
+    name: str
+    type: Literal["power", "intermediate", "precision"]
+    opposition: Literal["palm", "pad", "side"]
+
+
+class PostureFile(Settings):
+    """A posture as it is stored."""
+
+    joint_fields: ClassVar[tuple[str, ...]] = ("angles",)
+    kind: Literal["posture"] = "posture"
+    description: str = ""
+    side: Side = "right"
+    """Which hand the angles are for; the other hand uses their mirror image."""
+    angles: Angles
+
+
+class GraspFile(Settings):
+    """A grasp as it is stored."""
+
+    joint_fields: ClassVar[tuple[str, ...]] = ("preshape", "close", "squeeze")
+    kind: Literal["grasp"] = "grasp"
+    description: str = ""
+    taxonomy: Taxonomy
+    object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
+    """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
+    side: Side = "right"
+    """Which hand the angles are for; the other hand uses their mirror image."""
+    speed: Annotated[float, Field(gt=0)] = 1.0
+    """Peak speed while closing of the joint that travels furthest, rad/s."""
+    profile: Profile = "minimum_jerk"
+    preshape: Angles
+    close: Angles
+    squeeze: Angles
+    """Inside the object: the difference to where the fingers are stopped, times the stiffness, is the torque."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> GraspFile:
+        if self.object_size is not None and self.object_size[0] > self.object_size[1]:
+            raise ValueError(f"object_size: the smallest width comes first, not {list(self.object_size)}")
+        return self
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """The fingers that press: those that move by more than 1 mrad from the pre-shape to the squeeze."""
+        from_, to = self.preshape, self.squeeze
+        return tuple(f for f in from_ if np.abs(np.subtract(to.get(f, from_[f]), from_[f])).max() > 1e-3)
+
+
+class TrajectoryFile(Settings):
+    """A motion as it is stored: joint positions at times, as somebody has shown it to the hand."""
+
+    joint_fields: ClassVar[tuple[str, ...]] = ("positions",)
+    kind: Literal["trajectory"] = "trajectory"
+    description: str = ""
+    side: Side = "right"
+    """Which hand the positions are for; the other hand uses their mirror image."""
+    times: Annotated[tuple[float, ...], Field(min_length=2)]
+    """Ascending, s; the motion begins at the first."""
+    positions: tuple[tuple[float, ...], ...]
+    """For each time one value a joint, in the order of the hand's joints (index, middle, ring, thumb), rad."""
+
+    @model_validator(mode="after")
+    def _timed(self) -> TrajectoryFile:
+        if len(self.times) != len(self.positions):
+            raise ValueError(f"{len(self.times)} times and {len(self.positions)} positions: each needs the other")
+        for before, after in pairwise(self.times):
+            if not after > before:
+                raise ValueError(f"times must ascend; {after:g} s comes after {before:g} s")
+        return self
+
+
+Entry: TypeAlias = PostureFile | GraspFile | TrajectoryFile
+_MODELS: dict[str, type[PostureFile] | type[GraspFile] | type[TrajectoryFile]] = {
+    "posture": PostureFile,
+    "grasp": GraspFile,
+    "trajectory": TrajectoryFile,
+}
+# What an entry without `kind` is recognised by.
+_MARKS = {"angles": "posture", "taxonomy": "grasp", "preshape": "grasp", "close": "grasp", "times": "trajectory"}
+
+
+def parse_entry(content: Any, source: Where) -> Entry:
+    """An entry from a mapping; `source` is named in the error. Raises ConfigError."""
+    where = source if isinstance(source, str) else source(("kind",))
+    if not isinstance(content, dict):
+        raise ConfigError(f"{where}: must hold a mapping of keys to values, not {type(content).__name__}")
+    marked = next((kind for mark, kind in _MARKS.items() if mark in content), None)
+    kind = content.get("kind", marked)
+    if kind is None:
+        raise ConfigError(f"{where}: kind: missing; it is one of {', '.join(_MODELS)}")
+    if kind not in _MODELS:
+        raise ConfigError(f"{where}: kind: {unknown('kind', str(kind), _MODELS)}")
+    return parse(_MODELS[kind], content, source)
+
+
+def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
+    """An entry from joint positions of the spec's hand, shape (n,), rad. Raises ConfigError outside the limits."""
+    values = spec.posture(position)
+    return PostureFile(description=description, side=spec.side, angles=_angles(values, spec))
+
+
+def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
+    """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad."""
+    content = {
+        "description": description,
+        "side": spec.side,
+        "times": np.asarray(times, dtype=np.float64).tolist(),
+        "positions": np.asarray(positions, dtype=np.float64).tolist(),
+    }
+    entry = parse(TrajectoryFile, content, "trajectory")
+    joint_values(entry, spec, "trajectory")
+    return entry
+
+
+def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
+    """Each of the entry's joint fields for the spec's side, shape (n,) or (k, n), rad.
+
+    Raises ConfigError for a wrong number of joints, and for one outside its limits: which, and by how much.
+    """
+    found: dict[str, Array] = {}
+    for field in entry.joint_fields:
+        values: Any = getattr(entry, field)
+        many = not isinstance(values, dict)
+        rows = []
+        for number, row in enumerate(values if many else [values]):
+            what = f"{where}: {field}[{number}]" if many else f"{where}: {field}"
+            vector = spec.vector(row, what) if many else joint_vector(row, spec, what)
+            rows.append(spec.posture(vector if entry.side == spec.side else spec.mirrored(vector), what))
+        found[field] = np.array(rows) if many else rows[0]
+    return found
+
+
+def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
+    """The same entry written for a side: its mirror image, exact to the bit, when it is written for the other."""
+    if entry.side == side:
+        return entry
+    changed: dict[str, Any] = {"side": side}
+    for field in entry.joint_fields:
+        values: Any = getattr(entry, field)
+        if isinstance(values, dict):
+            changed[field] = _angles(spec.mirrored(joint_vector(values, spec, where)), spec)
+        else:
+            changed[field] = tuple(tuple(row) for row in spec.mirrored(np.array(values)).tolist())
+    return entry.model_copy(update=changed)
+
+
+def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -> Vector:
+    """From angles by finger to one vector in the spec's order, shape (n,), rad. Raises ConfigError."""
+    values = np.full(spec.n_joints, np.nan)
+    for name, row in angles.items():
+        finger = spec.finger(name)
+        if len(row) != len(finger.joints):
+            raise ConfigError(f"{what}: {name} has {len(finger.joints)} joints, not {len(row)}")
+        values[list(finger.joints)] = row
+    return spec.vector(values, what)
+
+
+def _angles(values: Vector, spec: HandSpec) -> Angles:
+    return {finger.name: values[list(finger.joints)].tolist() for finger in spec.fingers}

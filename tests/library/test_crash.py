@@ -1,0 +1,99 @@
+"""A writer that is killed leaves a whole file, and two that write at once lose nothing."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.files.edit import write_text
+from allegro_twin.library.library import Library
+from allegro_twin.spec import HandSpec
+
+# Stores one entry over and over, with every joint's position at k/1000 rad for k = 0, 1, …, and says so once it runs.
+WRITER = """
+import itertools, sys
+import numpy as np
+import pytest
+from allegro_twin.description.hands import load_spec
+from allegro_twin.library.entries import posture_entry
+from allegro_twin.files.edit import write_text
+from allegro_twin.library.library import Library
+spec, path, name, count = load_spec(), sys.argv[1], sys.argv[2], int(sys.argv[3])
+library = Library(path)
+for k in itertools.count():
+    if k == count:
+        break
+    entry = name if count < 0 else f"{name}_{k}"
+    values = np.full(16, k % 100 / 1000); values[12] = 0.3
+    library.add(entry, posture_entry(values, spec), spec)
+    library.store(entry, path)
+    if k == 0:
+        print("on", flush=True)
+"""
+START = """\
+# A user's own.
+entries:
+  still:  # Not touched.
+    angles: {index: [0, 0, 0, 0], middle: [0, 0, 0, 0], ring: [0, 0, 0, 0], thumb: [0.5, 0, 0, 0]}
+"""
+
+
+def writer(path: Path, name: str, count: int) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path), name, str(count)], stdout=subprocess.PIPE, text=True
+    )
+
+
+def test_a_writer_killed_at_any_moment_leaves_the_old_entry_or_the_new_one(tmp_path: Path, spec: HandSpec) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(START)
+    chance = random.Random(3)
+    seen = set()
+    for _ in range(20):
+        with writer(path, "shown", -1) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "on\n"
+            time.sleep(chance.uniform(0.0, 0.06))  # Some ten stores: the kill hits anywhere in one.
+            process.send_signal(signal.SIGKILL)
+        assert path.read_text().startswith(START)
+        library = Library(tmp_path)
+        position = library.posture("shown", spec)
+        assert len(np.unique(np.delete(position, 12))) == 1  # Of one store, not of two.
+        assert {e.name for e in library.list("posture") if not e.shipped} == {"shown", "still"}
+        seen.add(float(position[0]))
+    assert len(seen) > 1
+    library.add("after", next(e.entry for e in library.list() if e.name == "still"), spec)
+    library.store("after", path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [".mine.yaml.lock", "mine.yaml"]
+
+
+def test_two_writers_at_once_lose_no_entry(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(START)
+    processes = [writer(path, name, 25) for name in ("a", "b")]
+    assert [process.wait(60) for process in processes] == [0, 0]
+    for process in processes:
+        assert process.stdout is not None
+        process.stdout.close()
+    names = {listed.name for listed in Library(path).list() if not listed.shipped}
+    assert names == {"still"} | {f"{name}_{k}" for name in ("a", "b") for k in range(25)}
+    assert path.read_text().startswith(START)
+
+
+def test_the_text_is_on_the_disk_before_it_takes_the_files_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("old")
+    seen = []
+    monkeypatch.setattr(os, "fsync", lambda handle: seen.append((os.path.isdir(handle), path.read_text())))
+    write_text(path, "new")
+    assert seen == [(False, "old"), (True, "new")]  # The file before the move, and the folder after it.
