@@ -27,7 +27,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
-    from allegro_twin.control.controllers import Gravity
+    from allegro_twin.control.controllers import Gains, Gravity
     from allegro_twin.control.trajectory import Reference
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.sim.backend import SimBackend
@@ -71,7 +71,7 @@ def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
         controller, motion = _controller(config, spec, None)
         return Rig(spec, _guarded(config, spec, backend), controller, seconds or motion, sim=backend)
     trial = make_trial(settings.scenario, spec, config.period, start)
-    controller, _ = _controller(config, spec, trial.reference)
+    controller, _ = _controller(config, spec, trial)
     guarded = _guarded(config, spec, trial.backend)
     return Rig(spec, guarded, controller, config.seconds or trial.seconds, trial, trial.backend)
 
@@ -113,7 +113,7 @@ def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:
     return Rig(backend.spec, backend, controller, config.seconds)
 
 
-def _controller(config: RunConfig, spec: HandSpec, grasp: Reference | None) -> tuple[Controller[Any], float | None]:
+def _controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
     """The controller, and how long its motion takes where that is known."""
     from allegro_twin.control.controllers import PD, PID, GravityCompensation, Torque
 
@@ -125,12 +125,24 @@ def _controller(config: RunConfig, spec: HandSpec, grasp: Reference | None) -> t
         case PositionSettings() as settings:
             from allegro_twin.library.gains import load_gains
 
-            reference, seconds = _reference(settings, spec, grasp)
             gains = load_gains(settings.gains, spec)
+            if trial is not None and settings.posture is None and trial.grasp.grip is not None:
+                return _gripping(settings, spec, trial, gains), None
+            reference, seconds = _reference(settings, spec, None if trial is None else trial.reference)
             gravity = _gravity(spec, settings.gravity) if settings.compensate else None
             if settings.kind == "pd":
                 return PD(reference, gains, gravity), seconds
             return PID(reference, gains, spec.actuation.torque_limit, gravity), seconds
+
+
+def _gripping(settings: PositionSettings, spec: HandSpec, trial: Trial, gains: Gains) -> Controller[Any]:
+    """The controller of a grasp that controls force; it always carries the hand's weight."""
+    from allegro_twin.grasping import Timed, performer
+    from allegro_twin.kinematics.model import HandModel
+
+    model = HandModel(spec)
+    timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
+    return performer(trial.grasp, timed, spec, gains, _gravity(spec, settings.gravity), model)
 
 
 def _reference(settings: PositionSettings, spec: HandSpec, grasp: Reference | None) -> tuple[Reference, float | None]:

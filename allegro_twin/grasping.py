@@ -48,12 +48,13 @@ def performer(
     reach = PD(timed.moves, gains, gravity)
     match grasp.grip:
         case CentroidGrip() as grip:
+            fingers = grip.fingers
             return CentroidGrasp(
                 reach,
                 timed.close_at,
                 timed.squeeze_at,
-                lambda position: model.fingertip_jacobians(position, grip.fingers),
-                np.array([spec.finger(name).joints for name in grip.fingers]),
+                lambda position: model.fingertip_jacobians(position, fingers),
+                np.array([spec.finger(name).joints for name in fingers]),
                 gravity,
                 grip.closing * spec.actuation.torque_limit,
                 grip.force if force is None else force,
@@ -64,8 +65,6 @@ def performer(
             torque = np.zeros(spec.n_actuators)
             for name, values in grip.torque.items():
                 torque[list(spec.finger(name).joints)] = values
-            if spec.side != grasp.stored_side:
-                torque = spec.mirrored(torque)
             scale = grip.scale if force is None else force
             return EnvelopGrasp(
                 reach, timed.close_at, timed.squeeze_at, gravity, torque, scale=scale, closing_scale=grip.closing

@@ -10,7 +10,8 @@ from allegro_twin.build import assemble
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.edit import locked, read_text, with_document, write_text
+from allegro_twin.files.assets import parse_yaml
+from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, write_text
 from allegro_twin.identify.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
@@ -51,11 +52,14 @@ def find_limits(
 
 def store_limits(path: Path, found: FoundLimits) -> None:
     """Write the limits into the hand's own file and leave everything else in it as it is. Raises RecordingError."""
-    limits = {"lower": [round(v, 4) for v in found.lower.tolist()], "upper": [round(v, 4) for v in found.upper.tolist()]}
-    path.parent.mkdir(parents=True, exist_ok=True)
+    limits = {
+        "lower": [round(v, 4) for v in found.lower.tolist()],
+        "upper": [round(v, 4) for v in found.upper.tolist()],
+    }
     with locked(path):
-        text = read_text(path) if path.is_file() else ""
-        write_text(path, with_document(text, {"limits": limits}, str(path)))
+        text = read_text(path)
+        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
+        write_text(path, with_document(text, content | {"limits": limits}, str(path)))
 
 
 def _searching(config: RunConfig) -> RunConfig:

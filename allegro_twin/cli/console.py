@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 from allegro_twin.evaluate.held import Report
+from allegro_twin.hand.grasps import Grasped
+from allegro_twin.identify.limits import FoundLimits, centring_offsets
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState
 
@@ -77,4 +80,53 @@ def final_state(spec: HandSpec, state: HandState) -> Table:
         table.add_column(str(place), justify="right")
     for finger in spec.fingers:
         table.add_row(finger.name, *(f"{state.position[joint]:.4f}" for joint in finger.joints))
+    return table
+
+
+def felt(grasped: Grasped) -> Table:
+    """What a hand felt at the end of a grasp."""
+    table = Table(title=f"{grasped.name}: what the joints felt")
+    for name, justify in (("finger", "left"), ("pad presses N", "right")):
+        table.add_column(name, justify=justify)  # type: ignore[arg-type]  # Rich narrows it to a literal.
+    for finger, force in grasped.force.items():
+        table.add_row(finger, f"{force:.1f}")
+    width = "" if math.isnan(grasped.width) else f", pads {grasped.width * 1000:.0f} mm apart"
+    table.caption = f"in the way of: {', '.join(grasped.touching) or 'nothing'}{width}"
+    return table
+
+
+def limits(spec: HandSpec, found: FoundLimits) -> Table:
+    """Found limits beside the model's, and the offsets that would centre them."""
+    table = Table(title=f"{spec.name}: limits found, rad")
+    for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    offsets = centring_offsets(found, spec)
+    for k, name in enumerate(spec.aliases):
+        row = (found.lower[k], spec.lower[k], found.upper[k], spec.upper[k], offsets[k])
+        table.add_row(name, *(f"{value:+.3f}" for value in row))
+    return table
+
+
+def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
+    """The joints of a hand: limits of the model and of this hand, with the margin, and the motors."""
+    title = f"{mine.name} {mine.serial}".strip()
+    table = Table(title=f"{title}: limits rad, torque N·m, margin {margin:g} rad")
+    heads = (
+        "joint",
+        "name",
+        "model lowest",
+        "highest",
+        "this hand lowest",
+        "highest",
+        "torque limit",
+        "damping",
+        "friction",
+    )
+    for name in heads:
+        table.add_column(name, justify="left" if name in ("joint", "name") else "right")
+    motors = mine.actuation
+    for k, name in enumerate(mine.joints):
+        limit = (model.lower[k], model.upper[k], mine.lower[k] + margin, mine.upper[k] - margin)
+        motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
+        table.add_row(name, mine.aliases[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table

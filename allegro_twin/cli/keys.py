@@ -17,14 +17,14 @@ class Key:
     """What a key does."""
 
     does: str
-    act: Callable[[Hand], None]
+    act: Callable[[Hand], object]
 
 
-def _posture(name: str) -> Callable[[Hand], None]:
+def _posture(name: str) -> Callable[[Hand], object]:
     return lambda hand: hand.move_to(name, wait=False)
 
 
-def _grasp(name: str) -> Callable[[Hand], None]:
+def _grasp(name: str) -> Callable[[Hand], object]:
     return lambda hand: hand.grasp(name, wait=False)
 
 

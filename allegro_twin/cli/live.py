@@ -66,7 +66,9 @@ def teach(
     config: Config = "sim_right",
     seconds: Seconds = 10.0,
     into: Annotated[Path, typer.Option(help="Library file to store it in.")] = Path("library/taught.yaml"),
-    motion: Annotated[bool, typer.Option(help="Store the way the fingers went, not only where they were left.")] = False,
+    motion: Annotated[
+        bool, typer.Option(help="Store the way the fingers went, not only where they were left.")
+    ] = False,
 ) -> None:
     """Let a person move the fingers under gravity compensation, and store what was shown, for both hands."""
     from allegro_twin.cli import console
@@ -112,7 +114,9 @@ def keyboard(
 
 def calibrate_limits(
     config: Config = "sim_right",
-    by_hand: Annotated[float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")] = None,
+    by_hand: Annotated[
+        float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
+    ] = None,
     into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
 ) -> None:
     """Bring every joint to both its ends and store the real limits."""

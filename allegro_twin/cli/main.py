@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from allegro_twin.cli import live
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
 
 if TYPE_CHECKING:
@@ -160,6 +161,9 @@ def _wait() -> None:
         signal.pause()
     except KeyboardInterrupt:
         return
+
+
+live.register(app)
 
 
 def main() -> None:

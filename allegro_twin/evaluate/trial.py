@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves
-from allegro_twin.errors import HandError
+from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.evaluate.held import Observations, Report, Window, judge
 from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
@@ -66,6 +66,13 @@ class Trial:
     def warnings(self) -> list[str]:
         """What speaks against a success, with its numbers."""
         return [] if self._too_heavy is None else [self._too_heavy]
+
+    def begin_of(self, stage: str) -> float:
+        """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
+        for phase, window in zip(self.protocol.phases, self.windows, strict=True):
+            if phase.hand == stage:
+                return window.begin
+        raise ConfigError(f"protocol {self.scenario.protocol}: no phase lets the hand {stage}")
 
     def latest(self) -> Mapping[str, Array]:
         """What the probe saw with the last sample that was watched."""

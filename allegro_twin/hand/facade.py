@@ -17,11 +17,14 @@ from allegro_twin.control.controllers import Gains
 from allegro_twin.control.teach import Taught
 from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.grasping import performer
 from allegro_twin.hand.bounds import Bounds
+from allegro_twin.hand.grasps import Grasped, felt, for_width, timed
 from allegro_twin.hand.lesson import Lesson
-from allegro_twin.hand.mover import KINDS, Kind, Mover
+from allegro_twin.hand.mover import KINDS, Goal, Kind, Mover
 from allegro_twin.kinematics.model import Pose
 from allegro_twin.library.gains import load_gains
+from allegro_twin.library.grasps import load_grasp
 from allegro_twin.library.postures import load_posture
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Sample, Vector, frozen
@@ -158,6 +161,28 @@ class Hand:
     def fingertips(self) -> dict[str, Pose]:
         """Position (m) and rotation of every fingertip in the palm frame."""
         return self._mover.model.fingertips(self.state.position)
+
+    def grasp(
+        self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True
+    ) -> Grasped:
+        """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
+        that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp. What the hand felt
+        at its end, or, without waiting, feels now. Raises ConfigError before anything moves."""
+        mover, spec = self._mover, self.spec
+        stored = load_grasp(name, spec)
+        if object_width is not None:
+            stored = for_width(stored, object_width, mover.model, spec)
+        for posture in (stored.preshape, stored.close, stored.squeeze):
+            self._bounds.check(posture)
+        start = self.state
+        motion = timed(stored, start.position)
+        controller = performer(stored, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
+        path = motion.moves.begin(start.position)
+        mover.drive(f"grasp {name}", controller, Goal(path, start.t, path.seconds))
+        if wait:
+            self.wait()
+        now = self.state
+        return felt(stored, now, mover.model, spec, mover.model.gravity_torque(now.position, self.gravity))
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from allegro_twin.control.trajectory import Profile
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, Where, parse
+from allegro_twin.library.grip import EnvelopGrip, Grip
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
@@ -32,6 +33,8 @@ class Taxonomy(Settings):
     name: str
     type: Literal["power", "intermediate", "precision"]
     opposition: Literal["palm", "pad", "side"]
+    virtual_fingers: str = ""
+    """What acts against what."""
 
 
 class PostureFile(Settings):
@@ -63,6 +66,10 @@ class GraspFile(Settings):
     close: Angles
     squeeze: Angles
     """Inside the object: the difference to where the fingers are stopped, times the stiffness, is the torque."""
+    grip: Grip | None = None
+    """How it holds on; None: by position alone, at the squeeze."""
+    evidence: str = ""
+    """The scenario in which it holds an object, or `posture: ` and why it is only a posture."""
 
     @model_validator(mode="after")
     def _ordered(self) -> GraspFile:
@@ -172,7 +179,21 @@ def on_side(entry: Entry, spec: HandSpec, side: Side, where: str) -> Entry:
             changed[field] = _angles(spec.mirrored(joint_vector(values, spec, where)), spec)
         else:
             changed[field] = tuple(tuple(row) for row in spec.mirrored(np.array(values)).tolist())
+    if isinstance(entry, GraspFile):
+        changed["grip"] = mirrored_grip(entry.grip, spec)
     return entry.model_copy(update=changed)
+
+
+def mirrored_grip(grip: Grip | None, spec: HandSpec) -> Grip | None:
+    """The same grip on the other hand: torques change sign where joints do."""
+    if not isinstance(grip, EnvelopGrip):
+        return grip
+    flips = set(spec.mirror_flips)
+    torque = {
+        name: [-value if joint in flips else value for joint, value in zip(spec.finger(name).joints, row, strict=True)]
+        for name, row in grip.torque.items()
+    }
+    return grip.model_copy(update={"torque": torque})
 
 
 def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -> Vector:

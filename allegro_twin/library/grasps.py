@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from allegro_twin.control.trajectory import Profile, Waypoint
-from allegro_twin.library.entries import GraspFile, Taxonomy, joint_values
+from allegro_twin.errors import ConfigError
+from allegro_twin.library.entries import GraspFile, Taxonomy, joint_values, mirrored_grip
+from allegro_twin.library.grip import CentroidGrip, EnvelopGrip, Grip
 from allegro_twin.library.sources import shipped
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -23,6 +25,7 @@ class Grasp:
     preshape: Vector
     close: Vector
     squeeze: Vector
+    grip: Grip | None = None
 
     def waypoint(self, stage: str, seconds: float | None = None) -> Waypoint:
         """One of `preshape`, `close`, `squeeze` as a waypoint: at the grasp's speed, or in a given time."""
@@ -33,7 +36,19 @@ class Grasp:
 def build_grasp(name: str, stored: GraspFile, spec: HandSpec, where: str) -> Grasp:
     """A stored grasp for the spec's side. Raises ConfigError naming the joint and the excess."""
     postures = joint_values(stored, spec, where)
-    return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures)
+    grip = stored.grip if stored.side == spec.side else mirrored_grip(stored.grip, spec)
+    _check_grip(grip, spec, where)
+    return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip)
+
+
+def _check_grip(grip: Grip | None, spec: HandSpec, where: str) -> None:
+    """Raise ConfigError for fingers that the hand does not have, or torques that do not fit them."""
+    names = grip.fingers if isinstance(grip, CentroidGrip) else tuple(grip.torque) if grip is not None else ()
+    for name in names:
+        finger = spec.finger(name)
+        row = grip.torque[name] if isinstance(grip, EnvelopGrip) else [0.0] * len(finger.joints)
+        if len(row) != len(finger.joints):
+            raise ConfigError(f"{where}: grip.torque.{name} has {len(finger.joints)} joints, not {len(row)}")
 
 
 def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
