@@ -9,6 +9,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.family import TOLERANCE
 from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.kinematics.planar import TOUCH
+from allegro_twin.kinematics.scalar_quartic import solve_fixed_bend
 from allegro_twin.types import Vector
 
 Posture = tuple[float, float, float, float]
@@ -51,7 +52,7 @@ class ScalarKinematics:
     def at_pitch(self, x: float, y: float, z: float, pitch: float, margin: float = 0.0) -> list[Posture]:
         """A finger's postures inside the limits, with φ = q₁ + q₂ + q₃."""
         if self._thumb:
-            raise ConfigError("the thumb has no pitch; use at_q0 or at_q1")
+            raise ConfigError("the thumb has no pitch; use at_q0, at_q1 or at_psi")
         x, y, z = self._in_base(x, y, z)
         first, second, tip = self._links
         reach, turn = hypot(x, y), atan2(y, x)
@@ -101,9 +102,21 @@ class ScalarKinematics:
                 self._keep(found, (q0, q1, q2, q3), margin)
         return found
 
+    def at_psi(self, x: float, y: float, z: float, psi: float, margin: float = 0.0) -> list[Posture]:
+        """The thumb's postures inside the limits, with ψ = q₂ + q₃."""
+        self._needs_thumb()
+        x, y, z = self._in_base(x, y, z)
+        (ax, ay, az), (link, tip) = self._offset, self._links
+        up = az + self._rise + tip * cos(psi)
+        low, high, _ = self._limits[2]
+        found: list[Posture] = []
+        for theta, q0, q1 in solve_fixed_bend(x - ax, y, z, ay, link, tip * sin(psi), up, low, high):
+            self._keep(found, (q0, q1, theta, psi - theta), margin)
+        return found
+
     def _needs_thumb(self) -> None:
         if not self._thumb:
-            raise ConfigError("only the thumb is solved with q0 or q1; use at_pitch")
+            raise ConfigError("only the thumb is solved with q0, q1 or psi; use at_pitch")
 
     def _in_base(self, x: float, y: float, z: float) -> tuple[float, float, float]:
         b, (ox, oy, oz) = self._base, self._origin

@@ -7,7 +7,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import Side
-from tests.kinematics.hands import EVERY, FINGERS, postures
+from tests.kinematics.hands import EVERY, FINGERS, postures, solve
 
 Key = tuple[Side, str]
 
@@ -30,12 +30,12 @@ def test_a_scalar_solve_finds_the_branches_of_the_batch(key: Key, margin: float)
     points[1000:] = np.random.default_rng(2).uniform(-0.1, 0.15, (500, 3))
     thumb = finger.name == "thumb"
     held = {"q0": q[:, 0], "q1": q[:, 1], "psi": q[:, 2] + q[:, 3]} if thumb else {"pitch": q[:, 1:].sum(axis=1)}
-    solve = {"pitch": scalar.at_pitch, "q0": scalar.at_q0, "q1": scalar.at_q1, "psi": scalar.at_psi}
+    ways = {"pitch": scalar.at_pitch, "q0": scalar.at_q0, "q1": scalar.at_q1, "psi": scalar.at_psi}
     for name, values in held.items():
         for point, value in zip(points, values, strict=True):
-            batch = getattr(finger, "ik")(point, margin=margin, **{name: value})  # noqa: B009  # The mode is a name here.
+            batch = solve(finger, point, {name: value}, margin)
             expected = batch.position[batch.within]
-            found = np.array(solve[name](*point.tolist(), float(value), margin)).reshape(-1, 4)
+            found = np.array(ways[name](point[0], point[1], point[2], float(value), margin)).reshape(-1, 4)
             assert len(found) == len(expected)
             order = np.lexsort(np.round(found, 5).T), np.lexsort(np.round(expected, 5).T)
             np.testing.assert_allclose(found[order[0]], expected[order[1]], rtol=0, atol=1e-8)
