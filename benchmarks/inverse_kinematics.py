@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable, Iterator
 
@@ -20,25 +19,34 @@ Figure = tuple[str, float, float, str]
 
 
 def figures() -> Iterator[Figure]:
-    """Against a baseline that asks for less: the position alone, on a model of the one finger, from mid-range."""
+    """Both find the posture behind a fingertip pose: ours from the position and φ or q₀, least squares from the pose.
+
+    The baseline is the fastest that we know how to write: a model of the one finger, from mid-range, a damping that
+    suits it (99.9 % and more of its solves succeed), and no retries.
+    """
     spec = load_spec()
     for name in ("index", "thumb"):
         finger = FingerKinematics(spec, name)
         q = np.random.default_rng(0).uniform(finger.lower, finger.upper, (BATCH, 4))
-        points = finger.fk(q).position
+        points, rotations = finger.fk(q)
         values = q[:, 0] if name == "thumb" else q[:, 1:].sum(axis=1)
         least_squares = LeastSquares(spec.name, list(spec.joints), spec.finger(name).joints, spec.finger(name).tip)
-        batched, scalar = [], []
-        for _ in range(ROUNDS):
-            slow = _each(lambda k: least_squares.solve(points[k], (finger.lower + finger.upper) / 2), ONE_BY_ONE)
-            batched.append(slow / _batched(finger, points, values))
-            scalar.append(slow / _scalar(finger, points, values))
-        yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", statistics.median(batched), 200.0, "x"
-        yield f"IK scalar, {name}, times Pinocchio DLS's speed (at least)", statistics.median(scalar), 50.0, "x"
+        middle = (finger.lower + finger.upper) / 2
+        times = [
+            (
+                least_squares.timed(points[:ONE_BY_ONE], rotations, middle),
+                _batched(finger, points, values),
+                _scalar(finger, points, values),
+            )
+            for _ in range(ROUNDS)
+        ]
+        slow, batched, scalar = map(min, zip(*times, strict=True))  # The best of each: others use the machine too.
+        yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", slow / batched, 200.0, "x"
+        yield f"IK scalar, {name}, times Pinocchio DLS's speed (at least)", slow / scalar, 50.0, "x"
 
 
 class LeastSquares:
-    """Δq = Jᵀ (J Jᵀ + λ)⁻¹ (p - p(q)) in a model reduced to one finger, until the tip is within 1 µm or 200 turns."""
+    """Δq = Jᵀ (J Jᵀ + λ)⁻¹ log(T(q)⁻¹ T) in a model of one finger, to 1 µm and 1 µrad, or for 200 turns."""
 
     def __init__(self, hand: str, joints: list[str], finger: tuple[int, ...], tip: str) -> None:
         whole = pin.buildModelFromUrdf(str(data_root() / "models" / "urdf" / f"{hand}.urdf"))
@@ -46,16 +54,20 @@ class LeastSquares:
         self._model = pin.buildReducedModel(whole, others, np.zeros(whole.nq))
         self._data, self._tip = self._model.createData(), self._model.getFrameId(tip)
 
-    def solve(self, point: Array, start: Array) -> Array:
-        model, data, tip, damping = self._model, self._data, self._tip, DAMPING * np.eye(3)
-        q = start.copy()
+    def timed(self, points: Array, rotations: Array, start: Array) -> float:
+        """Seconds a solve."""
+        return _each(lambda k: self.solve(points[k], rotations[k], start), len(points))
+
+    def solve(self, point: Array, rotation: Array, start: Array) -> Array:
+        model, data, tip, damping = self._model, self._data, self._tip, DAMPING * np.eye(6)
+        q, target = start.copy(), pin.SE3(rotation, point)
         for _ in range(TURNS):
             pin.computeJointJacobians(model, data, q)
             placement = pin.updateFramePlacement(model, data, tip)
-            error = point - placement.translation
-            if error @ error < TOLERANCE**2:
+            error = pin.log6(placement.actInv(target)).vector
+            if error[:3] @ error[:3] < TOLERANCE**2 and error[3:] @ error[3:] < TOLERANCE**2:
                 break
-            jacobian = pin.getFrameJacobian(model, data, tip, pin.LOCAL_WORLD_ALIGNED)[:3]
+            jacobian = pin.getFrameJacobian(model, data, tip, pin.LOCAL)
             q += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping, error)
         return q
 

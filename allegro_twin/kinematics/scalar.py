@@ -12,6 +12,8 @@ from allegro_twin.kinematics.planar import TOUCH
 from allegro_twin.kinematics.scalar_quartic import solve_fixed_bend
 from allegro_twin.types import Vector
 
+Links = tuple[float, float, float, float, float, float, float]
+"""Of two links: l₁, 1/2l₁, 1/4l₁, (l₁ + l₂)², (l₁ - l₂)², and the least and the largest d² that count as reached."""
 Posture = tuple[float, float, float, float]
 """Joints from the palm outward, rad."""
 
@@ -24,12 +26,18 @@ class ScalarKinematics:
         self._origin = tuple(map(float, geometry.origin))
         self._base = tuple(map(float, geometry.base.ravel()))
         self._offset = tuple(map(float, geometry.offset))
-        self._limits = list(zip(map(float, lower), map(float, upper), map(float, signs), strict=True))
+        self._signs = tuple(map(float, signs))
+        ends = [sorted((float(a * s), float(b * s))) for a, b, s in zip(lower, upper, signs, strict=True)]
+        self._bounds = tuple((low, high, (low + high) / 2) for low, high in ends)  # Those of the right hand.
+        self._sign = self._signs[0]  # No other joint ever changes sign.
+        if self._signs[1:] != (1.0, 1.0, 1.0):
+            raise ConfigError(f"only joint 0 of a finger may be mirrored by its sign; these are {self._signs}")
         self._mirror = -1.0 if left else 1.0
+        self._pair = _links(*self._links[:2])
 
     def fk(self, q0: float, q1: float, q2: float, q3: float) -> tuple[float, float, float]:
         """The fingertip, m."""
-        q0, q1, q2, q3 = (q * s for q, (_, _, s) in zip((q0, q1, q2, q3), self._limits, strict=True))
+        q0 *= self._sign
         ax, ay, az = self._offset
         if self._thumb:
             link, tip = self._links
@@ -54,24 +62,29 @@ class ScalarKinematics:
         if self._thumb:
             raise ConfigError("the thumb has no pitch; use at_q0, at_q1 or at_psi")
         x, y, z = self._in_base(x, y, z)
-        first, second, tip = self._links
+        tip = self._links[2]
         reach, turn = hypot(x, y), atan2(y, x)
         if reach <= TOUCH:
             turn = 0.0
         across, height = tip * sin(pitch), z - self._offset[2] - tip * cos(pitch)
         found: list[Posture] = []
         for r, q0 in ((reach, turn), (-reach, turn + math.pi)):
-            if self._outside(0, q0, margin):
+            kept = _fitted(q0, self._bounds[0], margin)
+            if kept is None:
                 continue
-            for q1, q2 in _two_link(r - across, height, first, second):
-                self._keep(found, (q0, q1, q2, pitch - q1 - q2), margin)
+            bend = _two_link(r - across, height, self._pair)
+            if bend is not None:
+                towards, lead, elbow = bend
+                rest = pitch - towards
+                self._keep(found, kept, towards - lead, elbow, rest + lead - elbow, margin)
+                self._keep(found, kept, towards + lead, -elbow, rest - lead + elbow, margin)
         return found
 
     def at_q0(self, x: float, y: float, z: float, q0: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with q₀."""
         self._needs_thumb()
         x, y, z = self._in_base(x, y, z)
-        q0 *= self._limits[0][2]
+        q0 *= self._sign
         c, s = cos(q0), sin(q0)
         wx, wy = x - self._offset[0], c * y - s * z - self._offset[1]
         height = s * y + c * z - self._offset[2] - self._rise
@@ -79,15 +92,14 @@ class ScalarKinematics:
         turn = 0.0 if reach <= TOUCH else atan2(wy, wx)
         found: list[Posture] = []
         for r, q1 in ((reach, turn), (-reach, turn + math.pi)):
-            for q2, q3 in _two_link(r, height, *self._links):
-                self._keep(found, (q0, q1, q2, q3), margin)
+            if _fitted(q1, self._bounds[1], margin) is not None:
+                self._both(found, q0, q1, r, height, margin)
         return found
 
     def at_q1(self, x: float, y: float, z: float, q1: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with q₁."""
         self._needs_thumb()
         x, y, z = self._in_base(x, y, z)
-        q1 *= self._limits[1][2]
         r = (x - self._offset[0]) / cos(q1)
         across = self._offset[1] + r * sin(q1)
         radius = hypot(y, z)
@@ -98,8 +110,8 @@ class ScalarKinematics:
         found: list[Posture] = []
         for vz in (up, -up):
             q0 = atan2(vz, across) - atan2(z, y)
-            for q2, q3 in _two_link(r, vz - self._offset[2] - self._rise, *self._links):
-                self._keep(found, (q0, q1, q2, q3), margin)
+            if _fitted(q0, self._bounds[0], margin) is not None:
+                self._both(found, q0, q1, r, vz - self._offset[2] - self._rise, margin)
         return found
 
     def at_psi(self, x: float, y: float, z: float, psi: float, margin: float = 0.0) -> list[Posture]:
@@ -108,10 +120,10 @@ class ScalarKinematics:
         x, y, z = self._in_base(x, y, z)
         (ax, ay, az), (link, tip) = self._offset, self._links
         up = az + self._rise + tip * cos(psi)
-        low, high, _ = self._limits[2]
+        low, high, _ = self._bounds[2]
         found: list[Posture] = []
         for theta, q0, q1 in solve_fixed_bend(x - ax, y, z, ay, link, tip * sin(psi), up, low, high):
-            self._keep(found, (q0, q1, theta, psi - theta), margin)
+            self._keep(found, q0, q1, theta, psi - theta, margin)
         return found
 
     def _needs_thumb(self) -> None:
@@ -123,39 +135,57 @@ class ScalarKinematics:
         x, y, z = x - ox, self._mirror * y - oy, z - oz
         return b[0] * x + b[3] * y + b[6] * z, b[1] * x + b[4] * y + b[7] * z, b[2] * x + b[5] * y + b[8] * z
 
-    def _outside(self, joint: int, angle: float, margin: float) -> bool:
-        low, high, sign = self._limits[joint]
-        turned = _turned(angle * sign, low, high)
-        return turned < low + margin - TOLERANCE or turned > high - margin + TOLERANCE
+    def _both(self, found: list[Posture], q0: float, q1: float, r: float, h: float, margin: float) -> None:
+        """Add the thumb's two elbows, where they are inside the limits."""
+        bend = _two_link(r, h, self._pair)
+        if bend is not None:
+            towards, lead, elbow = bend
+            self._keep(found, q0, q1, towards - lead, elbow, margin)
+            self._keep(found, q0, q1, towards + lead, -elbow, margin)
 
-    def _keep(self, found: list[Posture], posture: Posture, margin: float) -> None:
+    def _keep(self, found: list[Posture], q0: float, q1: float, q2: float, q3: float, margin: float) -> None:
         """Add a posture of the right hand, as this hand's, if it is inside the limits."""
-        kept = []
-        for angle, (low, high, sign) in zip(posture, self._limits, strict=True):
-            turned = _turned(angle * sign, low, high)
-            if turned < low + margin - TOLERANCE or turned > high - margin + TOLERANCE:
-                return
-            kept.append(turned)
-        found.append((kept[0], kept[1], kept[2], kept[3]))
+        b0, b1, b2, b3 = self._bounds
+        k2 = _fitted(q2, b2, margin)
+        if k2 is None:
+            return
+        k3 = _fitted(q3, b3, margin)
+        if k3 is None:
+            return
+        k1, k0 = _fitted(q1, b1, margin), _fitted(q0, b0, margin)
+        if k1 is not None and k0 is not None:
+            found.append((k0 * self._sign, k1, k2, k3))
 
 
-def _turned(angle: float, low: float, high: float) -> float:
-    """The same angle within π of the middle of its range."""
-    middle = (low + high) / 2
-    if -math.pi <= angle - middle <= math.pi:
+def _fitted(angle: float, bounds: tuple[float, float, float], margin: float) -> float | None:
+    """The same angle inside its bounds (low, high, middle) less the margin; none if no full turn brings it there."""
+    low, high, middle = bounds
+    slack = TOLERANCE - margin
+    if low - slack <= angle <= high + slack:
         return angle
-    return angle - 2 * math.pi * round((angle - middle) / (2 * math.pi))
+    away = angle - middle
+    if -math.pi <= away <= math.pi:
+        return None
+    angle -= 2 * math.pi * round(away / (2 * math.pi))
+    return angle if low - slack <= angle <= high + slack else None
 
 
-def _two_link(r: float, h: float, first: float, second: float) -> tuple[tuple[float, float], ...]:
-    """Both postures of two links, first angle and elbow, as `planar.two_link`; none where out of reach."""
-    square = r * r + h * h
+def _links(first: float, second: float) -> Links:
     outer, inner = first + second, abs(first - second)
-    straight, folded = outer * outer - square, square - inner * inner
-    if straight < -2 * outer * TOUCH or folded < -2 * inner * TOUCH:
-        return ()
-    straight, folded = max(straight, 0.0), max(folded, 0.0)
+    near, far = inner * inner - 2 * inner * TOUCH, outer * outer + 2 * outer * TOUCH
+    return first, 1 / (2 * first), 1 / (4 * first), outer * outer, inner * inner, near, far
+
+
+def _two_link(r: float, h: float, links: Links) -> tuple[float, float, float] | None:
+    """`planar.two_link`: towards, lead and elbow; none where out of reach."""
+    first, half, quarter, outer, inner, near, far = links
+    square = r * r + h * h
+    if not near <= square <= far:
+        return None
+    straight, folded = outer - square, square - inner
+    if straight < 0.0:
+        straight = 0.0
+    if folded < 0.0:
+        folded = 0.0
     a, b = sqrt(straight), sqrt(folded)
-    lead = atan2(a * b / (2 * first), first + (folded - straight) / (4 * first))
-    elbow, towards = 2.0 * atan2(a, b), atan2(r, h)
-    return (towards - lead, elbow), (towards + lead, -elbow)
+    return atan2(r, h), atan2(a * b * half, first + (folded - straight) * quarter), 2.0 * atan2(a, b)
