@@ -1,27 +1,18 @@
-"""The whole hand in Pinocchio, from its URDF: fingertip poses and gravity torque, in the palm frame."""
+"""The whole hand in Pinocchio, from its URDF: fingertip poses, Jacobians and gravity torque, in the palm frame."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.pose import Pose as Pose
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
-
-
-class Pose(NamedTuple):
-    """A frame in the palm's."""
-
-    position: Vector
-    """Shape (3,), m."""
-    rotation: Array
-    """Matrix, shape (3, 3)."""
 
 
 class HandModel:
@@ -66,15 +57,42 @@ class HandModel:
 
         Along the tip's x axis n (out of the pad) a force f needs τ = Jᵀ n f, so f = min over joints of limit / |Jᵀ n|.
         """
-        q = position[self._place]
-        pin.computeJointJacobians(self._model, self._data, q)
-        pin.updateFramePlacements(self._model, self._data)
         forces = {}
-        for name, index in self._tips.items():
-            jacobian = pin.getFrameJacobian(self._model, self._data, index, pin.LOCAL)[0]
-            lever = np.abs(jacobian[self._order])
+        for name, jacobian in self._jacobians(position, pin.LOCAL).items():
+            lever = np.abs(jacobian[0])
             forces[name] = float((torque_limit[lever > 1e-6] / lever[lever > 1e-6]).min())
         return forces
+
+    def jacobian(self, position: Vector, palm: Array | None = None) -> dict[str, Array]:
+        """Of every fingertip the J in (v; ω) = J q̇, shape (6, n): velocity of its centre, m/s, then its spin, rad/s.
+
+        In the axes of the palm; or in the world's, if `palm` is the palm's orientation there, shape (3, 3). The columns
+        are all the hand's joints, in the spec's order; those of other fingers are zero. The palm stands still.
+        """
+        found = self._jacobians(position, pin.LOCAL_WORLD_ALIGNED)
+        if palm is None:
+            return found
+        if np.shape(palm) != (3, 3):
+            raise ConfigError(f"palm is a rotation matrix, shape (3, 3); this one has shape {np.shape(palm)}")
+        turn = np.kron(np.eye(2), palm)
+        return {name: turn @ jacobian for name, jacobian in found.items()}
+
+    def manipulability(self, position: Vector) -> dict[str, float]:
+        """How freely each fingertip's centre can be moved: w = √det(Jᵥ Jᵥᵀ) of the linear rows, m³/rad³.
+
+        Yoshikawa, "Manipulability of robotic mechanisms", IJRR 4(2), 1985. Zero where the tip is stuck in a direction.
+        """
+        found = self._jacobians(position, pin.LOCAL_WORLD_ALIGNED)
+        # The product of the singular values: a determinant of Jᵥ Jᵥᵀ can come out below zero.
+        return {name: float(np.linalg.svd(j[:3], compute_uv=False).prod()) for name, j in found.items()}
+
+    def _jacobians(self, position: Vector, axes: pin.ReferenceFrame) -> dict[str, Array]:
+        pin.computeJointJacobians(self._model, self._data, position[self._place])
+        pin.updateFramePlacements(self._model, self._data)
+        return {
+            name: pin.getFrameJacobian(self._model, self._data, index, axes)[:, self._order]
+            for name, index in self._tips.items()
+        }
 
     def _poses(self, frames: dict[str, int], position: Vector) -> dict[str, Pose]:
         pin.framesForwardKinematics(self._model, self._data, position[self._place])

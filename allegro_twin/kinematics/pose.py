@@ -1,0 +1,27 @@
+"""A frame in the palm's, and its orientation in each of the three ways people write one."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from allegro_twin.kinematics import euler
+from allegro_twin.types import Array
+
+
+class Pose(NamedTuple):
+    """A frame in the palm's, or a batch of them."""
+
+    position: Array
+    """Shape (..., 3), m."""
+    rotation: Array
+    """Matrix, shape (..., 3, 3): its columns are the frame's axes in the palm."""
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternion (w, x, y, z) with w ≥ 0, shape (..., 4)."""
+        return euler.quaternion_from_matrix(self.rotation)
+
+    @property
+    def euler(self) -> Array:
+        """Roll, pitch, yaw as in `kinematics.euler`, shape (..., 3), rad."""
+        return euler.euler_from_matrix(self.rotation)

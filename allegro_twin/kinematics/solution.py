@@ -1,0 +1,93 @@
+"""What inverse kinematics answers: every branch, which of them are inside the limits, and what else to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allegro_twin.kinematics.nearest import Nearest
+from allegro_twin.kinematics.planar import Flags
+from allegro_twin.types import Array, Vector
+
+
+class Best(NamedTuple):
+    """One posture a target, inside the limits."""
+
+    posture: Array
+    """Joints, shape (..., 4), rad: the chosen branch, or where none is inside the limits the nearest posture."""
+    reached: Flags
+    """Whether the tip is then on the target, shape (...)."""
+    distance: Array
+    """From the tip to the target, shape (...), m: zero where reached, inf where no posture has the angle asked for."""
+    angle: Array
+    """From the tip's orientation to the one asked for, shape (...), rad; zero where none was, NaN if not reached."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solutions:
+    """All branches for a batch of targets of shape (...)."""
+
+    position: Array
+    """Joints of each branch, shape (..., k, 4), rad; NaN where a branch does not exist."""
+    within: Flags
+    """Which branches are inside the limits less the margin, to 1e-9 rad, shape (..., k)."""
+    angle: Array
+    """From each branch's orientation to the one asked for, shape (..., k), rad; zero where none was asked for."""
+    lower: Vector
+    """The limits with the margin taken off, shape (4,), rad."""
+    upper: Vector
+    search: Callable[[Flags, bool], Nearest]
+    """Finds the nearest reachable point for the marked targets (...); used by `nearest`."""
+
+    @property
+    def exists(self) -> Flags:
+        """Which branches reach their target, inside the limits or not, shape (..., k)."""
+        return np.asarray(~np.isnan(self.position[..., 0]))
+
+    @property
+    def reachable(self) -> Flags:
+        """Whether any branch is inside the limits, shape (...)."""
+        return np.asarray(self.within.any(axis=-1))
+
+    def nearest(self, *, limits: bool = True) -> Nearest:
+        """For every target the posture that brings the tip nearest to it, with the angle of the mode held.
+
+        The nearest point is the one at the least straight-line distance among the tip positions of all postures that
+        are inside the limits less the margin (`limits`), or of all postures, and that have the pitch, q0, q1 or psi
+        asked for. A full pose and a position alone hold no angle: there the position comes first.
+        Targets that are reached have distance zero and their first branch. It searches, at milliseconds for each that
+        is not.
+        """
+        good = self.within if limits else self.exists
+        found = self.search(np.asarray(~good.any(axis=-1)), limits)
+        first = np.take_along_axis(self.position, np.argmax(good, axis=-1)[..., None, None], axis=-2)[..., 0, :]
+        return found._replace(posture=np.where(good.any(axis=-1, keepdims=True), first, found.posture))
+
+    def best(self, near: ArrayLike | None = None) -> Best:
+        """One posture a target: of the branches inside the limits the one nearest to `near`, shape (..., 4), rad.
+
+        Without `near`, the one furthest from its nearest limit; a full pose prefers the least angle first.
+        Where no branch is inside the limits, the nearest posture, and its distance.
+        """
+        if near is None:
+            cost = -np.minimum(self.position - self.lower, self.upper - self.position).min(axis=-1)
+        else:
+            cost = np.square(self.position - np.asarray(near, dtype=np.float64)[..., None, :]).sum(axis=-1)
+        exact = self.angle <= np.where(self.within, self.angle, np.inf).min(axis=-1, keepdims=True) + 1e-6
+        chosen = np.argmin(np.where(self.within & exact, cost, np.inf), axis=-1)
+        posture = np.take_along_axis(self.position, chosen[..., None, None], axis=-2)[..., 0, :]
+        angle = np.take_along_axis(self.angle, chosen[..., None], axis=-1)[..., 0]
+        reached = self.reachable
+        if reached.all():
+            return Best(posture, reached, np.zeros(reached.shape), angle)
+        nearest = self.nearest()
+        return Best(
+            np.where(reached[..., None], posture, nearest.posture),
+            reached,
+            np.where(reached, 0.0, nearest.distance),
+            np.where(reached, angle, np.nan),
+        )

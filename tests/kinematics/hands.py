@@ -1,0 +1,47 @@
+"""Every finger of both hands, and random postures of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.solution import Solutions
+from allegro_twin.spec import SIDES
+from allegro_twin.types import Array
+
+SPECS = {side: load_spec(side=side) for side in SIDES}
+FINGERS = {(side, f.name): FingerKinematics(SPECS[side], f.name) for side in SIDES for f in SPECS[side].fingers}
+EVERY = list(FINGERS)
+LONG = [key for key in EVERY if key[1] != "thumb"]
+THUMBS = [key for key in EVERY if key[1] == "thumb"]
+
+
+def postures(finger: FingerKinematics, n: int, seed: int = 0) -> Array:
+    """Random postures inside the limits, shape (n, 4)."""
+    return np.random.default_rng(seed).uniform(finger.lower, finger.upper, (n, 4))
+
+
+def held(finger: FingerKinematics, q: Array) -> list[dict[str, Array]]:
+    """Everything that can be asked for with a position so that the posture (..., 4) is one of the answers."""
+    modes: list[dict[str, Array]] = [{"rotation": finger.fk(q).rotation}]
+    if finger.name == "thumb":
+        return [*modes, {"q0": q[..., 0]}, {"q1": q[..., 1]}, {"psi": q[..., 2] + q[..., 3]}]
+    return [*modes, {"pitch": q[..., 1:].sum(axis=-1)}]
+
+
+def solve(finger: FingerKinematics, position: Array, given: dict[str, Array], margin: float = 0.0) -> Solutions:
+    """`ik` with what is to be held given by name."""
+    get = given.get
+    return finger.ik(
+        position,
+        pitch=get("pitch"),
+        rotation=get("rotation"),
+        quaternion=get("quaternion"),
+        euler=get("euler"),
+        q0=get("q0"),
+        q1=get("q1"),
+        psi=get("psi"),
+        near=get("near"),
+        margin=margin,
+    )

@@ -1,0 +1,240 @@
+"""The closed forms agree with Pinocchio and undo themselves, for every finger of both hands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.spec import SIDES, Side
+from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, THUMBS, held, postures, solve
+
+N = 100_000
+HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
+Key = tuple[Side, str]
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(SIDES))
+def test_forward_kinematics_is_that_of_pinocchio(seed: int, side: Side) -> None:
+    spec = SPECS[side]
+    position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)
+    for name, pose in HANDS[side].fingertips(position).items():
+        ours = FINGERS[side, name].fk(position[list(spec.finger(name).joints)])
+        np.testing.assert_allclose(ours.position, pose.position, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(ours.rotation, pose.rotation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("key", EVERY, ids=str)
+def test_a_hundred_thousand_postures_are_found_again(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, N)
+    pose = finger.fk(q)
+    for given_ in held(finger, q):
+        solutions = solve(finger, pose.position, given_)
+        error = np.abs(solutions.position - q[:, None]).max(axis=-1)
+        assert np.where(solutions.within, error, np.inf).min(axis=-1).max() <= 1e-8, given_.keys()
+        for there in (solutions.within, solutions.exists):
+            found = finger.fk(solutions.position[there]).position
+            wanted = np.broadcast_to(pose.position[:, None], (*there.shape, 3))[there]
+            assert np.linalg.norm(found - wanted, axis=-1).max() <= 1e-12, given_.keys()
+
+
+@pytest.mark.parametrize("key", EVERY, ids=str)
+def test_branches_inside_the_limits_have_the_angle_asked_for_and_no_other_is_marked(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, 5000, seed=1)
+    pose = finger.fk(q)
+    for given_ in held(finger, q)[1:]:
+        solutions = solve(finger, pose.position, given_)
+        for name, value in given_.items():
+            angles = solutions.position
+            of = {
+                "q0": angles[..., 0],
+                "q1": angles[..., 1],
+                "psi": angles[..., 2:].sum(-1),
+                "pitch": angles[..., 1:].sum(-1),
+            }
+            off = np.abs(np.exp(1j * of[name]) - np.exp(1j * value)[:, None])
+            assert off[solutions.exists].max() <= 1e-12
+        inside = ((solutions.position >= finger.lower) & (solutions.position <= finger.upper)).all(axis=-1)
+        np.testing.assert_array_equal(solutions.within, inside)
+        assert (solutions.exists & ~solutions.within).any()
+
+
+@pytest.mark.parametrize("key", EVERY, ids=str)
+def test_a_full_pose_of_the_finger_is_found_with_no_angle_left(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, 5000, seed=2)
+    pose = finger.fk(q)
+    for given_ in ({"rotation": pose.rotation}, {"quaternion": pose.quaternion}, {"euler": pose.euler}):
+        best = solve(finger, pose.position, given_).best(near=q)
+        assert best.reached.all()
+        assert best.angle.max() <= 1e-8  # 1e-16 in φ beside a straight elbow moves the elbow by its square root.
+        np.testing.assert_allclose(best.posture, q, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("key", LONG, ids=str)
+def test_the_rotation_found_is_the_nearest_that_the_finger_can_have_there(key: Key) -> None:
+    """Against every pitch in steps of 1e-3 rad, limits left aside and limits kept."""
+    finger = FINGERS[key]
+    rng = np.random.default_rng(3)
+    q = postures(finger, 60, seed=3)
+    wanted = finger.fk(np.roll(postures(finger, 60, seed=4), 1)).rotation
+    wanted[::2] = np.linalg.qr(rng.normal(size=(30, 3, 3)))[0]
+    wanted *= np.sign(np.linalg.det(wanted))[:, None, None]
+    pitch = np.arange(-np.pi, np.pi, 1e-3)
+    for point, rotation in zip(finger.fk(q).position, wanted, strict=True):
+        found = finger.ik(point, rotation=rotation)
+        dense = finger.ik(np.broadcast_to(point, (pitch.size, 3)), pitch=pitch)
+        relative = rotation.T @ finger.fk(dense.position).rotation
+        with np.errstate(invalid="ignore"):
+            angle = np.arccos(np.clip((np.einsum("...ii->...", relative) - 1) / 2, -1, 1))
+        inside = np.where(dense.within, angle, np.inf).min()
+        best = found.best()
+        assert best.reached
+        np.testing.assert_allclose(finger.fk(best.posture).position, point, rtol=0, atol=1e-12)
+        assert best.angle <= inside + 1e-6
+        assert best.angle >= inside - 2e-3  # Half a step, and a narrow range between two steps.
+        anywhere = np.where(dense.exists, angle, np.inf).min()
+        assert np.nanmin(found.angle) <= anywhere + 1e-6
+
+
+@pytest.mark.parametrize("key", THUMBS, ids=str)
+def test_the_thumb_keeps_q0_of_the_rotation_where_it_can(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, 2000, seed=5)
+    rotation = finger.fk(q).rotation
+    other = finger.fk(postures(finger, 2000, seed=5) * [1, 1, 1, 0.9]).position  # The same q0; another bend.
+    solutions = finger.ik(other, rotation=rotation)
+    assert solutions.reachable.all()
+    kept = np.abs(solutions.position[..., 0] - q[:, None, 0]) < 1e-9
+    assert (kept | ~solutions.within).all()
+    assert (solutions.angle[solutions.within] > 1e-3).any()
+
+
+@pytest.mark.parametrize("key", EVERY, ids=str)
+def test_a_margin_keeps_every_joint_away_from_its_limits(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, 3000, seed=6)
+    room = np.minimum(q - finger.lower, finger.upper - q).min(axis=1)
+    for given_ in [*held(finger, q), {"near": q}, {}]:
+        solutions = solve(finger, finger.fk(q).position, given_, margin=0.1)
+        chosen = solutions.position[solutions.within]
+        assert (chosen.min(axis=0) >= finger.lower + 0.1 - 1e-8).all()
+        assert (chosen.max(axis=0) <= finger.upper - 0.1 + 1e-8).all()
+        assert solutions.reachable[room > 0.1 + 1e-8].all()
+        assert not solutions.reachable.all()
+
+
+@pytest.mark.parametrize("name", ["index", "middle", "ring", "thumb"])
+def test_the_left_finger_is_the_mirrored_right_one(name: str) -> None:
+    right, left = FINGERS["right", name], FINGERS["left", name]
+    q = postures(right, 500, seed=7)
+    flip = np.array([1.0 if name == "thumb" else -1.0, 1, 1, 1])
+    pose, mirror = right.fk(q), np.diag([1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(left.fk(q * flip).position, pose.position @ mirror)
+    for on_right, on_left in zip(held(right, q), held(left, q * flip), strict=True):
+        ours = solve(left, pose.position @ mirror, on_left)
+        theirs = solve(right, pose.position, on_right)
+        np.testing.assert_allclose(ours.position, theirs.position * flip, rtol=0, atol=1e-7)
+        np.testing.assert_array_equal(ours.within, theirs.within)
+
+
+@pytest.mark.parametrize("key", LONG, ids=str)
+def test_a_tip_on_the_abduction_axis_is_reached(key: Key) -> None:
+    """There every q₀ will do: a pose says which, a pitch leaves it at zero, and a position alone is reached too."""
+    finger, (side, name) = FINGERS[key], key
+    geometry, mirror = load_geometry("allegro", name), np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
+    height = np.linspace(0.125, 0.1354, 9)  # Just below the length of the finger, where its limits let it come.
+    on_axis = (geometry.origin + height[:, None] * geometry.base[:, 2]) * mirror
+    reachable = finger.ik(on_axis)
+    assert reachable.reachable.any()
+    points, q = on_axis[reachable.reachable], reachable.position[reachable.reachable, 0]
+    at_pitch = finger.ik(points, pitch=q[:, 1:].sum(axis=1))
+    assert at_pitch.reachable.all()
+    assert np.abs(at_pitch.position[at_pitch.within][:, 0]).max() == 0.0
+    q[:, 0] = 0.4
+    posed = finger.ik(points, rotation=finger.fk(q).rotation).best(near=q)
+    np.testing.assert_allclose(posed.posture, q, rtol=0, atol=1e-8)
+    assert posed.angle.max() <= 1e-12
+
+
+@pytest.mark.parametrize("key", EVERY, ids=str)
+def test_a_straight_elbow_is_found_with_all_its_digits(key: Key) -> None:
+    finger = FINGERS[key]
+    q = postures(finger, 2000, seed=8)
+    q[:, 3 if finger.name == "thumb" else 2] = 0.0
+    pose = finger.fk(q)
+    for given_ in held(finger, q):
+        solutions = solve(finger, pose.position, given_)
+        there = np.where(
+            solutions.within[..., None], finger.fk(solutions.position).position - pose.position[:, None], 0.0
+        )
+        assert solutions.reachable.all(), given_.keys()
+        assert np.abs(there).max() <= 1e-12
+        error = np.abs(solutions.position - q[:, None]).max(axis=-1)
+        # Rounding of 1e-16 in d² / 2 l₁ l₂ is (1e-8)² of the elbow.
+        assert np.where(solutions.within, error, np.inf).min(axis=-1).max() <= 1e-6
+
+
+def test_targets_keep_their_shape_and_scalars_spread() -> None:
+    finger = FINGERS["right", "index"]
+    q = postures(finger, 12, seed=9).reshape(3, 4, 4)
+    points = finger.fk(q).position
+    assert finger.fk(q).rotation.shape == (3, 4, 3, 3)
+    solutions = finger.ik(points, pitch=1.0)
+    assert (solutions.position.shape, solutions.within.shape) == ((3, 4, 4, 4), (3, 4, 4))
+    assert solutions.best().posture.shape == (3, 4, 4)
+    one = finger.ik(points[1, 2], pitch=1.0)
+    np.testing.assert_array_equal(one.position, solutions.position[1, 2])
+    assert finger.ik(np.zeros((0, 3)), pitch=1.0).position.shape == (0, 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("index", {"q0": 0.1}, "index has no q0: with a position it takes one of pitch"),
+        ("thumb", {"pitch": 0.1}, "thumb has no pitch"),
+        ("index", {"pitch": 0.1, "near": np.zeros(4)}, "give one of pitch and near"),
+        ("thumb", {"q0": 0.1, "q1": 0.1}, "give one of q0 and q1"),
+        ("index", {"pitch": np.zeros(3)}, "pitch \\(3,\\) does not go with positions \\(2, 3\\)"),
+        ("index", {"pitch": np.nan}, "pitch must be finite"),
+        ("index", {"pitch": "steep"}, "pitch must be numbers"),
+        ("index", {"rotation": np.ones((3, 3))}, "no rotation matrix"),
+        ("index", {"rotation": np.diag([1.0, 1.0, -1.0])}, "no rotation matrix"),
+        ("index", {"near": np.zeros(16)}, "near needs shape \\(..., 4\\)"),
+        ("index", {"margin": -0.1}, "margin -0.1 rad does not fit"),
+        ("index", {"margin": 0.5}, "half the least range is 0.470 rad"),
+        ("thumb", {"q1": np.pi / 2}, "give q0 or psi"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused_in_one_line(
+    name: str, arguments: dict[str, float], message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        FINGERS["right", name].ik(np.zeros((2, 3)), **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_positions_of_the_wrong_shape_are_refused() -> None:
+    with pytest.raises(ConfigError, match="position needs shape"):
+        FINGERS["right", "index"].ik(np.zeros(2), pitch=0.0)
+    with pytest.raises(ConfigError, match="4 joints"):
+        FINGERS["right", "index"].fk(np.zeros(16))
+
+
+def test_an_unknown_finger_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match="did you mean 'index'"):
+        FingerKinematics(SPECS["right"], "indx")
+
+
+def test_lengths_come_from_the_table_of_facts() -> None:
+    index, thumb = load_geometry("allegro", "index"), load_geometry("allegro", "thumb")
+    assert index.links == (0.054, 0.0384, 0.0267)
+    assert (thumb.rise, thumb.links) == (0.0177, (0.0514, 0.0423))
