@@ -70,21 +70,24 @@ def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
         backend, seconds = _alone(config, settings, spec, start), config.seconds
         controller, motion = _controller(config, spec, None)
         return Rig(spec, _guarded(config, spec, backend), controller, seconds or motion, sim=backend)
-    trial = make_trial(settings.scenario, spec, config.period, start)
+    trial = make_trial(settings.scenario, spec, config.period, start, settings.grasp)
     controller, _ = _controller(config, spec, trial)
     guarded = _guarded(config, spec, trial.backend)
     return Rig(spec, guarded, controller, config.seconds or trial.seconds, trial, trial.backend)
 
 
-def make_trial(scenario: str, spec: HandSpec, period: float = 0.003, start: Vector | None = None) -> Trial:
-    """A scenario by name or path, ready to run with this hand. Raises ConfigError."""
+def make_trial(
+    scenario: str, spec: HandSpec, period: float = 0.003, start: Vector | None = None, grasp: str | None = None
+) -> Trial:
+    """A scenario by name or path, ready to run with this hand, and with another grasp if one is named. Raises
+    ConfigError."""
     from allegro_twin.evaluate.scenario import load_scenario
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.library.grasps import load_grasp
 
     settings, path = load_scenario(scenario)
-    grasp = load_grasp(settings.grasp, spec)
-    return Trial(settings, spec, grasp, folder=path.parent, period=period, start=start)
+    chosen = load_grasp(grasp or settings.grasp, spec)
+    return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)
 
 
 def _alone(config: RunConfig, settings: SimSettings, spec: HandSpec, start: Vector | None) -> SimBackend:
@@ -183,15 +186,15 @@ def _guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     return Guard(backend, Limits(frozen(torque), velocity, frozen(lower), frozen(upper)))
 
 
-def scenario_config(scenario: Path | str, side: str | None = None) -> RunConfig:
-    """The config that runs a scenario as it is: simulated, under PD control, with the nominal hand."""
+def scenario_config(scenario: Path | str, side: str | None = None, grasp: str | None = None) -> RunConfig:
+    """The config that runs a scenario as it is, or with another grasp: simulated, under PD, with the nominal hand."""
     from allegro_twin.evaluate.scenario import load_scenario
 
     settings, path = load_scenario(scenario)
     return RunConfig.model_validate(
         {
             "hand": {"side": side or settings.side},
-            "backend": {"kind": "sim", "scenario": str(path)},
+            "backend": {"kind": "sim", "scenario": str(path), "grasp": grasp},
             "controller": {"kind": "pd"},
         }
     )

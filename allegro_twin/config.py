@@ -30,6 +30,8 @@ class SimSettings(Settings):
     kind: Literal["sim"]
     scenario: str | None = None
     """Name or path of a scenario: its objects, table and wrist."""
+    grasp: str | None = None
+    """With a scenario: another grasp than the one it names."""
     facing: Vector3 = (1.0, 0.0, 0.0)
     """Without a scenario: where the palm looks, world axes; z is up."""
     fingers: Vector3 = (0.0, 0.0, 1.0)

@@ -23,7 +23,9 @@ class Job:
     config: RunConfig
 
 
-def configs_of(targets: Sequence[str], side: str | None, seconds: float | None, partial: bool) -> list[Job]:
+def configs_of(
+    targets: Sequence[str], side: str | None, seconds: float | None, partial: bool, grasp: str | None = None
+) -> list[Job]:
     """A job for every config, and for every scenario and side. Raises ConfigError."""
     jobs = []
     for target in targets:
@@ -32,7 +34,7 @@ def configs_of(targets: Sequence[str], side: str | None, seconds: float | None, 
                 jobs.append(Job(path.stem, _with(load_config(path), side, seconds, partial)))
                 continue
             for each in SIDES if side == "both" else (side,):
-                jobs.append(Job(path.stem, _with(scenario_config(path, each), None, seconds, partial)))
+                jobs.append(Job(path.stem, _with(scenario_config(path, each, grasp), None, seconds, partial)))
     return jobs
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeAlias
@@ -19,6 +19,7 @@ from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.grasping import performer
 from allegro_twin.hand.bounds import Bounds
+from allegro_twin.hand.cartesian import straight
 from allegro_twin.hand.grasps import Grasped, felt, for_width, timed
 from allegro_twin.hand.lesson import Lesson
 from allegro_twin.hand.mover import KINDS, Goal, Kind, Mover
@@ -161,6 +162,16 @@ class Hand:
     def fingertips(self) -> dict[str, Pose]:
         """Position (m) and rotation of every fingertip in the palm frame."""
         return self._mover.model.fingertips(self.state.position)
+
+    def move_fingertips(self, targets: Mapping[str, ArrayLike], speed: float = 0.05, *, wait: bool = True) -> None:
+        """Move fingertips (centres of their spheres) straight to positions in the palm frame, (3,) each, m; the one
+        that travels furthest peaks at `speed`, m/s. Raises ConfigError before anything moves."""
+        moves = straight(self.spec, self.state.position, targets, speed)
+        for waypoint in moves.waypoints:
+            self._bounds.check(self.spec.posture(waypoint.posture))
+        self._mover.follow("pd" if self._mover.kind == "pd" else "pid", moves)
+        if wait:
+            self.wait()
 
     def grasp(
         self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True

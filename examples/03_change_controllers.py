@@ -1,0 +1,17 @@
+"""Change the controller of a moving hand; the torque never jumps."""
+
+import numpy as np
+
+from allegro_twin.hand import Hand
+
+with Hand.open("sim_right") as hand:
+    sent = []
+    hand.listen(lambda sample: sent.append(sample.command.torque))
+    hand.move_to("home")
+    limit = hand.spec.actuation.torque_limit
+    for kind in ("gravity", "pd", "torque", "pid"):
+        before = len(sent)
+        hand.set_controller(kind)
+        hand.wait(0.5)
+        jump = np.abs(sent[before] - sent[before - 1]) / limit
+        print(f"to {kind:8s} largest change of torque {jump.max():.2%} of the clip")

@@ -1,0 +1,26 @@
+"""Teach by hand: gravity compensation while a person moves the fingers, here a scripted one; then repeat and store."""
+
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.hand import Hand
+from allegro_twin.library.entries import trajectory_entry
+from allegro_twin.library.library import Library
+from allegro_twin.sim.guide import Guide
+
+with Hand.open("sim_right") as hand:
+    hand.move_to("open")
+    start, began = hand.state.position, hand.state.t
+    bend = np.clip(start + np.tile([0.0, 0.6, 0.5, 0.3], 4), *hand.limits)
+    shown = Moves([Waypoint(bend, seconds=1.0), Waypoint(start, seconds=1.0)]).begin(start)
+    person = Guide(hand.sim, lambda t: shown(t - began).position)
+    with hand.listening(person), hand.teach() as lesson:
+        hand.wait(2.5)
+    person.let_go()
+    motion = lesson.motion()
+    print(f"taught {motion.times[-1]:.2f} s with {len(motion.times)} knots")
+    hand.play(motion, speed=2.0)
+    library = Library()
+    library.add("wave", trajectory_entry(motion.times, motion.positions, hand.spec), hand.spec)
+    library.store("wave", "library/taught.yaml")
+print("stored in library/taught.yaml, for the right and the left hand")

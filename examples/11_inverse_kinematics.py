@@ -1,0 +1,17 @@
+"""Closed-form inverse kinematics: all branches, a whole batch at once, and what is out of reach."""
+
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.closed_form import FingerKinematics
+
+thumb = FingerKinematics(load_spec(side="right"), "thumb")
+posture = np.array([1.0, 0.4, 0.5, 0.6])
+tip = thumb.fk(posture)
+solutions = thumb.ik(tip.position, q0=posture[0])
+print(f"{int(solutions.exists.sum())} branches, {int(solutions.within.sum())} inside the limits")
+print("nearest to where we were", solutions.best(near=posture).posture.round(6))
+targets = thumb.fk(np.random.default_rng(0).uniform(thumb.lower, thumb.upper, (10000, 4))).position
+print(f"{thumb.ik(targets[:1000]).best().reached.mean():.0%} of 1000 random tip positions solved in one call")
+far = thumb.ik(np.array([0.5, 0.0, 0.0])).best()
+print(f"[0.5 0 0] is out of reach by {float(far.distance) * 1000:.0f} mm")
