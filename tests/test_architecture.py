@@ -32,7 +32,7 @@ HOMES = {
     "ruamel": {"files"},
     "ruckig": {"control"},
     "av": {"sim"},
-    "PIL": {"sim"},
+    "PIL": {"sim", "cli"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

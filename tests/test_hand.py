@@ -15,7 +15,10 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hand import Hand
+from allegro_twin.hand.grasps import aperture, for_width
 from allegro_twin.hand.mover import Kind
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.library.grasps import load_grasp
 from allegro_twin.library.postures import load_posture
 from allegro_twin.sim.guide import Guide
 from allegro_twin.types import HandState, Sample, Vector
@@ -267,3 +270,48 @@ def test_it_works_on_a_recording_until_that_ends(recording_path: Path) -> None:
 
 def test_the_spec_is_the_configs(hand: Hand) -> None:
     assert hand.spec.name == load_spec().name
+
+
+def test_a_fingertip_goes_straight_to_a_point(hand: Hand) -> None:
+    hand.move_to("home")
+    start = hand.fingertips()["index"].position
+    goal = start + np.array([0.015, 0.0, -0.02])
+    seen: list[Vector] = []
+    model = HandModel(hand.spec)
+    with hand.listening(lambda sample: seen.append(model.fingertips(sample.state.position)["index"].position)):
+        hand.move_fingertips({"index": goal}, speed=0.05)
+    np.testing.assert_allclose(hand.fingertips()["index"].position, goal, atol=1e-3)
+    direction = (goal - start) / np.linalg.norm(goal - start)
+    away = np.array(seen) - start
+    assert np.linalg.norm(away - (away @ direction)[:, None] * direction, axis=1).max() < 2e-3
+
+
+def test_a_point_out_of_reach_says_how_far_and_nothing_moves(hand: Hand) -> None:
+    before = hand.state.t
+    with pytest.raises(
+        ConfigError, match=r"index: the tip cannot be at .* nearest point in reach is [\d.]+ mm from there"
+    ):
+        hand.move_fingertips({"index": [0.3, 0.0, 0.0]})
+    with pytest.raises(ConfigError, match="no finger named 'pinky'"):
+        hand.move_fingertips({"pinky": [0.0, 0.0, 0.1]})
+    with pytest.raises(ConfigError, match="three finite numbers"):
+        hand.move_fingertips({"index": [0.0, 0.1]})
+    assert hand.state.t == before
+
+
+@pytest.mark.parametrize("name", ["grasp_3", "grasp_4", "pinch_index", "pinch_middle", "envelop"])
+def test_the_manufacturers_grasps_close_on_a_hand_in_the_air(name: str, hand: Hand) -> None:
+    hand.move_to("ready")
+    felt = hand.grasp(name)
+    assert felt.name == name
+    assert hand.controller == f"grasp {name}"
+    hand.move_to("home")
+    assert np.abs(hand.errors).max() < 0.03
+
+
+def test_a_position_grasp_closes_to_the_width_that_it_is_told(hand: Hand) -> None:
+    spec = hand.spec
+    model = HandModel(spec)
+    for width in (0.06, 0.08):
+        grasp = for_width(load_grasp("sphere_4_finger", spec), width, model, spec)
+        assert aperture(model, grasp.close, spec) == pytest.approx(width, abs=1.5e-3)

@@ -164,6 +164,18 @@ def _wait() -> None:
         return
 
 
+@app.command()
+def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.")]) -> None:
+    """Render every grasp of the library and write the page that shows them."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.gallery import make
+
+    with console.progress() as bar:
+        task = bar.add_task("grasps", total=None)
+        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
+    console.console.print(f"{count} grasps in {folder}/grasps.md")
+
+
 live.register(app)
 
 

@@ -26,11 +26,14 @@ def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
     for finger in spec.fingers:
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)
-        body.add_site(name=finger.tip, pos=offset)
-        sensor = hand.add_sensor(name=f"{finger.name}_touch", type=mujoco.mjtSensor.mjSENS_CONTACT)
-        sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
-        sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
-        sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
+        if not any(site.name == finger.tip for site in hand.sites):
+            body.add_site(name=finger.tip, pos=offset)
+        name = f"{finger.name}_touch"
+        if not any(sensor.name == name for sensor in hand.sensors):
+            sensor = hand.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
+            sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
+            sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
+            sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
 
 
 def _follow(hand: mujoco.MjSpec, renamed: dict[str, str]) -> None:

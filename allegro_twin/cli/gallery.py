@@ -1,0 +1,118 @@
+"""A picture of every grasp of the library, and the page that shows them: `allegro-twin gallery docs`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from allegro_twin.build import assemble, scenario_config
+from allegro_twin.config import RunConfig
+from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.held import Report
+from allegro_twin.files.assets import data_root
+from allegro_twin.files.schema import load
+from allegro_twin.files.whole import whole_file
+from allegro_twin.library.entries import GraspFile
+from allegro_twin.library.grasps import grasp_names, load_grasp
+from allegro_twin.loop import run, until
+from allegro_twin.sim.render import Camera, Picture
+
+_SIZE = 300
+_POSTURE = "posture: "
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One grasp of the page."""
+
+    name: str
+    stored: GraspFile
+    verdict: str
+
+
+def make(folder: Path, advance: Callable[[str], None]) -> int:
+    """Write <folder>/images/grasps/*.jpg and <folder>/grasps.md; the number of grasps. Raises HandError."""
+    rows = []
+    for shown, picture in _shown():
+        with whole_file(folder / "images" / "grasps" / f"{shown.name}.jpg") as temporary:
+            Image.fromarray(picture).resize((_SIZE, _SIZE)).save(temporary, quality=82)
+        rows.append(shown)
+        advance(shown.name)
+    rows.sort(key=lambda row: (row.stored.taxonomy.number, row.name))
+    with whole_file(folder / "grasps.md") as temporary:
+        temporary.write_text(_page(rows))
+    return len(rows)
+
+
+def _shown() -> Iterator[tuple[Shown, Picture]]:
+    for name in grasp_names():
+        stored = load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
+        if stored.evidence and not stored.evidence.startswith(_POSTURE):
+            report, picture = _held(stored.evidence, name)
+            margins = [phase for phase in report.phases if phase.check]
+            drift = max(phase.drift for phase in margins) * 1000
+            verdict = f"held, {drift:.1f} mm of drift" if report.held else f"not held: {report.reason}"
+            yield Shown(name, stored, f"[{stored.evidence}](../scenarios): {verdict}"), picture
+        else:
+            reason = stored.evidence.removeprefix(_POSTURE) or "no scenario yet"
+            yield Shown(name, stored, f"posture only: {reason}"), _posed(name)
+
+
+def _held(scenario: str, grasp: str) -> tuple[Report, Picture]:
+    """The verdict of a grasp's own trial, and what it looks like while the object is held up."""
+    rig = assemble(scenario_config(scenario, "right", grasp))
+    assert rig.trial is not None
+    assert rig.sim is not None
+    with closing(rig.backend), closing(Camera(rig.sim, distance=0.42, azimuth=150.0, elevation=-25.0)) as camera:
+        up = next(window.end for window in rig.trial.windows if window.check)
+        picture: Picture | None = None
+        for sample in rig.trial.watched(until(rig.trial.seconds, run(rig.backend, rig.controller))):
+            if picture is None and sample.state.t >= up:
+                picture = camera.take()
+        assert picture is not None
+        return rig.trial.report(), picture
+
+
+def _posed(name: str) -> Picture:
+    """A grasp without an object: the closed posture of a hand in the air."""
+    posture = load_grasp(name, load_spec()).close.tolist()
+    config = RunConfig.model_validate(
+        {"backend": {"kind": "sim", "posture": posture}, "controller": {"kind": "pd", "posture": posture}}
+    )
+    rig = assemble(config)
+    assert rig.sim is not None
+    with closing(rig.backend), closing(Camera(rig.sim, distance=0.36, azimuth=215.0, elevation=-15.0)) as camera:
+        for _ in until(0.3, run(rig.backend, rig.controller)):
+            pass
+        return camera.take()
+
+
+def _page(rows: list[Shown]) -> str:
+    types = {row.stored.taxonomy.number for row in rows}
+    proved = {row.stored.taxonomy.number for row in rows if "](../scenarios): held" in row.verdict}
+    head = f"""# The grasps
+
+Made by `allegro-twin gallery docs`. {len(rows)} grasps of {len(types)} of the 33 types of the GRASP taxonomy (Feix et
+al., IEEE Trans. Human-Machine Systems 46(1), 2016); {len(proved)} types hold an object in simulation, by the definition
+in [scenarios.md](scenarios.md), with either hand. Perform one with `allegro-twin grasp NAME`, and its trial with
+`allegro-twin run SCENARIO --view`.
+
+| | grasp | type | for | evidence |
+|---|---|---|---|---|
+"""
+    lines = []
+    for row in rows:
+        kind, size = row.stored.taxonomy, row.stored.object_size
+        width = "" if size is None else f"{size[0] * 1000:g}–{size[1] * 1000:g} mm"
+        control = "" if row.stored.grip is None else f" Controls force ({row.stored.grip.kind})."
+        acts = f" {kind.virtual_fingers}." if kind.virtual_fingers else ""
+        lines.append(
+            f'| <img src="images/grasps/{row.name}.jpg" width="150"> '
+            f"| **{row.name}**<br>{row.stored.description}{control} "
+            f"| {kind.number} {kind.name}, {kind.type}, {kind.opposition}.{acts} | {width} | {row.verdict} |"
+        )
+    return head + "\n".join(lines) + "\n"
