@@ -11,7 +11,7 @@ demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
 
 demo-all: $(READY)
-	$(BIN)/allegro-twin run scenarios --side both --out out || test $$? -eq 5
+	$(BIN)/allegro-twin run scenarios/demo scenarios/more --side both --out out || test $$? -eq 5
 
 test: $(READY)
 	$(BIN)/ruff format --check .

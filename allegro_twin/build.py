@@ -70,22 +70,31 @@ def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
         backend, seconds = _alone(config, settings, spec, start), config.seconds
         controller, motion = _controller(config, spec, None)
         return Rig(spec, _guarded(config, spec, backend), controller, seconds or motion, sim=backend)
-    trial = make_trial(settings.scenario, spec, config.period, start, settings.grasp)
+    trial = make_trial(settings.scenario, spec, config.period, start, grasp=settings.grasp, thing=settings.thing)
     controller, _ = _controller(config, spec, trial)
     guarded = _guarded(config, spec, trial.backend)
     return Rig(spec, guarded, controller, config.seconds or trial.seconds, trial, trial.backend)
 
 
 def make_trial(
-    scenario: str, spec: HandSpec, period: float = 0.003, start: Vector | None = None, grasp: str | None = None
+    scenario: str,
+    spec: HandSpec,
+    period: float = 0.003,
+    start: Vector | None = None,
+    *,
+    grasp: str | None = None,
+    thing: str | None = None,
 ) -> Trial:
-    """A scenario by name or path, ready to run with this hand, and with another grasp if one is named. Raises
-    ConfigError."""
-    from allegro_twin.evaluate.scenario import load_scenario
+    """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
+    in place of its first, if they are named. Raises ConfigError."""
+    from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.library.grasps import load_grasp
 
     settings, path = load_scenario(scenario)
+    if thing is not None:
+        others = settings.objects[1:]
+        settings = settings.model_copy(update={"objects": (ObjectSettings(name=thing), *others)})
     chosen = load_grasp(grasp or settings.grasp, spec)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)
 
@@ -186,15 +195,18 @@ def _guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     return Guard(backend, Limits(frozen(torque), velocity, frozen(lower), frozen(upper)))
 
 
-def scenario_config(scenario: Path | str, side: str | None = None, grasp: str | None = None) -> RunConfig:
-    """The config that runs a scenario as it is, or with another grasp: simulated, under PD, with the nominal hand."""
+def scenario_config(
+    scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
+) -> RunConfig:
+    """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD, with the nominal
+    hand."""
     from allegro_twin.evaluate.scenario import load_scenario
 
     settings, path = load_scenario(scenario)
     return RunConfig.model_validate(
         {
             "hand": {"side": side or settings.side},
-            "backend": {"kind": "sim", "scenario": str(path), "grasp": grasp},
+            "backend": {"kind": "sim", "scenario": str(path), "grasp": grasp, "thing": thing},
             "controller": {"kind": "pd"},
         }
     )

@@ -32,6 +32,8 @@ class SimSettings(Settings):
     """Name or path of a scenario: its objects, table and wrist."""
     grasp: str | None = None
     """With a scenario: another grasp than the one it names."""
+    thing: str | None = None
+    """With a scenario: another object of the catalogue in place of the first."""
     facing: Vector3 = (1.0, 0.0, 0.0)
     """Without a scenario: where the palm looks, world axes; z is up."""
     fingers: Vector3 = (0.0, 0.0, 1.0)

@@ -57,6 +57,7 @@ def performer(
                 np.array([spec.finger(name).joints for name in fingers]),
                 gravity,
                 grip.closing * spec.actuation.torque_limit,
+                np.maximum(spec.actuation.frictionloss, 1e-6),
                 grip.force if force is None else force,
                 spread=grip.spread,
                 stiffness=grip.stiffness,

@@ -66,19 +66,15 @@ def pressed(hand: Hand, key: str) -> str | None:
 
 def play(hand: Hand, source: TextIO, show: Callable[[str], None]) -> None:
     """Keys from a terminal, one at a time, or from any text, until `q` or its end. Raises HandError for a fault."""
-    show(str(pressed(hand, "?")))
-    for key in _keys(source):
-        answer = pressed(hand, key)
-        if answer is None:
-            return
-        show(f"{hand.state.t:8.2f} s  {answer}")
-
-
-def _keys(source: TextIO) -> Iterator[str]:
-    with _raw(source):
+    with _raw(source):  # Before the help invites a key: the change of mode drops what was typed.
+        show(str(pressed(hand, "?")))
         while key := source.read(1):
-            if not key.isspace():
-                yield key
+            if key.isspace():
+                continue
+            answer = pressed(hand, key)
+            if answer is None:
+                return
+            show(f"{hand.state.t:8.2f} s  {answer}")
 
 
 @contextmanager

@@ -24,7 +24,7 @@ class Job:
 
 
 def configs_of(
-    targets: Sequence[str], side: str | None, seconds: float | None, partial: bool, grasp: str | None = None
+    targets: Sequence[str], side: str | None, seconds: float | None, partial: bool, grasp: str | None, thing: str | None
 ) -> list[Job]:
     """A job for every config, and for every scenario and side. Raises ConfigError."""
     jobs = []
@@ -34,7 +34,9 @@ def configs_of(
                 jobs.append(Job(path.stem, _with(load_config(path), side, seconds, partial)))
                 continue
             for each in SIDES if side == "both" else (side,):
-                jobs.append(Job(path.stem, _with(scenario_config(path, each, grasp), None, seconds, partial)))
+                jobs.append(
+                    Job(thing or path.stem, _with(scenario_config(path, each, grasp, thing), None, seconds, partial))
+                )
     return jobs
 
 

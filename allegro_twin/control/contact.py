@@ -21,7 +21,7 @@ class Stall(NamedTuple):
 
 
 def stalling(
-    stall: Stall, velocity: Array, torque: Array, dt: float, *, still: float = 0.05, push: float = 0.02
+    stall: Stall, velocity: Array, torque: Array, dt: float, *, still: float = 0.05, push: float = 0.05
 ) -> Stall:
     """Update of the stall times. `velocity`, `torque`: the joints of each finger, (k, j), rad/s and N·m.
 

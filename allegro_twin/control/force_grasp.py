@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.control.centroid import holding, joint_torques, pressing, resting
 from allegro_twin.control.contact import Stall, stalling, touching
@@ -27,6 +28,8 @@ class Gripping(NamedTuple):
     """When every finger had met the object, s; NaN before."""
     spots: Array
     """Where the fingertips were then, (k, 3), m."""
+    gripping: NDArray[np.bool_]
+    """Which fingers press: those that had met it, (k,)."""
     rest: Vector
     """Joint positions then, (n,), rad."""
 
@@ -50,6 +53,8 @@ class CentroidGrasp:
     gravity: Gravity
     closing_torque: Vector
     """The most that a joint may push before contact, (n,), N·m."""
+    friction: Vector
+    """Dry friction of the joints, (n,), N·m: what a torque loses before the fingertip feels it."""
     force: float
     """On the thumb; the fingers share the same, N."""
     spread: float = 0.25
@@ -66,7 +71,8 @@ class CentroidGrasp:
     def start(self, state: HandState) -> Gripping:
         following = self.reach.start(state)
         spots = np.full((len(self.joints), 3), np.nan)
-        return Gripping(following, state.t, Stall(np.zeros(len(self.joints))), np.nan, spots, state.position)
+        everyone = np.ones(len(self.joints), dtype=bool)
+        return Gripping(following, state.t, Stall(np.zeros(len(everyone))), np.nan, spots, everyone, state.position)
 
     def __call__(self, state: HandState, memory: Gripping) -> tuple[TorqueCommand, Gripping]:
         command, _ = self.reach(state, memory.reach)
@@ -78,11 +84,12 @@ class CentroidGrasp:
         tips, jacobians = self.fingertips(state.position)
         memory = self._felt(state, memory, tips, soft - weight, since)
         torque = command.torque.copy()
-        mine = self.joints.reshape(-1)
-        torque[mine] = soft[mine]
+        torque[self.joints.reshape(-1)] = soft[self.joints.reshape(-1)]
         if not np.isnan(memory.contact):
             part = min((state.t - memory.contact) / self.ramp, 1.0)
-            grip = weight + self._grip(state, memory, tips, jacobians)
+            who = memory.gripping
+            grip = weight + self._grip(state, memory, tips[who], jacobians[who])
+            mine = self.joints[who].reshape(-1)
             torque[mine] += part * (grip - soft)[mine]
         return TorqueCommand(torque), memory
 
@@ -90,14 +97,19 @@ class CentroidGrasp:
         """Notice contact: from then on the object is held where the fingertips found it."""
         stall = stalling(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
         memory = memory._replace(t=state.t, stall=stall)
-        if np.isnan(memory.contact) and (touching(stall).all() or since >= self.squeeze_at):
-            return memory._replace(contact=state.t, spots=tips, rest=state.position)
+        met = touching(stall)
+        if np.isnan(memory.contact) and (met.all() or since >= self.squeeze_at):
+            # Without the thumb, or with nothing but it, there is no opposition to build on: all press.
+            who = met if met[-1] and met.sum() > 1 else np.ones_like(met)
+            return memory._replace(contact=state.t, spots=tips, gripping=who, rest=state.position)
         return memory
 
     def _grip(self, state: HandState, memory: Gripping, tips: Array, jacobians: Array) -> Vector:
-        forces = pressing(tips, self.force, self.spread) + holding(tips, memory.spots, self.stiffness)
+        forces = pressing(tips, self.force, self.spread) + holding(tips, memory.spots[memory.gripping], self.stiffness)
         posture = resting(jacobians, self.posture_stiffness * (memory.rest - state.position))
-        return joint_torques(jacobians, forces) + posture - self.damping * state.velocity
+        press = joint_torques(jacobians, forces)
+        lost = self.friction * np.clip(press / self.friction, -1.0, 1.0)
+        return press + lost + posture - self.damping * state.velocity
 
 
 @dataclass(frozen=True, slots=True, eq=False)

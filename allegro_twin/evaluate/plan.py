@@ -58,12 +58,16 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
 def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     things = [_placed(settings, folder) for settings in scenario.objects]
+    offset = np.array(scenario.wrist.position)
+    if scenario.wrist.over is not None:
+        half = _half_height(scenario.objects[0], things[0].thing)
+        offset[2] = max(scenario.wrist.over.table, 2 * half + scenario.wrist.over.top) - half
     stand = None
     if scenario.stand is not None:
         x, y, z = things[0].position
         things[0] = replace(things[0], position=(x, y, z + scenario.stand.height))
         stand = (x, y, *scenario.stand.size, scenario.stand.height)
-    position = np.add(things[0].position, scenario.wrist.position) + scenario.wrist.retreat
+    position = np.add(things[0].position, offset) + scenario.wrist.retreat
     rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
@@ -96,9 +100,14 @@ def _placed(settings: ObjectSettings, folder: Path) -> objects.Placement:
         position = settings.at
     else:
         # 0.1 mm of air, so that the object settles instead of being pushed out of the table.
-        height = float(thing.half_extents()["xyz".index(settings.up)]) + 1e-4
+        height = _half_height(settings, thing) + 1e-4
         position = (*settings.at, height)
     return objects.Placement(thing, position, tuple(turned))
+
+
+def _half_height(settings: ObjectSettings, thing: objects.Thing) -> float:
+    """From the table to the middle of an object as it stands, m."""
+    return float(thing.half_extents()["xyz".index(settings.up)])
 
 
 def _own(settings: ObjectSettings, folder: Path) -> objects.Thing:

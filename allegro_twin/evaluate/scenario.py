@@ -105,11 +105,22 @@ class Stand(Settings):
     """Edges along the world's x and y, m."""
 
 
+class Over(Settings):
+    """How high the palm is: for objects that are taken from above, whatever their size."""
+
+    table: Positive
+    """At least so far above what the object stands on, m."""
+    top: Positive
+    """And at least so far above the object's top, m."""
+
+
 class Wrist(Settings):
     """Where the palm is when the fingers close, from the middle of the first object, world axes."""
 
     position: Vector3
     """m, of the palm's origin."""
+    over: Over | None = None
+    """Replaces the third number of `position`."""
     facing: Vector3
     """Where the palm looks: the direction of its x axis."""
     fingers: Vector3

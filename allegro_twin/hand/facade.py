@@ -211,7 +211,7 @@ class Hand:
     def teach(self) -> Iterator[Lesson]:
         """Gravity compensation while somebody moves the fingers; what happens is kept in the lesson. Afterwards the
         hand holds where it was left."""
-        lesson = Lesson()
+        lesson = Lesson(self.spec)
         self.set_controller("gravity")
         with self.listening(lesson):
             yield lesson

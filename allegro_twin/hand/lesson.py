@@ -6,13 +6,17 @@ import numpy as np
 
 from allegro_twin.control.teach import Taught, taught
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import Sample, Vector
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Sample, Vector
+
+_GIVE = 0.02  # rad.
 
 
 class Lesson:
     """Keeps every sample of a lesson."""
 
-    def __init__(self) -> None:
+    def __init__(self, spec: HandSpec) -> None:
+        self._spec = spec
         self._rows: list[tuple[float, Vector]] = []
 
     def __call__(self, sample: Sample) -> None:
@@ -22,10 +26,16 @@ class Lesson:
         """Where the fingers were left, (n,), rad."""
         if not self._rows:
             raise ConfigError("nothing was taught: no time has passed in the lesson; hand.wait(seconds) lets it")
-        return self._rows[-1][1]
+        return self._inside(self._rows[-1][1])
 
     def motion(self, tolerance: float = 0.004) -> Taught:
         """The way they went, trimmed and simplified to within `tolerance` (rad)."""
         self.posture()
         times, positions = zip(*self._rows, strict=True)
-        return taught(np.array(times), np.array(positions), tolerance=tolerance)
+        return taught(np.array(times), self._inside(np.array(positions)), tolerance=tolerance)
+
+    def _inside(self, positions: Array) -> Array:
+        """A joint that leans on its stop gives a little; what is taught ends at the limit. Anything further beyond it
+        stays, and is refused by whoever is asked to repeat it."""
+        inside: Array = np.clip(positions, self._spec.lower, self._spec.upper)
+        return np.where(np.abs(inside - positions) <= _GIVE, inside, positions)

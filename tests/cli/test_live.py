@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import subprocess
 import sys
 import time
@@ -120,5 +121,7 @@ def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was(
 def _until(terminal: int, word: bytes) -> bytes:
     seen, end = b"", time.monotonic() + 30
     while word not in seen and time.monotonic() < end:
-        seen += os.read(terminal, 4096)
+        if select.select([terminal], [], [], 1.0)[0]:
+            seen += os.read(terminal, 4096)
+    assert word in seen, seen
     return seen

@@ -1,0 +1,77 @@
+"""Force-controlled grasps are not told what they grasp, and hold it all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble, scenario_config
+from allegro_twin.control.force_grasp import CentroidGrasp
+from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.library.grasps import load_grasp
+from allegro_twin.loop import run, until
+from allegro_twin.spec import Side
+from tests.evaluate.test_trial import DEMO
+
+FORCE = ["grasp_3", "grasp_4", "pinch_middle"]
+
+
+def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[Report, Trial]:
+    """The trial of a force grasp with an object of the catalogue, or with a changed one."""
+    rig = assemble(scenario_config(grasp, side, thing=thing))
+    assert rig.trial is not None
+    trial = rig.trial
+    if changes:
+        scenario, _ = load_scenario(grasp)
+        own = ObjectSettings.model_validate({"name": "thing", **changes})
+        trial = Trial(scenario.model_copy(update={"objects": (own,)}), rig.spec, trial.grasp)
+    for _ in trial.watched(until(trial.seconds, run(trial.backend, rig.controller))):
+        pass
+    return trial.report(), trial
+
+
+@pytest.mark.parametrize("name", FORCE)
+@pytest.mark.parametrize("thing", ["lemon", "potted_meat_can"])
+def test_one_grasp_holds_a_small_light_and_a_large_heavy_object(name: str, thing: str, side: Side) -> None:
+    report, _ = attempt(name, side, thing)
+    assert report.held, report.reason
+
+
+@pytest.mark.parametrize("name", FORCE)
+@pytest.mark.parametrize("difference", [-0.015, 0.015])
+def test_fifteen_millimetres_more_or_less_are_noticed_and_held(name: str, difference: float, side: Side) -> None:
+    report, _ = attempt(name, side, shape="sphere", size=(0.0647 + difference,), mass=0.058)
+    assert report.held, report.reason
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FORCE)
+def test_each_force_grasp_holds_ten_of_the_twelve_demo_objects(name: str, side: Side) -> None:
+    held = [thing for thing in DEMO if attempt(name, side, thing)[0].held]
+    assert len(held) >= 10, held
+
+
+@pytest.mark.parametrize(("name", "fingers"), [("grasp_3", 2), ("grasp_4", 3), ("pinch_middle", 1)])
+def test_the_thumb_presses_with_the_force_that_was_asked_for_within_a_fifth(name: str, fingers: int) -> None:
+    """On a ball that weighs next to nothing, so that all that is measured is the grip."""
+    rig = assemble(scenario_config(name))
+    scenario, _ = load_scenario(name)
+    spec = load_spec()
+    ball = ObjectSettings(name="thing", shape="sphere", size=(0.06,), mass=0.005)
+    trial = Trial(scenario.model_copy(update={"objects": (ball,)}), spec, load_grasp(name, spec))
+    controller = rig.controller
+    assert isinstance(controller, CentroidGrasp)
+    wanted = 2.0
+    window = next(w for w in trial.windows if w.name == "hold")
+    felt = []
+    for sample in trial.watched(until(window.end, run(trial.backend, replace(controller, force=wanted)))):
+        if sample.state.t > window.begin + 0.5:
+            felt.append(trial.latest()["contact_force"])
+    force = np.mean(felt, axis=0)
+    assert force[3] == pytest.approx(wanted, rel=0.2)
+    assert (force[:3] > 0.05).sum() >= fingers
