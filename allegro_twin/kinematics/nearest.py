@@ -12,7 +12,7 @@ from allegro_twin.types import Array, Vector
 
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
 """What a target fixes besides the position."""
-_CHUNK, _ROUNDS = 256, 90
+_CHUNK, _ROUNDS, _SMALLEST = 256, 90, 1e-10
 _STEPS = {2: np.array([0.01, 0.03, 0.1, 0.3, 1.0]), 3: np.array([0.03, 0.2, 1.0])}
 
 
@@ -64,6 +64,8 @@ def _search(
         better = distance < least
         best, least = np.where(better, q, best), np.where(better, distance, least)
         size = np.where(better, size, size * 0.4)
+        if size.max() < _SMALLEST:
+            break
     return np.where(np.isfinite(least), best, np.nan), least
 
 

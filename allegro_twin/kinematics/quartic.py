@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from allegro_twin.kinematics.planar import TOUCH, Flags
 from allegro_twin.types import Array
 
-_POLISHES = 6
+_POLISHES = 4
 _NEARLY_REAL = 1e-3
 """A double root comes out as a pair with an imaginary part of the square root of rounding; the residual decides."""
 
@@ -29,14 +29,19 @@ def solve_fixed_bend(
     r = length * np.sin(theta) + e
     swing = (k0 - 2 * length * (e * np.sin(theta) + g * np.cos(theta))) / (2 * ay)
     q1 = np.arctan2(np.copysign(1.0, r) * swing, np.copysign(1.0, r) * dx)
+    off = _off(theta, q1, k0, dx, ay, length, e, g)
     for _ in range(_POLISHES):
-        theta, q1 = _polished(theta, q1, k0, dx, ay, length, e, g)
+        newer = _polished(theta, q1, k0, dx, ay, length, e, g)
+        then = _off(*newer, k0, dx, ay, length, e, g)
+        nearer = then < off  # Where roots meet, a step from rounding leads anywhere.
+        theta, q1 = np.where(nearer, newer[0], theta), np.where(nearer, newer[1], q1)
+        off = np.where(nearer, then, off)
     r = length * np.sin(theta) + e
     vy, vz = ay + r * np.sin(q1), g + length * np.cos(theta)
     real = (np.abs(r * np.cos(q1) - dx) <= TOUCH) & (np.abs(np.hypot(vy, vz) - np.hypot(y, z)) <= TOUCH)
     q0 = np.arctan2(vz, vy) - np.arctan2(z, y)
     real &= np.abs(roots.imag) <= _NEARLY_REAL * (1 + np.abs(roots.real))
-    return theta, q0, q1, _once(real, theta, q1)
+    return theta, q0, q1, real
 
 
 def _roots(k0: Array, dx: Array, ay: float, length: float | Array, e: Array, g: Array) -> NDArray[np.complex128]:
@@ -58,6 +63,14 @@ def _roots(k0: Array, dx: Array, ay: float, length: float | Array, e: Array, g: 
     return np.asarray(np.linalg.eigvals(companion).T, dtype=np.complex128)
 
 
+def _off(theta: Array, q1: Array, k0: Array, dx: Array, ay: float, length: float | Array, e: Array, g: Array) -> Array:
+    """How far the two equations are from holding, (4, N), m."""
+    st, ct, s1, c1 = np.sin(theta), np.cos(theta), np.sin(q1), np.cos(q1)
+    r = length * st + e
+    swing = (k0 - 2 * length * (e * st + g * ct)) / (2 * ay) - r * s1
+    return np.asarray(np.abs(r * c1 - dx) + np.abs(swing))
+
+
 def _polished(
     theta: Array, q1: Array, k0: Array, dx: Array, ay: float, length: float | Array, e: Array, g: Array
 ) -> tuple[Array, Array]:
@@ -73,13 +86,3 @@ def _polished(
     step_theta = np.clip((f * w_q1 - f_q1 * w) / det, -0.5, 0.5)
     step_q1 = np.clip((f_theta * w - f * w_theta) / det, -0.5, 0.5)
     return theta - step_theta, q1 - step_q1
-
-
-def _once(real: Flags, theta: Array, q1: Array) -> Flags:
-    """Without the roots that polishing led to where an earlier one already was, shape (4, N)."""
-    kept = real.copy()
-    for later in range(1, 4):
-        for earlier in range(later):
-            gap = np.abs(np.sin((theta[later] - theta[earlier]) / 2)) + np.abs(np.sin((q1[later] - q1[earlier]) / 2))
-            kept[later] &= ~(kept[earlier] & (gap < 1e-10))
-    return kept

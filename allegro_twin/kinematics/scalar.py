@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from math import atan2, cos, hypot, sin, sqrt
+from math import atan2, copysign, cos, hypot, pi, sin, sqrt
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.family import TOLERANCE
@@ -34,6 +33,15 @@ class ScalarKinematics:
             raise ConfigError(f"only joint 0 of a finger may be mirrored by its sign; these are {self._signs}")
         self._mirror = -1.0 if left else 1.0
         self._pair = _links(*self._links[:2])
+        self._inside = self._shrunk(0.0)
+        if any(high - low >= pi for low, high, _ in self._bounds):
+            raise ConfigError("the scalar forms need every joint to turn by less than half a turn")
+        # The way into the base frame, row by row, its shift behind each row; for a finger from the knuckle of joint 1.
+        into, (ax, ay, az) = geometry.base.T * [1.0, self._mirror, 1.0], self._offset
+        shift = geometry.base.T @ geometry.origin + (0.0 if self._thumb else geometry.offset)
+        rows = tuple(float(value) for row, end in zip(into, shift, strict=True) for value in (*row, end))
+        own = (ax, ay, az + self._rise) if self._thumb else (self._links[2],)
+        self._flat = (*rows, *own, *self._pair)
 
     def fk(self, q0: float, q1: float, q2: float, q3: float) -> tuple[float, float, float]:
         """The fingertip, m."""
@@ -58,42 +66,72 @@ class ScalarKinematics:
         )
 
     def at_pitch(self, x: float, y: float, z: float, pitch: float, margin: float = 0.0) -> list[Posture]:
-        """A finger's postures inside the limits, with φ = q₁ + q₂ + q₃."""
+        """A finger's postures inside the limits, with φ = q₁ + q₂ + q₃. Written out: a call costs as much as a sine."""
         if self._thumb:
             raise ConfigError("the thumb has no pitch; use at_q0, at_q1 or at_psi")
-        x, y, z = self._in_base(x, y, z)
-        tip = self._links[2]
-        reach, turn = hypot(x, y), atan2(y, x)
-        if reach <= TOUCH:
-            turn = 0.0
-        across, height = tip * sin(pitch), z - self._offset[2] - tip * cos(pitch)
+        l0, h0, l1, h1, l2, h2, l3, h3 = self._inside if margin == 0.0 else self._shrunk(margin)
+        a, b, c, u, d, e, f, v, g, h, i, w, tip, first, half, quarter, outer, inner, near, far = self._flat
+        x, y, z = a * x + b * y + c * z - u, d * x + e * y + f * z - v, g * x + h * y + i * z - w
+        r, q0 = sqrt(x * x + y * y), atan2(y, x)
+        if r <= TOUCH:
+            q0 = 0.0
+        if not l0 <= q0 <= h0:  # The limits of q₀ leave at most one side of the abduction axis.
+            q0, r = q0 - copysign(pi, q0), -r
+            if not l0 <= q0 <= h0:
+                return []
+        r, z = r - tip * sin(pitch), z - tip * cos(pitch)
+        square = r * r + z * z
+        if not near <= square <= far:
+            return []
+        straight, folded = outer - square, square - inner
+        s, t = sqrt(straight) if straight > 0.0 else 0.0, sqrt(folded) if folded > 0.0 else 0.0
+        towards, lead, elbow = (
+            atan2(r, z),
+            atan2(s * t * half, first + (folded - straight) * quarter),
+            2.0 * atan2(s, t),
+        )
         found: list[Posture] = []
-        for r, q0 in ((reach, turn), (-reach, turn + math.pi)):
-            kept = _fitted(q0, self._bounds[0], margin)
-            if kept is None:
-                continue
-            bend = _two_link(r - across, height, self._pair)
-            if bend is not None:
-                towards, lead, elbow = bend
-                rest = pitch - towards
-                self._keep(found, kept, towards - lead, elbow, rest + lead - elbow, margin)
-                self._keep(found, kept, towards + lead, -elbow, rest - lead + elbow, margin)
+        q0 *= self._sign
+        for q1, q2 in ((towards - lead, elbow), (towards + lead, -elbow)):
+            if l2 <= q2 <= h2:
+                q1 = q1 if l1 <= q1 <= h1 else _turned(q1, l1, h1)
+                q3 = pitch - q1 - q2
+                q3 = q3 if l3 <= q3 <= h3 else _turned(q3, l3, h3)
+                if l1 <= q1 <= h1 and l3 <= q3 <= h3:
+                    found.append((q0, q1, q2, q3))
         return found
 
     def at_q0(self, x: float, y: float, z: float, q0: float, margin: float = 0.0) -> list[Posture]:
-        """The thumb's postures inside the limits, with q₀."""
+        """The thumb's postures inside the limits, with q₀. Written out: a call costs as much as a sine."""
         self._needs_thumb()
-        x, y, z = self._in_base(x, y, z)
-        q0 *= self._sign
-        c, s = cos(q0), sin(q0)
-        wx, wy = x - self._offset[0], c * y - s * z - self._offset[1]
-        height = s * y + c * z - self._offset[2] - self._rise
-        reach = hypot(wx, wy)
-        turn = 0.0 if reach <= TOUCH else atan2(wy, wx)
+        l0, h0, l1, h1, l2, h2, l3, h3 = self._inside if margin == 0.0 else self._shrunk(margin)
+        a, b, c, u, d, e, f, v, g, h, i, w, ax, ay, up, first, half, quarter, outer, inner, near, far = self._flat
+        x, y, z = a * x + b * y + c * z - u, d * x + e * y + f * z - v, g * x + h * y + i * z - w
+        s, t = sin(q0), cos(q0)
+        x, y, z = x - ax, t * y - s * z - ay, s * y + t * z - up
+        square = x * x + y * y
+        r, q1 = sqrt(square), atan2(y, x)
+        if r <= TOUCH:
+            q1 = 0.0
+        if not l1 <= q1 <= h1:  # The limits of q₁ leave at most one side of its axis.
+            q1, r = q1 - copysign(pi, q1), -r
+        q0 = q0 if l0 <= q0 <= h0 else _turned(q0, l0, h0)
+        square += z * z
+        if not (l0 <= q0 <= h0 and l1 <= q1 <= h1 and near <= square <= far):
+            return []
+        straight, folded = outer - square, square - inner
+        s, t = sqrt(straight) if straight > 0.0 else 0.0, sqrt(folded) if folded > 0.0 else 0.0
+        towards, lead, elbow = (
+            atan2(r, z),
+            atan2(s * t * half, first + (folded - straight) * quarter),
+            2.0 * atan2(s, t),
+        )
         found: list[Posture] = []
-        for r, q1 in ((reach, turn), (-reach, turn + math.pi)):
-            if _fitted(q1, self._bounds[1], margin) is not None:
-                self._both(found, q0, q1, r, height, margin)
+        for q2, q3 in ((towards - lead, elbow), (towards + lead, -elbow)):
+            if l3 <= q3 <= h3:
+                q2 = q2 if l2 <= q2 <= h2 else _turned(q2, l2, h2)
+                if l2 <= q2 <= h2:
+                    found.append((q0, q1, q2, q3))
         return found
 
     def at_q1(self, x: float, y: float, z: float, q1: float, margin: float = 0.0) -> list[Posture]:
@@ -135,6 +173,11 @@ class ScalarKinematics:
         x, y, z = x - ox, self._mirror * y - oy, z - oz
         return b[0] * x + b[3] * y + b[6] * z, b[1] * x + b[4] * y + b[7] * z, b[2] * x + b[5] * y + b[8] * z
 
+    def _shrunk(self, margin: float) -> tuple[float, ...]:
+        """Lowest and highest of each joint in turn, of the right hand, less the margin and with the tolerance."""
+        slack = TOLERANCE - margin
+        return tuple(end for low, high, _ in self._bounds for end in (low - slack, high + slack))
+
     def _both(self, found: list[Posture], q0: float, q1: float, r: float, h: float, margin: float) -> None:
         """Add the thumb's two elbows, where they are inside the limits."""
         bend = _two_link(r, h, self._pair)
@@ -157,6 +200,12 @@ class ScalarKinematics:
             found.append((k0 * self._sign, k1, k2, k3))
 
 
+def _turned(angle: float, low: float, high: float) -> float:
+    """The same angle within π of the middle of its range."""
+    away = angle - (low + high) / 2
+    return angle if -pi <= away <= pi else angle - 2 * pi * round(away / (2 * pi))
+
+
 def _fitted(angle: float, bounds: tuple[float, float, float], margin: float) -> float | None:
     """The same angle inside its bounds (low, high, middle) less the margin; none if no full turn brings it there."""
     low, high, middle = bounds
@@ -164,9 +213,9 @@ def _fitted(angle: float, bounds: tuple[float, float, float], margin: float) -> 
     if low - slack <= angle <= high + slack:
         return angle
     away = angle - middle
-    if -math.pi <= away <= math.pi:
+    if -pi <= away <= pi:
         return None
-    angle -= 2 * math.pi * round(away / (2 * math.pi))
+    angle -= 2 * pi * round(away / (2 * pi))
     return angle if low - slack <= angle <= high + slack else None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, atan2, copysign, cos, hypot, sin, sqrt, tan
+from math import atan, atan2, copysign, cos, hypot, inf, sin, sqrt, tan
 
 from allegro_twin.kinematics.planar import TOUCH
 
@@ -89,19 +89,22 @@ def _polished(
     r = length * sin(theta) + e
     swing = (k0 - 2 * length * (e * sin(theta) + g * cos(theta))) / (2 * ay)
     q1 = atan2(copysign(swing, r * swing), copysign(dx, r * dx))
+    best, least = (theta, q1), inf
     for _ in range(_POLISHES):
         st, ct, s1, c1 = sin(theta), cos(theta), sin(q1), cos(q1)
         r, dr = length * st + e, length * ct
         f, w = r * c1 - dx, k0 - 2 * length * (e * st + g * ct) - 2 * ay * r * s1
+        off = abs(f) + abs(w / (2 * ay))
+        if off >= least:  # At rounding; where roots meet, a step from there leads anywhere.
+            break
+        best, least = (theta, q1), off
         w_theta, w_q1 = -2 * length * (e * ct - g * st) - 2 * ay * dr * s1, -2 * ay * r * c1
         det = dr * c1 * w_q1 + r * s1 * w_theta
         if abs(det) < 1e-18:
             break
-        step = (f * w_q1 + r * s1 * w) / det
-        theta -= min(0.5, max(-0.5, step))
+        theta -= min(0.5, max(-0.5, (f * w_q1 + r * s1 * w) / det))
         q1 -= min(0.5, max(-0.5, (dr * c1 * w - f * w_theta) / det))
-        if abs(step) < 1e-17:
-            break
+    theta, q1 = best
     r = length * sin(theta) + e
     vy, vz = ay + r * sin(q1), g + length * cos(theta)
     if abs(r * cos(q1) - dx) > TOUCH or abs(hypot(vy, vz) - hypot(y, z)) > TOUCH:

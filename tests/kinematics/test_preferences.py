@@ -54,8 +54,8 @@ def test_near_a_posture_that_reaches_it_the_answer_is_that_posture(key: Key) -> 
 @pytest.mark.parametrize("key", EVERY, ids=str)
 def test_no_posture_of_a_dense_sampling_is_nearer(key: Key) -> None:
     finger = FINGERS[key]
-    near = postures(finger, 60, seed=4)
-    for point, wish in zip(finger.fk(postures(finger, 60, seed=3)).position, near, strict=True):
+    near = postures(finger, 30, seed=4)
+    for point, wish in zip(finger.fk(postures(finger, 30, seed=3)).position, near, strict=True):
         found = finger.ik(point, near=wish).position[0]
         sampled = np.linalg.norm(family(finger, point) - wish, axis=-1).min(initial=np.inf)
         assert np.linalg.norm(found - wish) <= sampled + 1e-7
@@ -64,7 +64,7 @@ def test_no_posture_of_a_dense_sampling_is_nearer(key: Key) -> None:
 @pytest.mark.parametrize("key", EVERY, ids=str)
 def test_without_a_wish_no_posture_of_a_dense_sampling_is_further_from_the_limits(key: Key) -> None:
     finger = FINGERS[key]
-    for point in finger.fk(postures(finger, 60, seed=5)).position:
+    for point in finger.fk(postures(finger, 30, seed=5)).position:
         found = finger.ik(point).position[0]
         assert room(finger, found) >= room(finger, family(finger, point)).max(initial=-np.inf) - 1e-7
 

@@ -14,7 +14,7 @@ from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, LONG, held, postures, solve
 
 Key = tuple[Side, str]
-FAR = np.random.default_rng(0).uniform(-0.25, 0.25, (40, 3))
+FAR = np.random.default_rng(0).uniform(-0.25, 0.25, (25, 3))
 
 
 def dense(finger: FingerKinematics, given: dict[str, float], steps: int = 41) -> Array:
