@@ -117,7 +117,9 @@ def test_a_start_that_collides_is_never_brought_deeper(hands: Hands) -> None:
             tried += 1
             solved = solver.solve(points(model, rng.uniform(spec.lower, spec.upper)), start)
             assert solved.closest >= before - 1e-6
-            assert not solved.reached or solved.closest >= CLEARANCE
+            stays = solver.solve(points(model, start), start)
+            assert max(stays.distance.values()) < 1e-4
+            assert not stays.reached  # It collides, and says so.
 
 
 def test_one_finger_alone_agrees_with_the_closed_form(hands: Hands, side: Side) -> None:
