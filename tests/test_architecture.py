@@ -25,6 +25,8 @@ LAYERS = [
 ]
 HOMES = {
     "mujoco": {"sim"},
+    "mink": {"sim"},
+    "daqp": {"sim"},
     "pinocchio": {"kinematics"},
     "pyarrow": {"replay"},
     "rerun": {"view"},

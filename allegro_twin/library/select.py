@@ -42,12 +42,14 @@ def _known(entries: Sequence[Listed], taxonomy: int | str | None) -> None:
         raise ConfigError(f"the GRASP taxonomy has the numbers 1 to 33, not {taxonomy}")
     if isinstance(taxonomy, str):
         names = {e.entry.taxonomy.name for e in entries if isinstance(e.entry, GraspFile)} | set(_TYPES)
-        if taxonomy not in names:
+        if taxonomy.lower() not in {name.lower() for name in names}:
             raise ConfigError(unknown("taxonomy", taxonomy, names))
 
 
 def _is(taxonomy: Taxonomy, wanted: int | str) -> bool:
-    return wanted in (taxonomy.number, taxonomy.name, taxonomy.type)
+    if isinstance(wanted, int):
+        return wanted == taxonomy.number
+    return wanted.lower() in (taxonomy.name.lower(), taxonomy.type)
 
 
 def _fits(grasp: GraspFile, wanted: float | tuple[float, float]) -> bool:
