@@ -48,28 +48,46 @@ def performer(
     reach = PD(timed.moves, gains, gravity)
     match grasp.grip:
         case CentroidGrip() as grip:
-            fingers = grip.fingers
-            return CentroidGrasp(
-                reach,
-                timed.close_at,
-                timed.squeeze_at,
-                lambda position: model.fingertip_jacobians(position, fingers),
-                np.array([spec.finger(name).joints for name in fingers]),
-                gravity,
-                grip.closing * spec.actuation.torque_limit,
-                np.maximum(spec.actuation.frictionloss, 1e-6),
-                grip.force if force is None else force,
-                spread=grip.spread,
-                stiffness=grip.stiffness,
-            )
+            return _centroid(grip, reach, timed, spec, gravity, model, force)
         case EnvelopGrip() as grip:
-            torque = np.zeros(spec.n_actuators)
-            for name, values in grip.torque.items():
-                torque[list(spec.finger(name).joints)] = values
-            scale = grip.scale if force is None else force
-            return EnvelopGrasp(
-                reach, timed.close_at, timed.squeeze_at, gravity, torque, scale=scale, closing_scale=grip.closing
-            )
+            return _envelop(grip, reach, timed, spec, gravity, force)
     if force is not None:
         raise ConfigError(f"grasp {grasp.name} controls position and takes no force; a centroid grasp does")
     return reach
+
+
+def _centroid(
+    grip: CentroidGrip,
+    reach: PD,
+    timed: Timed,
+    spec: HandSpec,
+    gravity: Gravity,
+    model: HandModel,
+    force: float | None,
+) -> CentroidGrasp:
+    fingers = grip.fingers
+    return CentroidGrasp(
+        reach,
+        timed.close_at,
+        timed.squeeze_at,
+        lambda position: model.fingertip_jacobians(position, fingers),
+        np.array([spec.finger(name).joints for name in fingers]),
+        gravity,
+        grip.closing * spec.actuation.torque_limit,
+        np.maximum(spec.actuation.frictionloss, 1e-6),
+        grip.force if force is None else force,
+        spread=grip.spread,
+        stiffness=grip.stiffness,
+    )
+
+
+def _envelop(
+    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: Gravity, force: float | None
+) -> EnvelopGrasp:
+    torque = np.zeros(spec.n_actuators)
+    for name, values in grip.torque.items():
+        torque[list(spec.finger(name).joints)] = values
+    scale = grip.scale if force is None else force
+    return EnvelopGrasp(
+        reach, timed.close_at, timed.squeeze_at, gravity, torque, scale=scale, closing_scale=grip.closing
+    )

@@ -68,7 +68,7 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
     from allegro_twin.build import assemble
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import outputs_in
-    from allegro_twin.session import perform, picture_all, write_reports
+    from allegro_twin.session import perform
 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
@@ -89,6 +89,15 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
             else:
                 assert rig.trial is not None
                 reports[job.name, rig.spec.side], grasps[job.name] = outcome.report, rig.trial.grasp.name
+    _tell(reports, grasps, out)
+    return reports
+
+
+def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: Path | None) -> None:
+    """The table at the end, and the files."""
+    from allegro_twin.cli import console
+    from allegro_twin.session import picture_all, write_reports
+
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
         console.console.print(console.phases(f"{name}, {side} hand", report))
@@ -104,7 +113,6 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
             f"In {out}/: a recording of each run, report.json{', pictures, overview.png' if shown else ''}"
         )
         console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
-    return reports
 
 
 @app.command("list")

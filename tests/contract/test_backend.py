@@ -137,6 +137,7 @@ def test_close_may_be_called_twice(backend: HandBackend) -> None:
     backend.reset()
     backend.close()
     backend.close()
+    assert backend.spec.n_joints == 16  # It still says which hand it was.
 
 
 def test_only_a_recording_ends(backend: HandBackend) -> None:
