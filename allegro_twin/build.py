@@ -89,7 +89,7 @@ def make_trial(
     in place of its first, if they are named. Raises ConfigError."""
     from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
     from allegro_twin.evaluate.trial import Trial
-    from allegro_twin.library.grasps import load_grasp
+    from allegro_twin.library.named import load_grasp
 
     settings, path = load_scenario(scenario)
     if thing is not None:
@@ -168,7 +168,7 @@ def _reference(settings: PositionSettings, spec: HandSpec, grasp: Reference | No
 
 
 def _posture(value: str | PerJoint, spec: HandSpec) -> Vector:
-    from allegro_twin.library.postures import load_posture
+    from allegro_twin.library.named import load_posture
 
     return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
 

@@ -47,9 +47,13 @@ class Outcome:
 
 Advance = Callable[[float], None]
 """Told the hand's time after every sample, s."""
+Tell = Callable[[str], None]
+"""Told at once what a person needs to know while it runs."""
 
 
-def perform(rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = lambda t: None) -> Outcome:
+def perform(
+    rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = lambda t: None, tell: Tell = lambda line: None
+) -> Outcome:
     """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
 
     Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
@@ -62,7 +66,7 @@ def perform(rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = la
         beside = _Beside(rig)
         samples = beside.followed(samples)
         samples = _kept(samples, rig, config, outputs, beside)
-        samples = _drawn(samples, rig, outputs, beside, stack)
+        samples = _drawn(samples, rig, outputs, beside, stack, tell)
         samples = _photographed(samples, rig, outputs, notes, stack)
         last = None
         for sample in samples:
@@ -138,7 +142,7 @@ def _kept(
 
 
 def _drawn(
-    samples: Iterator[Sample], rig: Rig, outputs: Outputs, beside: _Beside, stack: ExitStack
+    samples: Iterator[Sample], rig: Rig, outputs: Outputs, beside: _Beside, stack: ExitStack, tell: Tell
 ) -> Iterator[Sample]:
     if outputs.rrd is None and outputs.live is None:
         return samples
@@ -153,7 +157,7 @@ def _drawn(
         viewer = viewer_of(rig.spec, things)
         stack.callback(viewer.close)
         if outputs.live == "web":
-            viewer.serve()
+            tell(f"Open {viewer.serve()}")
         else:
             viewer.spawn()
         samples = shown(paced(samples), viewer, beside)

@@ -18,7 +18,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.safety import Guard, Limits

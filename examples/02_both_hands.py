@@ -2,7 +2,7 @@
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.hand import Hand
-from allegro_twin.library.postures import load_posture, posture_names
+from allegro_twin.library.named import load_posture, posture_names
 
 print("postures:", ", ".join(posture_names()))
 right, left = load_spec(side="right"), load_spec(side="left")

@@ -3,7 +3,7 @@
 from allegro_twin.build import assemble, scenario_config
 from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.library.grasps import load_grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
 
 rig = assemble(scenario_config("tennis_ball", grasp="grasp_3"))

@@ -18,8 +18,7 @@ from allegro_twin.hand import Hand
 from allegro_twin.hand.grasps import aperture, for_width
 from allegro_twin.hand.mover import Kind
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.grasps import load_grasp
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.sim.guide import Guide
 from allegro_twin.types import HandState, Sample, Vector
 

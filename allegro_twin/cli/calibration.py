@@ -15,7 +15,7 @@ from allegro_twin.files.edit import holds_anything, locked, read_text, with_docu
 from allegro_twin.identify.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_posture
 from allegro_twin.loop import Controller, run, to_the_end, until
 from allegro_twin.spec import HandSpec
 

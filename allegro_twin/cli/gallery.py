@@ -17,7 +17,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.files.whole import whole_file
 from allegro_twin.library.entries import GraspFile
-from allegro_twin.library.grasps import grasp_names, load_grasp
+from allegro_twin.library.named import grasp_names, load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.sim.render import Camera, Picture
 

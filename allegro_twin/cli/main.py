@@ -72,6 +72,7 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
+    told: set[str] = set()
     with console.progress() as bar:
         whole = bar.add_task("", total=len(jobs), visible=len(jobs) > 1)
         for job in jobs:
@@ -79,11 +80,19 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
             bar.update(whole, description=f"{len(reports)} of {len(jobs)}")
             task = bar.add_task(f"{job.name} {rig.spec.side}", total=rig.seconds)
             where = outputs if out is None else outputs_in(out, job, rig, outputs)
-            outcome = perform(rig, job.config, where, lambda t, task=task: bar.update(task, completed=t))  # type: ignore[misc]
+            outcome = perform(
+                rig,
+                job.config,
+                where,
+                lambda t, task=task: bar.update(task, completed=t),  # type: ignore[misc]  # Bound now.
+                lambda line: console.errors.print(line, soft_wrap=True),
+            )
             bar.remove_task(task)
             bar.advance(whole)
             for note in outcome.notes:
-                console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
+                if note not in told:
+                    console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
+                told.add(note)
             if outcome.report is None:
                 console.console.print(console.final_state(rig.spec, outcome.last))
             else:

@@ -25,8 +25,7 @@ from allegro_twin.hand.lesson import Lesson
 from allegro_twin.hand.mover import KINDS, Goal, Kind, Mover
 from allegro_twin.kinematics.model import Pose
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.grasps import load_grasp
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Sample, Vector, frozen
 

@@ -1,15 +1,13 @@
-"""Named grasps: the taxonomy's type, and the postures that the hand goes through."""
+"""A grasp for one hand: the taxonomy's type, the postures that the hand goes through, and how it holds on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.library.entries import GraspFile, Taxonomy, joint_values, mirrored_grip
 from allegro_twin.library.grip import CentroidGrip, EnvelopGrip, Grip
-from allegro_twin.library.sources import shipped
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -49,15 +47,3 @@ def _check_grip(grip: Grip | None, spec: HandSpec, where: str) -> None:
         row = grip.torque[name] if isinstance(grip, EnvelopGrip) else [0.0] * len(finger.joints)
         if len(row) != len(finger.joints):
             raise ConfigError(f"{where}: grip.torque.{name} has {len(finger.joints)} joints, not {len(row)}")
-
-
-def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
-    """A grasp by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
-    from allegro_twin.library.library import Library
-
-    return Library().grasp(name, spec)
-
-
-def grasp_names() -> list[str]:
-    """Every grasp that ships with the package."""
-    return sorted(shipped("grasp"))

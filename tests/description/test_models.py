@@ -21,7 +21,7 @@ from allegro_twin.description.mesh import rounded_box
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.scene import Stage, compile_scene

@@ -13,7 +13,7 @@ from allegro_twin.control.force_grasp import CentroidGrasp
 from allegro_twin.evaluate.held import Report
 from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.library.grasps import load_grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 from tests.evaluate.test_trial import DEMO

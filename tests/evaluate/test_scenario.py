@@ -12,8 +12,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.grasps import grasp_names, load_grasp
-from allegro_twin.library.postures import load_posture, posture_names
+from allegro_twin.library.named import grasp_names, load_grasp, load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 
 GOOD = """

@@ -14,7 +14,7 @@ from allegro_twin.evaluate.held import Report
 from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.evaluate.trial import Trial, too_heavy
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.grasps import load_grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.identify.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.backend import SimBackend

@@ -21,9 +21,9 @@ from allegro_twin.library.entries import (
     posture_entry,
     trajectory_entry,
 )
-from allegro_twin.library.grasps import Grasp, load_grasp
+from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.library.trajectories import Motion
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array

@@ -16,7 +16,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.postures import load_posture
+from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.scene import hand_spec
 from allegro_twin.spec import Side

@@ -14,7 +14,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
-from allegro_twin.library.grasps import load_grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.probe import Probe
