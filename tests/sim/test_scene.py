@@ -19,7 +19,7 @@ from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.probe import Probe
 from allegro_twin.sim.scene import TIMESTEP, Stage, compile_scene
-from allegro_twin.spec import HandSpec, Side
+from allegro_twin.spec import SIDES, HandSpec, Side
 from allegro_twin.types import TorqueCommand
 
 AWAY = {"position": (0, 0, 0.4), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
@@ -194,3 +194,21 @@ def test_a_fingertip_feels_what_it_presses(spec: HandSpec) -> None:
     assert touch["middle"][0] > 0
     assert np.linalg.norm(touch["middle"][1:]) > 0.5
     assert touch["index"][0] == 0
+
+
+def test_the_left_wrist_moves_and_turns_as_the_mirror_image_of_the_right(tmp_path: Path) -> None:
+    protocol = tmp_path / "sideways.yaml"
+    protocol.write_text(
+        "version: 1\nreference: go\nphases: [{name: go, seconds: 0.6, move: [0.02, 0.05, 0.1], turn: [20, 10, 30]}]\n"
+    )
+    poses = {}
+    for side in SIDES:
+        backend, timeline = wrist_run(str(protocol), side)
+        backend.reset()
+        for _ in range(round(timeline.seconds / 0.003)):
+            backend.read()
+        palm = backend.data.body("palm_link")
+        poses[side] = (palm.xpos.copy(), palm.xmat.reshape(3, 3).copy())
+    mirror = np.diag([1.0, -1.0, 1.0])
+    np.testing.assert_allclose(poses["left"][0], mirror @ poses["right"][0], atol=1e-6)
+    np.testing.assert_allclose(poses["left"][1], mirror @ poses["right"][1] @ mirror, atol=1e-6)
