@@ -15,6 +15,7 @@ from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
+from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import Side
 from tests.evaluate.test_trial import DEMO
 
@@ -25,12 +26,14 @@ def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object)
     """The trial of a force grasp with an object of the catalogue, or with a changed one."""
     rig = assemble(scenario_config(grasp, side, thing=thing))
     assert rig.trial is not None
-    trial = rig.trial
+    trial, hand = rig.trial, rig.backend
     if changes:
         scenario, _ = load_scenario(grasp)
         own = ObjectSettings.model_validate({"name": "thing", **changes})
         trial = Trial(scenario.model_copy(update={"objects": (own,)}), rig.spec, trial.grasp)
-    for _ in trial.watched(until(trial.seconds, run(trial.backend, rig.controller))):
+        limit = np.full(rig.spec.n_joints, 12.0)
+        hand = Guard(trial.backend, Limits(rig.spec.actuation.torque_limit, limit, rig.spec.lower, rig.spec.upper))
+    for _ in trial.watched(until(trial.seconds, run(hand, rig.controller))):
         pass
     return trial.report(), trial
 

@@ -19,6 +19,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 
 DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))
+TAXONOMY = sorted(path.stem for path in (data_root() / "scenarios" / "taxonomy").glob("*.yaml"))
 MORE = sorted(path.stem for path in (data_root() / "scenarios" / "more").glob("*.yaml"))
 
 
@@ -55,6 +56,13 @@ def test_twelve_of_twelve_are_held_by_either_hand(name: str, side: Side) -> None
 @pytest.mark.long
 def test_at_least_nineteen_of_all_twenty_two_are_held_by_either_hand(side: Side) -> None:
     assert sum(pick(name, side)[0].held for name in DEMO + MORE) >= 19
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", TAXONOMY)
+def test_every_type_of_the_taxonomy_that_claims_evidence_holds_its_object(name: str, side: Side) -> None:
+    report, _ = pick(name, side)
+    assert report.held, report.reason
 
 
 @pytest.mark.parametrize("name", DEMO + MORE)
