@@ -61,8 +61,9 @@ class Codec(Protocol):
         """None for a frame that is not this hand's. Raises ProtocolError for a malformed one, and nothing else."""
         ...
 
-    def opening(self, period: float) -> tuple[Message, ...]:
-        """What to say before servo on, so that the hand takes torques and reports every `period` seconds."""
+    def opening(self, position: float, imu: float, temperature: float) -> tuple[Message, ...]:
+        """What to say before servo on, so that the hand takes torques, and reports with these periods what its version
+        can report by itself, s; 0: never."""
         ...
 
     def closing(self) -> tuple[Message, ...]:

@@ -59,8 +59,8 @@ class V4:
         decoder = self._decoders.get(frame.id)
         return None if decoder is None else decoder(frame)
 
-    def opening(self, period: float) -> tuple[Message, ...]:
-        return (m.SetPeriod(period),)
+    def opening(self, position: float, imu: float, temperature: float) -> tuple[Message, ...]:
+        return (m.SetPeriod(position, imu, temperature),)
 
     def closing(self) -> tuple[Message, ...]:
         return (m.ServoOff(), m.SetPeriod(0.0))

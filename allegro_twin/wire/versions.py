@@ -6,7 +6,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.wire.codec import Calibration, Codec, Version
 from allegro_twin.wire.v4 import V4
 
-LAST_DEVICE = {"v1": 0, "v2": 0, "v3": 0, "v4": 3, "v5": 0, "v5plus": 0}
+LAST_DEVICE: dict[Version, int] = {"v1": 0, "v2": 0, "v3": 0, "v4": 3, "v5": 0, "v5plus": 0}
 """Highest device id. v5: the low two bits of its identifiers are always zero (v5 manual, IC docs)."""
 
 
