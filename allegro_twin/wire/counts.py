@@ -34,4 +34,4 @@ def nearest(value: float, low: int, high: int) -> int:
 
 def word(value: float) -> int:
     """The nearest signed 16-bit count."""
-    return nearest(value, -32768, 32767)
+    return math.floor(value + 0.5) if -32768.0 <= value <= 32767.0 else nearest(value, -32768, 32767)
