@@ -153,7 +153,8 @@ class Information(NamedTuple):
 
     hardware: int
     firmware: int
-    side: Side
+    side: Side | None
+    """None where the version does not tell (v5: its serial does)."""
     temperature: float = float("nan")
     """Of the palm, °C; NaN where the version does not tell."""
     bits: StatusBits | None = None

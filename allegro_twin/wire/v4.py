@@ -6,12 +6,11 @@ Identifier = message << 2 | device; all words are little-endian. The source of e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from struct import Struct
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import ClassVar, Final
 
 from allegro_twin.wire import messages as m
-from allegro_twin.wire.codec import Calibration, Version, malformed, no_such
+from allegro_twin.wire.codec import Calibration, Decoder, Encoder, Version, answer, asked, exactly, no_such
 from allegro_twin.wire.counts import LITTLE, nearest, truncated, word
 from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.messages import Message, Request, StatusBits, Topic
@@ -26,9 +25,6 @@ _PERIODS, _FOUR_PERIODS = Struct("<3H"), Struct("<4H")
 _CONFIG = Struct("<BBI")
 _CELSIUS = Struct("<4b")
 _ONE: Final = 32767  # A quaternion's 1.0: no source gives the scale (facts conflict 3.7), the full range is assumed.
-
-Decoder: TypeAlias = Callable[[Frame], Message]
-Encoder: TypeAlias = Callable[[Any], Frame]
 
 
 class V4:
@@ -86,7 +82,7 @@ class V4:
             m.Imu: lambda i: Frame(at(IMU), LITTLE.pack(*[word(_ONE * x) for x in i.orientation])),
             m.Status: lambda s: Frame(at(STATUS), bytes([int(s.bits) & 0xFF])),
             m.Information: lambda i: Frame(at(INFORMATION), _information(i)),
-            m.Serial: lambda s: Frame(at(SERIAL), s.text.encode("ascii", "replace")[:8].ljust(8)),
+            m.Serial: lambda s: Frame(at(SERIAL), s.text.encode("latin-1", "replace")[:8].ljust(8)),
         }
 
     def _torque_frame(self, message: m.SetTorque) -> Frame:
@@ -115,10 +111,10 @@ class V4:
             at(SERVO_OFF): lambda _: m.ServoOff(),
             at(SET_PERIOD): _read_periods,
             at(CONFIG): _read_configuration,
-            at(IMU): _answer(Topic.IMU, None, 8, _read_quaternion),
-            at(STATUS): _answer(Topic.STATUS, None, 1, lambda data: m.Status(StatusBits(data[0]))),
-            at(INFORMATION): _answer(Topic.INFORMATION, None, 7, _read_information),
-            at(SERIAL): _answer(Topic.SERIAL, None, 8, lambda data: m.Serial(data.decode("latin-1").strip("\0 "))),
+            at(IMU): answer(Topic.IMU, None, 8, _read_quaternion),
+            at(STATUS): answer(Topic.STATUS, None, 1, lambda data: m.Status(StatusBits(data[0]))),
+            at(INFORMATION): answer(Topic.INFORMATION, None, 7, _read_information),
+            at(SERIAL): answer(Topic.SERIAL, None, 8, lambda data: m.Serial(data.decode("latin-1").strip("\0 "))),
         }
         for finger in range(4):
             table[at(POSITION + finger)] = self._position_decoder(finger)
@@ -134,7 +130,7 @@ class V4:
             if len(frame.data) == 8 and not frame.remote:
                 a, b, c, d = unpack(frame.data)
                 return m.FingerPosition(finger, (a * k, b * k, c * k, d * k))
-            return _asked(frame, request, 8)
+            return asked(frame, request, 8)
 
         return decode
 
@@ -142,7 +138,7 @@ class V4:
         p, q, r, s = (1.0 / scale for scale in self._counts_per_torque[finger])
 
         def decode(frame: Frame) -> Message:
-            a, b, c, d = LITTLE.unpack(_exactly(frame, 8))
+            a, b, c, d = LITTLE.unpack(exactly(frame, 8))
             return m.SetTorque(finger, (a * p, b * q, c * r, d * s))
 
         return decode
@@ -151,33 +147,10 @@ class V4:
         k = self.rad_per_count
 
         def decode(frame: Frame) -> Message:
-            a, b, c, d = LITTLE.unpack(_exactly(frame, 8))
+            a, b, c, d = LITTLE.unpack(exactly(frame, 8))
             return m.SetPosition(finger, (a * k, b * k, c * k, d * k))
 
         return decode
-
-
-def _answer(topic: Topic, finger: int | None, length: int, read: Callable[[bytes], Message]) -> Decoder:
-    request = Request(topic, finger)
-
-    def decode(frame: Frame) -> Message:
-        if len(frame.data) == length and not frame.remote:
-            return read(frame.data)
-        return _asked(frame, request, length)
-
-    return decode
-
-
-def _asked(frame: Frame, request: Request, length: int) -> Request:
-    if frame.remote or not frame.data:
-        return request
-    raise malformed(frame, f"{len(frame.data)} data bytes instead of {length}")
-
-
-def _exactly(frame: Frame, *lengths: int) -> bytes:
-    if len(frame.data) in lengths and not frame.remote:
-        return frame.data
-    raise malformed(frame, f"{len(frame.data)} data bytes instead of {' or '.join(map(str, lengths))}")
 
 
 def _temperature_decoder(finger: int) -> Decoder:
@@ -185,7 +158,7 @@ def _temperature_decoder(finger: int) -> Decoder:
         a, b, c, d = _CELSIUS.unpack(data)
         return m.FingerTemperature(finger, (float(a), float(b), float(c), float(d)))
 
-    return _answer(Topic.TEMPERATURE, finger, 4, read)
+    return answer(Topic.TEMPERATURE, finger, 4, read)
 
 
 def _read_quaternion(data: bytes) -> Message:
@@ -200,7 +173,7 @@ def _read_information(data: bytes) -> Message:
 
 def _read_periods(frame: Frame) -> Message:
     """6 bytes in all manufacturer's code, 8 in the manual (M:345): both are taken."""
-    data = _exactly(frame, 6, 8)
+    data = exactly(frame, 6, 8)
     if len(data) == 6:
         position, imu, temperature = _PERIODS.unpack(data)
         return m.SetPeriod(position / 1000, imu / 1000, temperature / 1000)
@@ -209,7 +182,7 @@ def _read_periods(frame: Frame) -> Message:
 
 
 def _read_configuration(frame: Frame) -> Message:
-    flags, device, baud = _CONFIG.unpack(_exactly(frame, 6))
+    flags, device, baud = _CONFIG.unpack(exactly(frame, 6))
     return m.Configure(device & 3 if flags & 1 else None, baud if flags & 2 else None)
 
 
