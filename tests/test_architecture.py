@@ -16,7 +16,7 @@ LAYERS = [
     {"errors", "types", "spec"},
     {"backend", "files"},
     {"description", "kinematics", "control", "loop", "safety"},
-    {"sim", "replay", "library"},
+    {"sim", "replay", "library", "wire"},
     {"config", "view", "evaluate", "identify", "grasping"},
     {"build"},
     {"session"},
@@ -24,6 +24,7 @@ LAYERS = [
     {"cli"},
 ]
 HOMES = {
+    "can": {"wire"},
     "mujoco": {"sim"},
     "mink": {"sim"},
     "daqp": {"sim"},

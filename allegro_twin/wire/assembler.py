@@ -32,6 +32,8 @@ class Assembler:
         self._done: dict[int, Four] = {}
         self._begin = self._last = -math.inf
         self._doubtful = False
+        self.moments = 0
+        """Begun so far: periods of which any report came."""
         self.incomplete = 0
         """Moments of which some finger was lost."""
         self.doubtful = 0
@@ -52,6 +54,7 @@ class Assembler:
         group = self._group
         if not group:
             self._begin = t
+            self.moments += self._done.get(finger) != position or quiet
         elif finger in group:
             if group[finger] != position:
                 self._doubtful = True

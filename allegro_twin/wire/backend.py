@@ -13,6 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, Vector, frozen
 from allegro_twin.wire import messages as m
 from allegro_twin.wire.assembler import Whole
+from allegro_twin.wire.clock import HandClock
 from allegro_twin.wire.codec import FINGERS, Codec
 from allegro_twin.wire.deadman import Deadman
 from allegro_twin.wire.frames import Frame
@@ -24,6 +25,8 @@ from allegro_twin.wire.messages import Topic
 from allegro_twin.wire.terms import Terms
 from allegro_twin.wire.velocity import VelocityFilter
 
+FIRST = 0.5
+"""s that a hand may take to its first report."""
 PATIENCE = 10
 """Commands in a row that a full transmit queue may refuse before nobody can be listening."""
 
@@ -39,7 +42,6 @@ class CanBackend:
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
         self._port: Port | None = open_port()
-        self._tick: int
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self._deadman: Deadman | None = None
@@ -73,15 +75,17 @@ class CanBackend:
             for stamped in greeting:
                 self._ears.hear(*stamped)
             self._fault = None
-            whole = self._wait(max(self._terms.timeout, 0.5))
+            whole = self._wait(max(self._terms.timeout, FIRST))
+            if self._terms.imu_period and self._terms.gravity is None:
+                whole = self._level(whole)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        self._begin = self._last = whole.t
+        self._clock = HandClock(self._terms.period, whole.t, self._ears.moments)
         self._ears.serving = True
         position = frozen(whole.position)
         self._filter = VelocityFilter(self._terms.velocity_cutoff, position)
         self._arm()
-        return self._state(position, frozen(np.zeros(16)), 0.0)
+        return self._state(position, frozen(np.zeros(16)))
 
     def write(self, command: Command) -> None:
         port = self._ready()
@@ -110,13 +114,10 @@ class CanBackend:
             whole = self._wait(self._terms.timeout)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        before, period = self._tick, self._terms.period
-        self._tick = max(before + 1, round((whole.t - self._begin) / period))
-        self._last = max(whole.t, self._last + 0.1 * period)  # Time goes forward even where stamps do not.
-        self._ears.health.missed += self._tick - before - 1
+        periods = self._clock.advance(whole.t, self._ears.moments)
+        self._ears.health.missed += periods - 1
         position = frozen(whole.position)
-        velocity = self._filter(position, (self._tick - before) * period)
-        return self._state(position, velocity, self._last - self._begin)
+        return self._state(position, self._filter(position, periods * self._terms.period))
 
     def close(self) -> None:
         self._disarm()
@@ -134,7 +135,7 @@ class CanBackend:
         """Forget the last session."""
         self._ears = Listener(self._codec, self._terms.period, self._terms.gravity)
         self._torque = frozen(np.zeros(16))
-        self._refused, self._tick = 0, 0
+        self._refused = self._polled = 0
 
     def _ready(self) -> Port:
         if self._fault is not None:
@@ -158,18 +159,32 @@ class CanBackend:
                     return newest
             elif not link.pump(max(deadline - link.now(), 0.0)) and link.now() >= deadline:
                 who = self._ears.silent(timeout)
-                raise LinkTimeout(f"no report from {who} for {timeout:g} s on {link.name}; is it powered and plugged in?")
+                raise LinkTimeout(
+                    f"no report from {who} for {timeout:g} s on {link.name}; is it powered and plugged in?"
+                )
+
+    def _level(self, whole: Whole) -> Whole:
+        """Wait until the IMU has told where down is."""
+        link, ears = self._port.link, self._ears  # type: ignore[union-attr]  # Open since reset.
+        deadline = link.now() + FIRST + 2 * self._terms.imu_period
+        while not ears.gravity.any() or not np.isfinite(ears.gravity).all():
+            if link.now() > deadline:
+                raise LinkTimeout(f"the hand reports positions on {link.name}, but no IMU; give `gravity` instead")
+            whole = self._wait(self._terms.timeout)
+        return whole
 
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
+        self._polled += 1
         every = round(self._terms.status_period / self._terms.period)
-        if self._terms.identify and self._codec.identifies and (self._tick + 1) % every == 0:
+        if self._terms.identify and self._codec.identifies and self._polled % every == 0:
             assert self._port is not None
             self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
 
-    def _state(self, position: Vector, velocity: Vector, t: float) -> HandState:
+    def _state(self, position: Vector, velocity: Vector) -> HandState:
+        clock = self._clock
         return HandState(
-            t, self._tick, position, velocity, self._torque, self._ears.temperature, self._ears.gravity
+            clock.t, clock.tick, position, velocity, self._torque, self._ears.temperature, self._ears.gravity
         )
 
     def _torque_frames(self, torque: list[float]) -> list[Frame]:

@@ -68,6 +68,11 @@ class Firmware:
         return self._state
 
     @property
+    def serving(self) -> bool:
+        """Whether its motors are on."""
+        return self._servo
+
+    @property
     def codec(self) -> Codec:
         return self._codec
 

@@ -13,6 +13,7 @@ from allegro_twin.wire.link import Port, Stamped
 from allegro_twin.wire.messages import Message, Topic
 from allegro_twin.wire.strangers import speakers
 from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.v5 import told_by_serial
 
 GAP = 0.001
 """Between two frames of the sequence, s; the manufacturer's drivers leave 10 µs (v1–v3 L) to 10 ms (C)."""
@@ -81,8 +82,13 @@ def _identify(port: Port, codec: Codec, spec: HandSpec) -> None:
         raise ConfigError(
             f"the hand says hardware {found.hardware:#06x}, which is no {codec.version} hand; correct `version`"
         )
-    if found.side != spec.side:
-        raise ConfigError(f"this is a {found.side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
+    side = found.side
+    if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial), m.Serial):
+        version, side = told_by_serial(serial.text)
+        if version is not None and version != codec.version:
+            raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
+    if side is not None and side != spec.side:
+        raise ConfigError(f"this is a {side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
 
 
 def _instead(port: Port) -> str:

@@ -7,13 +7,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import can
 
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.wire.frames import Frame
+from allegro_twin.wire.load import Load, check_load
 
+Bus: TypeAlias = can.BusABC
+"""Any bus that python-can knows."""
 QUEUE = 4096
 """Frames kept for a hand that nobody reads; the oldest give way."""
 BUS_OFF = 0x40  # linux/can/error.h CAN_ERR_BUSOFF, which python-can leaves in the identifier of an error frame.
@@ -30,8 +33,9 @@ class Stamped(NamedTuple):
 class Link:
     """One bus. Raises LinkError for whatever ends it; `ports` are the hands that listen."""
 
-    def __init__(self, bus: can.BusABC) -> None:
-        self._bus, self._ports = bus, list[Port]()
+    def __init__(self, bus: can.BusABC, bitrate: int = 1_000_000, closed: Callable[[], None] = lambda: None) -> None:
+        self._bus, self.bitrate, self._closed = bus, bitrate, closed
+        self._ports: list[Port] = []
         self._sending, self._receiving = threading.Lock(), threading.Lock()
         self._listeners: list[Callable[[can.Message], None]] = []
         self.error_frames = 0
@@ -46,9 +50,11 @@ class Link:
         """Seconds on a clock that never goes back."""
         return float(self._bus.now) if self.lockstep else time.monotonic()  # type: ignore[attr-defined]
 
-    def port(self) -> Port:
-        """A listener of its own: every port receives every frame."""
-        port = Port(self)
+    def port(self, load: Load | None = None) -> Port:
+        """A listener of its own: every port receives every frame. Raises ConfigError when the bus cannot carry its
+        `load` beside the others'."""
+        port = Port(self, load)
+        check_load([*(other.load for other in self._ports), load], self.bitrate, self.name)
         self._ports.append(port)
         return port
 
@@ -110,17 +116,20 @@ class Link:
 
     def leave(self, port: Port) -> None:
         """The last one out closes the bus."""
-        if port in self._ports:
-            self._ports.remove(port)
+        if port not in self._ports:
+            return
+        self._ports.remove(port)
         if not self._ports:
+            self._closed()
             self._bus.shutdown()
 
 
 class Port:
     """One hand's end of a link."""
 
-    def __init__(self, link: Link) -> None:
-        self.link, self.queue = link, deque[Stamped](maxlen=QUEUE)
+    def __init__(self, link: Link, load: Load | None) -> None:
+        self.link, self.load = link, load
+        self.queue: deque[Stamped] = deque(maxlen=QUEUE)
 
     def send(self, frames: Iterable[Frame]) -> bool:
         return self.link.send(frames)
@@ -134,6 +143,18 @@ class Port:
 
     def close(self) -> None:
         self.link.leave(self)
+
+
+_open: dict[tuple[str, str], Link] = {}
+
+
+def shared(interface: str, channel: str, bitrate: int, options: Mapping[str, Any]) -> Link:
+    """The link on a bus: hands of one program on one bus share it, for most adapters open only once."""
+    key = (interface, channel)
+    if key not in _open:
+        bus = open_bus(interface, channel, bitrate, options)
+        _open[key] = Link(bus, bitrate, lambda: _open.__delitem__(key))
+    return _open[key]
 
 
 def open_bus(interface: str, channel: str, bitrate: int, options: Mapping[str, Any]) -> can.BusABC:

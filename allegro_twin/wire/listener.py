@@ -36,6 +36,11 @@ class Listener:
         self.serving = False
         """Whether the motors ought to be on."""
 
+    @property
+    def moments(self) -> int:
+        """Periods of which any report came."""
+        return self._assembler.moments
+
     def hear(self, frame: Frame, t: float) -> Whole | None:
         """Take one frame in; the whole hand, when it completes one. Raises HandFault or LinkError."""
         try:
