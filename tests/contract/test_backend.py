@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand
 from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.codec import Version
 from tests.conftest import MakeSim, on_a_bus
 
 Make = Callable[[], HandBackend]
@@ -31,7 +33,7 @@ def guarded(backend: HandBackend) -> Guard:
     return Guard(backend, limits)
 
 
-VERSIONS = ("v1", "v2", "v3", "v4", "v5", "v5plus")
+VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
 CAN = [f"can-{version}" for version in VERSIONS]
 
 
@@ -45,8 +47,7 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
         "replay": lambda: ReplayBackend(load(recording_path)),
         "can-v4-left": lambda: on_a_bus("v4", side="left"),
     }
-    for version in VERSIONS:
-        makers[f"can-{version}"] = lambda version=version: on_a_bus(version)
+    makers |= {name: partial(on_a_bus, version) for name, version in zip(CAN, VERSIONS, strict=True)}
     return makers[request.param]
 
 
