@@ -257,6 +257,17 @@ def test_positions_of_the_first_three_versions_are_read_whatever_the_destination
         assert codec.decode(Frame(0x0F << 6 | destination << 3 | 4, data)) == m.FingerPosition(1, ZERO)
 
 
+def test_a_remote_frame_on_an_identifier_of_the_first_three_versions_is_malformed() -> None:
+    with pytest.raises(ProtocolError, match="a v3 hand knows no remote frames"):
+        make_codec("v3").decode(Frame(0x40A, remote=True))
+
+
+def test_an_identity_that_is_neither_question_nor_answer_is_malformed() -> None:
+    for length in (1, 7):
+        with pytest.raises(ProtocolError, match=f"{length} data bytes instead of 8"):
+            make_codec("v3").decode(Frame(0x40A, bytes(length)))
+
+
 def test_a_period_that_a_version_cannot_say_is_refused_and_not_dropped() -> None:
     with pytest.raises(ProtocolError, match="nothing but positions"):
         make_codec("v2").encode(m.SetPeriod(0.003, imu=0.01))
