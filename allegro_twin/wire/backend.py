@@ -42,6 +42,7 @@ class CanBackend:
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
         self._port: Port | None = open_port()
+        self._lockstep = self._port.link.lockstep
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self._deadman: Deadman | None = None
@@ -55,6 +56,11 @@ class CanBackend:
     @property
     def period(self) -> float:
         return self._terms.period
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether the hand's time passes only while this backend reads."""
+        return self._lockstep
 
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
@@ -104,6 +110,9 @@ class CanBackend:
             raise self._stopped(error) from error.__cause__
         if self._deadman is not None:
             self._deadman.feed()
+        if self._fault is not None:  # The deadman struck meanwhile, and these torques came after its zeros.
+            self._silence()
+            raise self._fault
 
     def read(self) -> HandState:
         self._ready()
@@ -218,7 +227,7 @@ class CanBackend:
             pass  # Nothing left to say it with.
 
     def _arm(self) -> None:
-        if self._terms.deadman is None or self._port is None or self._port.link.lockstep:
+        if self._terms.deadman is None or self._lockstep:
             return  # On a lockstep bus time stands still while nobody calls.
         if self._deadman is None:
             self._deadman = Deadman(self._terms.deadman, self._cut_off)
