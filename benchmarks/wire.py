@@ -41,7 +41,7 @@ def _period() -> tuple[list[m.SetTorque], list[m.FingerPosition]]:
 
 def _both_ends(codec: Codec) -> Callable[[], None]:
     torques, positions = _period()
-    messages: list[Message] = [*torques, *positions]
+    messages: list[m.Message] = [*torques, *positions]
 
     def work() -> None:
         for message in messages:
