@@ -10,6 +10,7 @@ import pytest
 from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, PID
 from allegro_twin.control.handover import Relay
+from allegro_twin.control.teach import Taught
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hand import Hand
 from allegro_twin.hand.bounds import Bounds
@@ -201,3 +202,14 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
         hand.wait(0.3)
         np.testing.assert_array_equal(lesson.posture(), left)
     assert heard == len(told) == 10
+
+
+def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
+    motion = Taught(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    with Hand.open(config()) as hand:
+        for speed in (1.0, 2.0):
+            hand.play(motion, speed, approach=3.0, wait=False)
+            goal = hand._mover.goal
+            assert goal is not None
+            assert goal.seconds == pytest.approx(1.0 / speed)
+            np.testing.assert_allclose(goal.path(0.5 / speed).position, home + 0.05)
