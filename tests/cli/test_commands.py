@@ -38,7 +38,8 @@ def test_every_kind_of_error_has_its_exit_code(
 def test_one_list_is_only_that_list(command: Run) -> None:
     code, shown, _ = command("list", "objects")
     assert code == 0
-    assert "29" in next(line for line in shown.splitlines() if "lemon" in line)
+    lemon = next(line for line in shown.splitlines() if "lemon" in line)
+    assert [cell.strip() for cell in lemon.split("│")][-2] == "29"  # g.
     assert "quadpod" not in shown
     assert "trajectories" in command("list")[1]
     assert set(catalogue.KINDS) == {

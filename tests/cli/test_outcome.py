@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 import allegro_twin.hand
-from allegro_twin.cli import console, gallery
+from allegro_twin.cli import calibration, console, gallery
 from allegro_twin.cli.calibration import find_limits
 from allegro_twin.cli.keys import pressed
 from allegro_twin.config import load_config
@@ -22,7 +22,7 @@ from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.hand.grasps import Grasped
-from allegro_twin.identify.limits import FoundLimits
+from allegro_twin.identify.limits import TORQUE, FoundLimits
 from allegro_twin.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.library.library import Library
 from allegro_twin.spec import HandSpec
@@ -139,6 +139,14 @@ def test_tables_show_the_numbers_of_their_columns(spec: HandSpec) -> None:
     found = FoundLimits(spec.lower - 0.03, spec.upper + 0.05)
     shown = text(console.limits(spec, found))
     assert f"index_0 {low - 0.03:+.3f} {low:+.3f} {high + 0.05:+.3f} {high:+.3f}" in shown
+
+
+def test_calibration_may_go_beyond_the_limits_and_pushes_gently() -> None:
+    config = load_config("sim_right")
+    limits = calibration._searching(config).limits
+    assert limits.margin < 0 <= config.limits.margin
+    assert limits.torque == TORQUE < load_spec().actuation.torque_limit.max()
+    assert limits.velocity == config.limits.velocity
 
 
 def test_calibration_by_hand_pushes_no_joint_and_lasts_as_long_as_it_was_told() -> None:
