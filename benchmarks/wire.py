@@ -8,6 +8,7 @@ from struct import Struct
 
 from allegro_twin.wire import messages as m
 from allegro_twin.wire.codec import Codec, Version
+from allegro_twin.wire.messages import Message
 from allegro_twin.wire.versions import make_codec
 
 TURNS, ROUNDS = 3000, 9
@@ -41,7 +42,7 @@ def _period() -> tuple[list[m.SetTorque], list[m.FingerPosition]]:
 
 def _both_ends(codec: Codec) -> Callable[[], None]:
     torques, positions = _period()
-    messages: list[m.Message] = [*torques, *positions]
+    messages: list[Message] = [*torques, *positions]
 
     def work() -> None:
         for message in messages:

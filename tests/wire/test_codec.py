@@ -221,6 +221,12 @@ def test_a_v5_hands_serial_tells_its_type_and_side() -> None:
     assert told_by_serial("A080R") == (None, None)
 
 
+def test_a_serial_of_any_bytes_is_read_and_said_again() -> None:
+    for data in (b"A080R   ", b"\xff\x80B\x7f1234"):
+        frame = Frame(0x220, data)
+        assert make_codec("v4").encode(understood(make_codec("v4"), frame)) == frame
+
+
 def test_fingertip_pressures_are_read_on_both_pairs_of_identifiers_and_said_on_one() -> None:
     told = m.FingertipPressure((2, 3), (120.0, -5.0))
     new, old = V5(Calibration()), V5(Calibration(), pressures=0x50)
