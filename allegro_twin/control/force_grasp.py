@@ -126,7 +126,7 @@ class Wrapped(NamedTuple):
 class EnvelopGrasp:
     """Reach the pre-shape under position control, then wrap: constant torques close every link onto the object.
 
-    From the squeeze on the joints are also springs about where the object stopped them: torques alone let a wide can turn.
+    From the squeeze on the joints are also springs about where the object stopped them, lest a wide can turn.
     """
 
     reach: PD
