@@ -89,5 +89,13 @@ def _envelop(
         torque[list(spec.finger(name).joints)] = values
     scale = grip.scale if force is None else force
     return EnvelopGrasp(
-        reach, timed.close_at, timed.squeeze_at, gravity, torque, scale=scale, closing_scale=grip.closing
+        reach,
+        timed.close_at,
+        timed.squeeze_at,
+        gravity,
+        np.array([spec.finger(name).joints for name in grip.torque]),
+        torque,
+        scale=scale,
+        closing_scale=grip.closing,
+        stiffness=grip.stiffness,
     )

@@ -112,33 +112,63 @@ class CentroidGrasp:
         return press + lost + posture - self.damping * state.velocity
 
 
+class Wrapped(NamedTuple):
+    """What an envelop grasp remembers."""
+
+    reach: Following
+    t: float
+    stall: Stall
+    rest: Vector
+    """Joint positions at which the object stopped each finger, (n,), rad; NaN before."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EnvelopGrasp:
-    """Reach the pre-shape under position control, then wrap: constant torques close every link onto the object."""
+    """Reach the pre-shape under position control, then wrap: constant torques close every link onto the object.
+
+    From the squeeze on the joints are also springs about where the object stopped them, lest a wide can turn.
+    """
 
     reach: PD
     close_at: float
     squeeze_at: float
     gravity: Gravity
+    joints: Array
+    """Joint indices of the fingers that wrap, (k, j)."""
     torque: Vector
     """Closing torques at scale 1, (n,), N·m; joints with zero stay at the pre-shape."""
     scale: float = 1.0
     closing_scale: float = 0.3
     """Of `torque` before the squeeze."""
+    stiffness: float = 4.0
+    """Against a motion of the wrapped object, N·m/rad."""
     ramp: float = 0.3
     """s."""
     damping: float = 0.12
     """Of the closing joints, N·m·s/rad."""
 
-    def start(self, state: HandState) -> Following:
-        return self.reach.start(state)
+    def start(self, state: HandState) -> Wrapped:
+        still = Stall(np.zeros(len(self.joints)))
+        return Wrapped(self.reach.start(state), state.t, still, np.full(len(state.position), np.nan))
 
-    def __call__(self, state: HandState, memory: Following) -> tuple[TorqueCommand, Following]:
-        command, _ = self.reach(state, memory)
-        since = state.t - memory.began
+    def __call__(self, state: HandState, memory: Wrapped) -> tuple[TorqueCommand, Wrapped]:
+        command, _ = self.reach(state, memory.reach)
+        since = state.t - memory.reach.began
         if since < self.close_at:
-            return command, memory
+            return command, memory._replace(t=state.t)
         part = min(max((since - self.squeeze_at) / self.ramp, 0.0), 1.0)
-        scale = self.closing_scale + part * (self.scale - self.closing_scale)
-        wrap = scale * self.torque + self.gravity(state) - self.damping * state.velocity
+        wrap = (self.closing_scale + part * (self.scale - self.closing_scale)) * self.torque
+        memory = self._felt(state, memory, wrap, since)
+        spring = self.stiffness * np.nan_to_num(memory.rest - state.position)
+        wrap = wrap + spring + self.gravity(state) - self.damping * state.velocity
         return TorqueCommand(np.where(self.torque != 0.0, wrap, command.torque)), memory
+
+    def _felt(self, state: HandState, memory: Wrapped, push: Vector, since: float) -> Wrapped:
+        """Notice, from the squeeze on, which fingers the object has stopped: there they stay."""
+        stall = stalling(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
+        rest = memory.rest
+        new = touching(stall) & np.isnan(rest[self.joints[:, 0]])
+        if since >= self.squeeze_at and new.any():
+            rest, mine = rest.copy(), self.joints[new]
+            rest[mine] = state.position[mine]
+        return memory._replace(t=state.t, stall=stall, rest=rest)

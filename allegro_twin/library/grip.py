@@ -34,6 +34,8 @@ class EnvelopGrip(Settings):
     torque: dict[str, list[float]]
     """For each finger that wraps, torques at scale 1, N·m; a zero leaves the joint where the pre-shape has it."""
     scale: Positive = 1.0
+    stiffness: Annotated[float, Field(ge=0)] = 4.0
+    """Against a motion of the wrapped object, N·m/rad."""
     closing: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Of the torques before the squeeze."""
 

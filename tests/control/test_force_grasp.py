@@ -1,0 +1,67 @@
+"""The envelop grasp wraps with constant torques, and then holds on where the object stopped its fingers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.force_grasp import EnvelopGrasp
+from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.hands import load_spec
+from allegro_twin.library.gains import load_gains
+from allegro_twin.types import HandState, Vector, frozen
+from tests.control.test_controllers import gravity_of
+from tests.test_safety import state
+
+SPEC = load_spec()
+REST = SPEC.posture(np.clip(0.3, SPEC.lower, SPEC.upper))
+TORQUE = frozen(np.tile([0.0, 0.2, 0.1, 0.1], 4))
+
+
+def envelop(squeeze_at: float) -> EnvelopGrasp:
+    reach = PD(Hold(REST), load_gains("default", SPEC))
+    gravity, joints = gravity_of(SPEC, np.zeros(3)), np.array([finger.joints for finger in SPEC.fingers])
+    return EnvelopGrasp(reach, 0.1, squeeze_at, gravity, joints, TORQUE, closing_scale=0.5, stiffness=5.0, ramp=0.1)
+
+
+def still(t: float, position: Vector = REST) -> HandState:
+    return state(round(t / 0.003), position=position, velocity=np.zeros(16))
+
+
+def torque_after(controller: EnvelopGrasp, seconds: float, then: Vector) -> Vector:
+    """The torque at `then`, after the hand has stood still at REST for a while."""
+    memory = controller.start(still(0.0))
+    for t in np.arange(0.0, seconds, 0.003):
+        _, memory = controller(still(float(t)), memory)
+    command, _ = controller(still(seconds, then), memory)
+    return command.torque
+
+
+def test_before_the_squeeze_a_part_of_the_torque_closes_whatever_the_position() -> None:
+    for position in (REST, SPEC.posture(REST + 0.05)):
+        np.testing.assert_allclose(torque_after(envelop(9.0), 0.5, position)[1:4], 0.5 * TORQUE[1:4], atol=1e-12)
+
+
+def test_a_wrapped_object_that_moves_meets_a_spring_on_top_of_the_whole_torque() -> None:
+    at_rest = torque_after(envelop(0.2), 0.6, REST)
+    np.testing.assert_allclose(at_rest[TORQUE != 0], TORQUE[TORQUE != 0], atol=1e-12)
+    moved = torque_after(envelop(0.2), 0.6, SPEC.posture(REST - 0.02))
+    np.testing.assert_allclose((moved - at_rest)[TORQUE != 0], 5.0 * 0.02, atol=1e-12)
+
+
+def test_a_finger_that_still_moves_keeps_closing_and_is_no_spring() -> None:
+    controller = envelop(0.2)
+    memory = controller.start(still(0.0))
+    velocity = np.zeros(16)
+    velocity[1] = 1.0
+    for t in np.arange(0.0, 0.6, 0.003):
+        _, memory = controller(state(round(t / 0.003), position=REST, velocity=velocity), memory)
+    assert np.isnan(memory.rest[:4]).all()
+    np.testing.assert_array_equal(memory.rest[4:], REST[4:])
+
+
+def test_joints_without_a_torque_follow_the_pre_shape() -> None:
+    controller, away = envelop(0.2), SPEC.posture(REST + 0.05)
+    command, _ = controller.reach(still(0.6, away), controller.reach.start(still(0.0)))
+    np.testing.assert_allclose(torque_after(controller, 0.6, away)[::4], command.torque[::4])
+    assert (np.abs(command.torque[::4]) > 0.1).all()
