@@ -62,12 +62,13 @@ class Engine:
         interface = self.task.interface
         memory = interface.act(action, self.memory)
         course = interface.course(memory)
+        self.task.plan(memory.tick)
         gains = self._sensing.gains(interface.gains.kp, interface.gains.kd)
         for k in range(interface.decimation):
             tick = memory.tick + k
             position, velocity = self._sensing.measured(tick)
             self._sensing.drive(interface.torque(position, velocity, course, k, gains), tick)
-            self.task.drive(tick)
+            self.task.drive(k)
             self.worlds.step(rows, self._substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1

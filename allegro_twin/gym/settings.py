@@ -32,6 +32,9 @@ class EnvSettings(Settings):
     """Control period, s."""
     timestep: Positive = 0.001
     """Of the physics, s."""
+    noslip: Annotated[int, Field(ge=0)] = 0
+    """Solver iterations against the creep of held objects. They double the cost of a step in contact, and without them
+    a held object creeps by 0.1 mm/s (docs/models.md#contact), 1 % of what an episode lets pass."""
     decimation: Annotated[int, Field(ge=1)] = 13
     """Control periods between two actions."""
     gains: str = "default"

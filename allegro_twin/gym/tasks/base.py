@@ -62,8 +62,11 @@ class Task(ABC):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         """Set up new episodes of simulations that have their variant and what was randomised (`values`, (m,) each)."""
 
-    def drive(self, tick: Ticks) -> None:
-        """Move what surrounds the hands for the control period that begins, `tick` (n,) periods after the beginning."""
+    def plan(self, tick: Ticks) -> None:
+        """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
+
+    def drive(self, k: int) -> None:
+        """Move what surrounds the hands for the k-th control period of that step."""
 
     @abstractmethod
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:

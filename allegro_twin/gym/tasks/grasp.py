@@ -36,14 +36,14 @@ class Grasp(Closing):
         self.push = np.zeros((n, 3))
         """N, world."""
         self.place = np.zeros((n, 3))
-        """Where the object was when it was let go, m, world."""
+        """Where the object was at the first observation after it was let go, m, world."""
         self._hand, self._holds = self.worlds.presenter()
 
     def names(self) -> tuple[str, ...]:
         return self.settings.objects or tuple(scenarios())[:12]
 
     def scene(self, name: str, grasp: str | None) -> Scene:
-        return presented(name, self.spec, self.settings.timestep, grasp)
+        return presented(name, self.spec, self.settings, grasp)
 
     def apart(self, scene: Scene, size: float) -> Vector:
         return np.zeros(3)
@@ -59,26 +59,34 @@ class Grasp(Closing):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
-        self._goto(rows, np.zeros(len(rows), np.int64))
-        self.thing.pose[rows, :3] = self._hand[rows]
+        self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, np.zeros(len(rows), np.int64))
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
         self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]
         self.place[rows] = self._middles[variant]
+        self._holds[rows] = 1.0
 
-    def drive(self, tick: Ticks) -> None:
-        assert self.thing is not None
+    def plan(self, tick: Ticks) -> None:
         release, period = self._release[self.script], self.settings.period
-        self._goto(slice(None), tick)
-        self._holds[:] = tick < release
-        going = tick - release
-        np.copyto(self.place, self.thing.pose[:, :3], where=(going == 0)[:, None])
-        self.thing.force[:] = self.push * ((going >= CALM / period) & (going < (CALM + PUSHED) / period))[:, None]
+        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        going = ticks - release
+        self._holding = going < 0
+        self._pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
+        self._path = self._hand_at(slice(None), ticks) if self._holding.any() else None
+
+    def drive(self, k: int) -> None:
+        assert self.thing is not None
+        if self._path is not None:
+            self._hand[:] = self._path[k]
+        self._holds[:] = self._holding[k]
+        np.multiply(self.push, self._pushing[k][:, None], out=self.thing.force)
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
         going = tick - self._release[self.script]
         alone = going > 0
+        just = alone & (going <= self.settings.decimation)
+        np.copyto(self.place, self.thing.pose[:, :3], where=just[:, None])
         drift = np.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
         hold = np.where(alone, np.exp(-((drift / WIDTH) ** 2)), 0.0)
         effort = -0.02 * np.square(action).mean(axis=-1)
@@ -87,8 +95,8 @@ class Grasp(Closing):
         terms = {"hold": hold, "effort": effort}
         return Outcome(hold + effort, failed, over & (drift < HELD), terms)
 
-    def _goto(self, rows: Rows | slice, tick: Ticks) -> None:
-        """Move the presenter's hand."""
+    def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
+        """Where the presenter's hand is, (..., 3), m, world."""
         number = self.script[rows]
         left = self._left[np.minimum(tick, len(self._left) - 1)]
-        self._hand[rows] = self._middles[number] + self.offset[rows] - left[:, None] * self._retreats[number]
+        return self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]

@@ -39,7 +39,7 @@ class Lift(Closing):
         return self.settings.objects or from_above()[:10]
 
     def scene(self, name: str, grasp: str | None) -> Scene:
-        return on_table(name, self.spec, self.settings.timestep, grasp)
+        return on_table(name, self.spec, self.settings, grasp)
 
     def apart(self, scene: Scene, size: float) -> Vector:
         # As the object stands higher by its greater size, and the palm would come down to it.
@@ -66,8 +66,12 @@ class Lift(Closing):
         self.thing.pose[rows, 2] = self._heights[variant] * values.get("size", 1.0)
         self.place[rows] = self.thing.pose[rows, :3]
 
-    def drive(self, tick: Ticks) -> None:
-        self._wish[:] = self._wishes[self.script, np.minimum(tick, self.periods)]
+    def plan(self, tick: Ticks) -> None:
+        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        self._course = self._wishes[self.script, np.minimum(ticks, self.periods)]
+
+    def drive(self, k: int) -> None:
+        self._wish[:] = self._course[k]
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None

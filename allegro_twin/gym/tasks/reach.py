@@ -9,13 +9,14 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Task, Ticks
+from allegro_twin.gym.tasks.scenes import compiled
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows, Worlds
 from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.probe import free_of_contact
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.scene import Stage
 from allegro_twin.types import Array
 
 GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
@@ -35,8 +36,7 @@ class Reach(Task):
         super().__init__(settings, n, threads)
         if settings.objects is not None:
             raise ConfigError("Reach has no objects to choose")
-        model = compile_scene(self.spec, Stage(np.zeros(3), orientation((1, 0, 0), (0, 0, 1))))
-        model.opt.timestep = settings.timestep
+        model = compiled(self.spec, Stage(np.zeros(3), orientation((1, 0, 0), (0, 0, 1))), settings)
         self.worlds = Worlds(self.spec, model, n, threads)
         self.interface = self._interface(goal="fingertips", step=0.15)
         middle, half = self.interface.middle, self.interface.half

@@ -12,6 +12,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.evaluate.plan import stage
 from allegro_twin.evaluate.scenario import Scenario, load_scenario
 from allegro_twin.files.assets import data_root
+from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim.scene import Stage, compile_scene
@@ -51,23 +52,23 @@ def from_above() -> tuple[str, ...]:
     return tuple(name for name in scenarios() if load_scenario(scenarios()[name])[0].wrist.retreat[2] > 0)
 
 
-def presented(name: str, spec: HandSpec, timestep: float, grasp: str | None = None, scenario: str | None = None) -> Scene:
+def presented(name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None) -> Scene:
     """An object in somebody's fingers before a hand that stands still."""
-    settings, around, retreat = _scene(name, spec, scenario)
+    found, around, retreat = _found(name, spec, scenario)
     position = np.asarray(around.position) - retreat
     around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(name, settings, around, retreat, spec, timestep, grasp)
+    return _built(name, around, retreat, spec, settings, grasp or found.grasp)
 
 
-def on_table(name: str, spec: HandSpec, timestep: float, grasp: str | None = None) -> Scene:
+def on_table(name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> Scene:
     """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
-    settings, around, retreat = _scene(name, spec, None)
+    found, around, retreat = _found(name, spec, None)
     if retreat[2] <= 0:
         raise ConfigError(f"{name} is grasped from its side; the slide serves {', '.join(from_above())}")
-    return _built(name, settings, replace(around, slide=True), retreat, spec, timestep, grasp)
+    return _built(name, replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
 
 
-def _scene(name: str, spec: HandSpec, scenario: str | None) -> tuple[Scenario, Stage, Vector]:
+def _found(name: str, spec: HandSpec, scenario: str | None) -> tuple[Scenario, Stage, Vector]:
     if scenario is None and name not in scenarios():
         raise ConfigError(unknown("object", name, scenarios()))
     settings, path = load_scenario(scenario or scenarios()[name])
@@ -75,12 +76,16 @@ def _scene(name: str, spec: HandSpec, scenario: str | None) -> tuple[Scenario, S
     return settings, stage(settings, spec.side, path.parent), mirror * settings.wrist.retreat
 
 
-def _built(
-    name: str, settings: Scenario, around: Stage, retreat: Vector, spec: HandSpec, timestep: float, grasp: str | None
-) -> Scene:
+def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:
     placed = around.things[0]
     thing = replace(placed, thing=replace(placed.thing, name=THING))
-    model = compile_scene(spec, replace(around, things=[thing]))
-    model.opt.timestep = timestep
+    model = compiled(spec, replace(around, things=[thing]), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
-    return Scene(name, load_grasp(grasp or settings.grasp, spec), model, pose, retreat)
+    return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
+
+
+def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
+    """The model of a scene, with the physics that the settings ask for."""
+    model = compile_scene(spec, around)
+    model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
+    return model
