@@ -14,10 +14,9 @@ from allegro_twin.gym.sensing import Sensing
 from allegro_twin.gym.settings import EnvSettings, read_options
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tasks.base import Flags, Outcome
-from allegro_twin.policy.interface import Memory, Observation
+from allegro_twin.policy.interface import BOUND, Memory, Observation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
-from allegro_twin.types import Array
 
 
 class Engine:
@@ -74,13 +73,15 @@ class Engine:
         self.count += 1
 
     def observe(self) -> Observation:
-        """What every policy sees now; new arrays."""
+        """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
         position, velocity = self._sensing.measured(self.memory.tick)
+        if not np.isfinite(position).all():
+            position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         seen = self.task.interface.observe(position, velocity, self.memory, self.task.goal())
         extra = self.task.seen()
         if extra is None:
             return seen
-        more = np.clip(extra, -5.0, 5.0).astype(np.float32)
+        more = np.clip(np.nan_to_num(extra), -BOUND, BOUND).astype(np.float32)
         if isinstance(seen, dict):
             return seen | {"observation": np.concatenate([seen["observation"], more], axis=-1)}
         return np.concatenate([seen, more], axis=-1)
@@ -113,7 +114,3 @@ class Engine:
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
 
-
-def finite(observation: Array) -> Array:
-    """Zeros in place of what a simulation that diverged shows."""
-    return np.nan_to_num(observation, nan=0.0, posinf=0.0, neginf=0.0)

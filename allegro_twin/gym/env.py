@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
@@ -14,20 +15,26 @@ from allegro_twin.gym.pictures import Pictures
 from allegro_twin.gym.settings import read_settings
 from allegro_twin.gym.spaces import action_space, observation_space
 from allegro_twin.policy.interface import Floats, Observation
+from allegro_twin.sim.look import has_screen
 
-RenderMode = Literal["rgb_array", "depth_array", "human"]
 _ONE = np.zeros(1, np.int64)
 
 
-class HandEnv(gymnasium.Env[Observation, Floats]):
-    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError."""
+class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
+    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError.
+
+    A pickle holds how it was made, not what it is doing.
+    """
 
     metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": ["rgb_array", "depth_array", "human"],
+        "render_modes": ["rgb_array", "depth_array", *(["human"] if has_screen() else [])],
         "render_fps": 26,  # 1 / 39 ms, rounded.
     }
 
-    def __init__(self, task: str, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any):
+    def __init__(
+        self, task: str, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any
+    ) -> None:
+        EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         self.engine = Engine(task, read_settings(kwargs), 1, threads=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.utils import seeding
+from gymnasium.utils import EzPickle, seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from allegro_twin.policy.interface import Floats, Observation
 Rows = NDArray[np.int64]
 
 
-class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]]):
+class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     """`num_envs` simulations; number i behaves as the single environment seeded with `seed + i` does, to the bit.
 
     `autoreset`: `next_step` as Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
@@ -46,6 +46,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]]):
         height: int = 480,
         **kwargs: Any,
     ) -> None:
+        EzPickle.__init__(self, task, num_envs, threads=threads, autoreset=autoreset, max_episode_steps=max_episode_steps,
+                          render_mode=render_mode, width=width, height=height, **kwargs)  # fmt: skip
         modes = {mode.name.lower(): mode for mode in AutoresetMode}
         if autoreset not in modes:
             raise ConfigError(f"autoreset {autoreset!r} is none of {', '.join(modes)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,11 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch import Snapshot, Worlds
 from allegro_twin.sim.render import Camera, Picture
+
+
+def has_screen() -> bool:
+    """Whether a window could be opened at all."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 class Look:
@@ -33,7 +39,7 @@ class Look:
     def show(self, row: int) -> None:
         """Show it in a window. Raises ConfigError without a screen."""
         if self._window is None:
-            if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+            if not has_screen():
                 raise ConfigError("render_mode 'human' needs a screen; without one use 'rgb_array'")
             from mujoco import viewer
 
