@@ -12,6 +12,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.library.gains import load_gains
+from allegro_twin.policy.card import Card, Closed
 from allegro_twin.policy.interface import Interface, Observation
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -93,3 +94,27 @@ class Task(ABC):
         chosen = {} if settings.step is None else {"step": settings.step}
         common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation}
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
+
+    def card(self) -> Card:
+        """What a policy that was trained here should say of itself."""
+        interface, settings = self.interface, self.settings
+        return Card(
+            task=f"AllegroTwin/{self.name}-v0",
+            side=self.spec.side,
+            mode=interface.mode,
+            period=interface.period,
+            decimation=interface.decimation,
+            step=interface.step,
+            reach=interface.reach,
+            gains=settings.gains,
+            goal=interface.goal,
+            scripts=self.closed_scripts(),
+            periods=0 if interface.scripts is None else interface.scripts.periods,
+            observation=interface.n_observation + self.extra,
+            action=self.spec.n_joints,
+            privileged=self.extra,
+        )
+
+    def closed_scripts(self) -> tuple[Closed, ...]:
+        """What the scripts are made of, one each."""
+        return ()

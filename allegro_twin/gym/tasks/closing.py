@@ -14,6 +14,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Task
 from allegro_twin.gym.tasks.scenes import THING, Scene
 from allegro_twin.library.named import load_posture
+from allegro_twin.policy.card import Closed
 from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
 from allegro_twin.sim.batch import Rows, Worlds
 from allegro_twin.sim.fit import overlap
@@ -91,6 +92,9 @@ class Closing(Task):
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
+
+    def closed_scripts(self) -> tuple[Closed, ...]:
+        return tuple(Closed(grasp=s.grasp.name, wait=self.wait, squeeze=self.squeeze) for s in self.scenes)
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         scenes = [self.scenes[number] for number in self.script[rows]]
