@@ -13,9 +13,7 @@ SIDES = {"": "right", "Right": "right", "Left": "left"}
 
 def ids() -> dict[str, tuple[str, str]]:
     """Every id, with its task and its side."""
-    return {
-        f"{NAMESPACE}/{task}{suffix}-v{VERSION}": (task, side) for task in TASKS for suffix, side in SIDES.items()
-    }
+    return {f"{NAMESPACE}/{task}{suffix}-v{VERSION}": (task, side) for task in TASKS for suffix, side in SIDES.items()}
 
 
 for _id, (_task, _side) in ids().items():

@@ -89,7 +89,7 @@ class Engine:
     def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
         """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
         outcome = self.task.outcome(self.memory.tick, np.clip(action, -1.0, 1.0).astype(np.float64), observation)
-        diverged = ~np.isfinite(self.worlds.position).all(axis=-1)
+        diverged = np.asarray(~np.isfinite(self.worlds.position).all(axis=-1))
         if diverged.any():
             outcome = outcome._replace(
                 reward=np.where(diverged, 0.0, outcome.reward),
@@ -113,4 +113,3 @@ class Engine:
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
-

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -26,7 +26,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
     A pickle holds how it was made, not what it is doing.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
         "render_modes": ["rgb_array", "depth_array", *(["human"] if has_screen() else [])],
         "render_fps": 26,  # 1 / 39 ms, rounded.
     }
@@ -44,7 +44,9 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: Pictures | None = None
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         super().reset(seed=seed)
         report = self.engine.reset(_ONE, [self.np_random], options)
         if self.render_mode == "human":
@@ -64,7 +66,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         over = bool(self.engine.count[0] >= self.engine.limit)
         return _first(observation), float(outcome.reward[0]), bool(outcome.failed[0]), over, info
 
-    def render(self) -> NDArray[Any] | None:  # type: ignore[override]  # Gymnasium leaves the frame's type open.
+    def render(self) -> NDArray[Any] | None:
         if self.render_mode is None:
             return None
         if self._pictures is None:
@@ -104,7 +106,9 @@ def _of_one(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else np.array(value) if isinstance(value, np.ndarray) else value
+    return (
+        value.item() if isinstance(value, np.generic) else np.array(value) if isinstance(value, np.ndarray) else value
+    )
 
 
 def _never(achieved_goal: ArrayLike) -> Any:

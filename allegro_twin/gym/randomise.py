@@ -118,7 +118,7 @@ class Physics:
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
         """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
         for name, value in values.items():
-            if (how := self._HOW.get(name)) is not None:
+            if (how := _HOW.get(name)) is not None:
                 how(self, rows, value)
         if values.keys() & {"mass", "size", "armature", "wrist_tilt"}:
             self._worlds.derive(rows)
@@ -158,13 +158,16 @@ class Physics:
         own = self._worlds.expand("body_quat")
         w, x, y, z = np.moveaxis(own[rows, palm], -1, 0)
         a, b, c = np.moveaxis(angles / 2, -1, 0)
-        turned = [w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a]
+        turned = [
+            w - x * a - y * b - z * c,
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+        ]
         own[rows, palm] = np.stack(turned, axis=-1) / np.sqrt(1 + a * a + b * b + c * c)[:, None]
 
-    _HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {}
 
-
-Physics._HOW = {
+_HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
     "mass": Physics._mass,
     "size": Physics._size,
     "friction": Physics._friction,

@@ -84,4 +84,5 @@ class Sensing:
         """What was `late` periods ago, from a ring with one place a period."""
         past, own = self._past[name], np.arange(len(tick))
         past[tick % len(past), own] = now
-        return past[(tick - late) % len(past), own]
+        found: Array = past[(tick - late) % len(past), own]
+        return found

@@ -6,19 +6,25 @@ import numpy as np
 from gymnasium import spaces
 
 from allegro_twin.gym.tasks.base import Task
-from allegro_twin.policy.interface import BOUND
+from allegro_twin.policy.interface import BOUND, Floats, Observation
 
 _ROOM = 0.4  # m. No fingertip of the hand is farther from the palm's origin: its longest finger has 0.15.
 
 
-def action_space(task: Task) -> spaces.Box:
+def action_space(task: Task) -> spaces.Space[Floats]:
     return spaces.Box(-1.0, 1.0, (task.spec.n_joints,), np.float32)
 
 
-def observation_space(task: Task) -> spaces.Box | spaces.Dict:
+def observation_space(task: Task) -> spaces.Space[Observation]:
     seen = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.extra,), np.float32)
     goal = task.goal()
     if goal is None:
         return seen
     place = spaces.Box(-_ROOM, _ROOM, (goal.shape[-1],), np.float32)
-    return spaces.Dict({"observation": seen, "achieved_goal": place, "desired_goal": place})
+    return spaces.Dict(
+        {  # type: ignore[return-value]  # A Dict is a space of dictionaries.
+            "observation": seen,
+            "achieved_goal": place,
+            "desired_goal": place,
+        }
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.utils import EzPickle, seeding
@@ -27,7 +27,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     the option `reset_mask`. `threads`: 0 for one a processor. Other keywords as in `HandEnv`. Raises ConfigError.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
         "render_modes": ["rgb_array", "depth_array"],
         "render_fps": 26,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -46,8 +46,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         height: int = 480,
         **kwargs: Any,
     ) -> None:
-        EzPickle.__init__(self, task, num_envs, threads=threads, autoreset=autoreset, max_episode_steps=max_episode_steps,
-                          render_mode=render_mode, width=width, height=height, **kwargs)  # fmt: skip
+        EzPickle.__init__(self, task, num_envs, threads=threads, autoreset=autoreset, render_mode=render_mode,
+                          max_episode_steps=max_episode_steps, width=width, height=height, **kwargs)  # fmt: skip
         modes = {mode.name.lower(): mode for mode in AutoresetMode}
         if autoreset not in modes:
             raise ConfigError(f"autoreset {autoreset!r} is none of {', '.join(modes)}")
@@ -103,7 +103,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             return None
         if self._pictures is None:
             self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
-        return tuple(self._pictures.take(row) for row in range(self.num_envs))
+        frames = [self._pictures.take(row) for row in range(self.num_envs)]
+        return tuple(frame for frame in frames if frame is not None)
 
     def close_extras(self, **kwargs: Any) -> None:
         if self._pictures is not None:
@@ -120,9 +121,10 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
 
     def _seed(self, seed: int | list[int | None] | None, rows: Rows) -> None:
         """As Gymnasium's vector environments: simulation i takes `seed + i`, or its own of a list."""
-        seeds = [None] * self.num_envs if seed is None else seed
-        if isinstance(seeds, int):
-            seeds = [seeds + row for row in range(self.num_envs)]
+        if seed is None or isinstance(seed, int):
+            seeds = [None if seed is None else seed + row for row in range(self.num_envs)]
+        else:
+            seeds = seed
         if len(seeds) != self.num_envs:
             raise ConfigError(f"{len(seeds)} seeds for {self.num_envs} environments")
         if not self._generators:
@@ -140,7 +142,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     def _restarted(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         """Reset who has ended in this very step, and hand over what they saw and knew last."""
         rows = np.flatnonzero(self._ended)
-        last = {name: value for name, value in info.items()}
+        last = info.copy()
         mask = self._ended.copy()
         info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
         info |= self._restart(rows, None)

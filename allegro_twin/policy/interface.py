@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ MODES = ("delta", "absolute", "torque")
 Mode: TypeAlias = Literal["delta", "absolute", "torque"]
 Floats: TypeAlias = NDArray[np.float32]
 Observation: TypeAlias = Floats | dict[str, Floats]
+Goal: TypeAlias = NDArray[np.floating[Any]]
 Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
@@ -123,7 +124,7 @@ class Interface:
         number = np.broadcast_to(np.asarray(script, dtype=np.int64), shape).copy()
         return Memory(offset, offset.copy(), np.zeros_like(position), np.zeros(shape, np.int64), number)
 
-    def act(self, action: NDArray[np.floating], memory: Memory) -> Memory:
+    def act(self, action: NDArray[np.floating[Any]], memory: Memory) -> Memory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n)."""
         wish = np.clip(action.astype(np.float64), -1.0, 1.0)
         if self.mode == "torque":
@@ -158,7 +159,9 @@ class Interface:
         """The memory when the set-points of a decision have run out and the next is due."""
         return memory._replace(tick=memory.tick + self.decimation)
 
-    def observe(self, position: Array, velocity: Array, memory: Memory, goal: Array | None = None) -> Observation:
+    def observe(
+        self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
+    ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
         base, _ = self._base(memory, 0)

@@ -54,7 +54,7 @@ def session(path: Path) -> Any:
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # So small a network gains nothing by more.
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # noqa: BLE001  # Its exceptions share no base of their own.
+    except Exception as error:  # Its exceptions share no base of their own.
         raise ConfigError(f"{path}: not a readable ONNX file: {str(error).splitlines()[0]}") from error
 
 

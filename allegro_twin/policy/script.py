@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.types import Array, Vector, frozen

@@ -11,7 +11,10 @@ from allegro_twin.gym.env import HandEnv
 from allegro_twin.gym.tasks import TASKS
 from allegro_twin.gym.vector import HandVectorEnv
 
-EASY: dict[str, dict[str, Any]] = {"Grasp": {"objects": ("tennis_ball", "mug")}, "Lift": {"objects": ("lemon", "apple")}}
+EASY: dict[str, dict[str, Any]] = {
+    "Grasp": {"objects": ("tennis_ball", "mug")},
+    "Lift": {"objects": ("lemon", "apple")},
+}
 
 
 def kwargs_of(task: str) -> dict[str, Any]:
@@ -66,7 +69,7 @@ def test_a_partial_reset_leaves_the_others_alone() -> None:
     for env in (first, second):
         env.reset(seed=1)
         env.step(zero)
-    observation, info = first.reset(options={"reset_mask": np.array([False, True, False, False])})
+    _, info = first.reset(options={"reset_mask": np.array([False, True, False, False])})
     assert info["_object"].tolist() == [False, True, False, False]
     assert first.engine.count.tolist() == [1, 0, 1, 1]
     second_next, first_next = second.step(zero)[0], first.step(zero)[0]

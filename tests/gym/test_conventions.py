@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,7 +19,7 @@ from tests.gym.test_batch import kwargs_of
 IDS = allegro_twin.gym.ids()
 
 
-def make(name: str, **more: object) -> gymnasium.Env:  # type: ignore[type-arg]  # Observations differ.
+def make(name: str, **more: Any) -> gymnasium.Env[Any, Any]:
     return gymnasium.make(name, **(kwargs_of(IDS[name][0]) | more))
 
 
@@ -112,7 +113,8 @@ def test_the_frame_rate_is_that_of_the_actions() -> None:
     env.reset(seed=0)
     frame = env.render()
     assert isinstance(frame, np.ndarray)
-    assert (frame.shape, frame.dtype) == ((480, 480, 3), np.uint8)
+    assert frame.shape == (480, 480, 3)
+    assert frame.dtype == np.uint8
     assert frame.std() > 10, "the picture is empty"
 
 

@@ -142,7 +142,8 @@ def test_a_goal_is_given_where_the_policy_takes_one_and_nowhere_else() -> None:
 
 
 def card_and_interface(task: str) -> tuple[Card, Interface]:
-    inner = HandEnv(task, **({} if task == "Reach" else {"objects": ("lemon", "apple")})).engine.task
+    kwargs: dict[str, Any] = {} if task == "Reach" else {"objects": ("lemon", "apple")}
+    inner = HandEnv(task, **kwargs).engine.task
     return inner.card(), inner.interface
 
 

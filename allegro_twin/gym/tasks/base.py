@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.library.gains import load_gains
@@ -65,9 +66,11 @@ class Task(ABC):
 
     def plan(self, tick: Ticks) -> None:
         """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
+        return
 
     def drive(self, k: int) -> None:
         """Move what surrounds the hands for the k-th control period of that step."""
+        return
 
     @abstractmethod
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
@@ -77,9 +80,13 @@ class Task(ABC):
         """Which script each simulation follows, (m,)."""
         return np.zeros(len(rows), np.int64)
 
-    def goal(self) -> Array | None:
+    def goal(self) -> NDArray[np.floating[Any]] | None:
         """What to reach, shape (n, k), for tasks with goals."""
         return None
+
+    def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Of goals (..., k), for tasks with goals. Raises ConfigError for the others."""
+        raise ConfigError(f"{self.name} has no goals to compute a reward from")
 
     def seen(self) -> Array | None:
         """What no real hand has, shape (n, extra)."""

@@ -18,7 +18,10 @@ APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the
 GRACE = 0.1  # s between the scripted squeeze and the letting go.
 CALM = 0.3  # s until the push begins,
 PUSHED = 1.0  # s that it lasts, half of DexGraspBench's 2 s,
-PUSH = (0.5, 1.5)  # and how strong it is, in weights of the object; DexGraspBench: 1 on top of no gravity, we have both.
+PUSH = (
+    0.5,
+    1.5,
+)  # and how strong it is, in weights of the object; DexGraspBench: 1 on top of no gravity, we have both.
 HELD, LOST = 0.03, 0.05  # m from where the object was let go: still held, and gone. DexGraspBench: 0.05.
 WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
 
@@ -99,4 +102,5 @@ class Grasp(Closing):
         """Where the presenter's hand is, (..., 3), m, world."""
         number = self.script[rows]
         left = self._left[np.minimum(tick, len(self._left) - 1)]
-        return self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]
+        place: Array = self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]
+        return place

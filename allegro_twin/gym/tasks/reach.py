@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
-from allegro_twin.gym.tasks.base import Outcome, Task, Ticks
+from allegro_twin.gym.tasks.base import Flags, Outcome, Task, Ticks
 from allegro_twin.gym.tasks.scenes import compiled
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.named import load_posture
-from allegro_twin.policy.interface import Observation
+from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows, Worlds
 from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.probe import free_of_contact
@@ -54,7 +54,7 @@ class Reach(Task):
         self.worlds.position[rows] = start
         self._goal[rows] = self._goals[draws.number(len(self._goals))]
 
-    def goal(self) -> Array:
+    def goal(self) -> Floats:
         return self._goal
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
@@ -65,9 +65,9 @@ class Reach(Task):
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
-        return -10.0 * self._distances(achieved, desired).mean(axis=-1)
+        return np.asarray(-10.0 * self._distances(achieved, desired).mean(axis=-1))
 
-    def reached(self, achieved: ArrayLike, desired: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    def reached(self, achieved: ArrayLike, desired: ArrayLike) -> Flags:
         return np.asarray((self._distances(achieved, desired) < REACHED).all(axis=-1))
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:

@@ -1,4 +1,4 @@
-"""Scenes of tasks with an object: a scenario of the package, its object presented by somebody or standing on a table."""
+"""Scenes of tasks with an object: a scenario of the package, its object presented or standing on a table."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ def from_above() -> tuple[str, ...]:
     return tuple(name for name in scenarios() if load_scenario(scenarios()[name])[0].wrist.retreat[2] > 0)
 
 
-def presented(name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None) -> Scene:
+def presented(
+    name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
+) -> Scene:
     """An object in somebody's fingers before a hand that stands still."""
     found, around, retreat = _found(name, spec, scenario)
     position = np.asarray(around.position) - retreat
