@@ -77,7 +77,12 @@ class Engine:
         position, velocity = self._sensing.measured(self.memory.tick)
         if not np.isfinite(position).all():
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
-        seen = self.task.interface.observe(position, velocity, self.memory, self.task.goal())
+        achieved, goal = self.task.achieved(), self.task.goal()
+        mine = goal if achieved is None else None
+        seen = self.task.interface.observe(position, velocity, self.memory, mine)
+        if achieved is not None and goal is not None and not isinstance(seen, dict):
+            places = {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
+            seen = {"observation": seen} | places
         extra = self.task.seen()
         if extra is None:
             return seen

@@ -10,6 +10,8 @@ from allegro_twin.policy.interface import BOUND, Floats, Observation
 
 _ROOM = 0.4  # m. No fingertip of the hand is farther from the palm's origin: its longest finger has 0.15.
 
+_UNIT = 1.001  # Of a quaternion's numbers, with room for the rounding to float32.
+
 
 def action_space(task: Task) -> spaces.Space[Floats]:
     return spaces.Box(-1.0, 1.0, (task.spec.n_joints,), np.float32)
@@ -20,7 +22,8 @@ def observation_space(task: Task) -> spaces.Space[Observation]:
     goal = task.goal()
     if goal is None:
         return seen
-    place = spaces.Box(-_ROOM, _ROOM, (goal.shape[-1],), np.float32)
+    room = _ROOM if task.achieved() is None else _UNIT
+    place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
     return spaces.Dict(
         {  # type: ignore[return-value]  # A Dict is a space of dictionaries.
             "observation": seen,

@@ -14,7 +14,7 @@ from allegro_twin.files.schema import Settings, parse
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
 from allegro_twin.policy.interface import VERSION, Interface, Mode
-from allegro_twin.policy.script import closing, sampled, table
+from allegro_twin.policy.script import Script, closing, holding, sampled, table
 from allegro_twin.spec import HandSpec, Side
 
 KEY = "allegro_twin"
@@ -31,6 +31,14 @@ class Closed(Settings):
     """s in the pre-shape."""
     squeeze: Positive
     """s from closed to squeezed."""
+    holds: bool = False
+    """No motion: the squeeze from the beginning."""
+
+    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
+        grasp = load_grasp(self.grasp, spec)
+        if self.holds:
+            return holding(grasp, periods)
+        return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
 class Card(Settings):
@@ -74,14 +82,8 @@ class Card(Settings):
                 f"this policy of {self.task} is privileged: {self.privileged} of the numbers it sees are not measured "
                 "by any hand; it runs in its environment only"
             )
-        scripts = None
-        if self.scripts:
-            grasps = [(load_grasp(closed.grasp, spec), closed) for closed in self.scripts]
-            rows = [
-                sampled(closing(grasp, closed.wait, closed.squeeze), grasp.preshape, self.periods, self.period)
-                for grasp, closed in grasps
-            ]
-            scripts = table(rows)
+        rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
+        scripts = table(rows) if rows else None
         gains = load_gains(self.gains, spec)
         made = Interface(
             spec, gains, self.mode, self.period, self.decimation, self.step, scripts, self.reach, self.goal

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.types import Array, Vector, frozen
@@ -56,6 +58,12 @@ def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
             grasp.waypoint("squeeze", squeeze),
         ]
     )
+
+
+def holding(grasp: Grasp, periods: int) -> Script:
+    """The squeeze of a grasp and nothing else."""
+    still = frozen(np.tile(grasp.squeeze, (periods, 1)))
+    return Script(still, frozen(np.zeros_like(still)))
 
 
 def closed_after(grasp: Grasp, wait: float, squeeze: float) -> float:

@@ -14,6 +14,8 @@ from allegro_twin.gym.vector import HandVectorEnv
 EASY: dict[str, dict[str, Any]] = {
     "Grasp": {"objects": ("tennis_ball", "mug")},
     "Lift": {"objects": ("lemon", "apple")},
+    "Pinch": {"objects": ("ball_20", "golf_ball")},
+    "HoldDisturbed": {"objects": ("lemon", "apple")},
 }
 
 

@@ -12,6 +12,10 @@ TASKS = {
     "Reach": "reach",
     "Grasp": "grasp",
     "Lift": "lift",
+    "Pinch": "pinch",
+    "HoldDisturbed": "hold_disturbed",
+    "Reorient": "reorient",
+    "Rotate": "rotate",
 }
 """Where each task is."""
 

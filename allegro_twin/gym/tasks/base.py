@@ -84,6 +84,10 @@ class Task(ABC):
         """What to reach, shape (n, k), for tasks with goals."""
         return None
 
+    def achieved(self) -> Array | None:
+        """What of the goal is so now, shape (n, k), where it is not the interface that knows it from the joints."""
+        return None
+
     def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Of goals (..., k), for tasks with goals. Raises ConfigError for the others."""
         raise ConfigError(f"{self.name} has no goals to compute a reward from")
