@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from allegro_twin.gym.noise import Draws
@@ -32,7 +34,7 @@ class Grasp(Closing):
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
     seconds = 4.2
-    options = ("object", "size", "friction", "grasp", "posture", "position_noise")
+    options: ClassVar[tuple[str, ...]] = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)

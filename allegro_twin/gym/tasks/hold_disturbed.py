@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from allegro_twin.gym.noise import Draws, jitter
@@ -30,7 +32,7 @@ class HoldDisturbed(Grasp):
     name = "HoldDisturbed"
     purpose = "keep a grasped object in the hand while it is pushed at random"
     seconds = 4.0
-    options = ("object", "friction", "grasp")
+    options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
     noise = 0.0
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:

@@ -93,11 +93,11 @@ class InHand(Task):
             self._names.append(name)
             rest = np.tile(load_posture(POSTURE, self.spec), (round(SETTLE / self.settings.period), 1))
             lying = played(
-                self.spec, model, self.gains, Script(rest, frozen(np.zeros_like(rest))), self.settings, _still
+                self.spec, model, self.gains, Script(rest, frozen(np.zeros_like(rest))), self.settings, _nothing
             )
             self.worlds.keep_start(self._numbers[name], lying)
         return self._numbers[name]
 
 
-def _still(worlds: Worlds, k: int) -> None:
+def _nothing(worlds: Worlds, k: int) -> None:
     """Nothing acts but the hand."""
