@@ -86,14 +86,17 @@ class Engine:
         extra = self.task.seen()
         if extra is None:
             return seen
-        more = np.clip(np.nan_to_num(extra), -BOUND, BOUND).astype(np.float32)
+        extra = extra if np.isfinite(extra).all() else np.nan_to_num(extra)
+        more = np.minimum(np.maximum(extra, -BOUND), BOUND).astype(np.float32)
         if isinstance(seen, dict):
             return seen | {"observation": np.concatenate([seen["observation"], more], axis=-1)}
         return np.concatenate([seen, more], axis=-1)
 
     def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
         """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
-        outcome = self.task.outcome(self.memory.tick, np.clip(action, -1.0, 1.0).astype(np.float64), observation)
+        outcome = self.task.outcome(
+            self.memory.tick, np.minimum(np.maximum(action, -1.0), 1.0).astype(np.float64), observation
+        )
         diverged = np.asarray(~np.isfinite(self.worlds.position).all(axis=-1))
         if diverged.any():
             outcome = outcome._replace(

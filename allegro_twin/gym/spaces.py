@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from gymnasium import spaces
 
@@ -31,3 +33,11 @@ def observation_space(task: Task) -> spaces.Space[Observation]:
             "desired_goal": place,
         }
     )
+
+
+def described(space: spaces.Space[Any]) -> str:
+    """How many numbers it has, and their bounds; of a dictionary, of each part."""
+    if isinstance(space, spaces.Dict):
+        return ", ".join(f"{name} {part.shape[0]}" for name, part in space.items() if part.shape)
+    assert isinstance(space, spaces.Box)
+    return f"{space.shape[0]} in [{space.low.min():g}, {space.high.max():g}]"

@@ -104,6 +104,10 @@ class Interface:
         """The largest offset from the base, shape (n,), rad."""
         return self.half if self.scripts is None else np.full_like(self.half, self.reach)
 
+    @cached_property
+    def _rest(self) -> Vector:
+        return np.zeros_like(self.middle)
+
     @property
     def n_observation(self) -> int:
         return 4 * self.spec.n_joints + (0 if self.scripts is None else 1)
@@ -126,12 +130,12 @@ class Interface:
 
     def act(self, action: NDArray[np.floating[Any]], memory: Memory) -> Memory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n)."""
-        wish = np.clip(action.astype(np.float64), -1.0, 1.0)
+        wish = _within(action.astype(np.float64), -1.0, 1.0)
         if self.mode == "torque":
             return memory._replace(push=wish * self.spec.actuation.torque_limit)
         end = wish * self.span
         if self.mode == "delta":
-            end = np.clip(memory.end + self.step * wish, -self.span, self.span)
+            end = _within(memory.end + self.step * wish, -self.span, self.span)
         return memory._replace(begin=memory.end, end=end)
 
     def course(self, memory: Memory) -> Course:
@@ -142,7 +146,7 @@ class Interface:
         base, speed = self._base(memory, k)
         travel = memory.end - memory.begin
         part = ((k + 1) / self.decimation)[..., None]
-        target = np.clip(base + (memory.begin + travel * part), self.spec.lower, self.spec.upper)
+        target = _within(base + (memory.begin + travel * part), self.spec.lower, self.spec.upper)
         rate = np.broadcast_to(speed + travel / self.seconds, target.shape)
         return Course(target, rate, memory.push if self.mode == "torque" else None)
 
@@ -165,7 +169,7 @@ class Interface:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
         base, _ = self._base(memory, 0)
-        target = np.clip(base + memory.end, self.spec.lower, self.spec.upper)
+        target = _within(base + memory.end, self.spec.lower, self.spec.upper)
         parts = [
             (position - self.middle) / self.half,
             velocity / SPEED,
@@ -174,7 +178,7 @@ class Interface:
         ]
         if self.scripts is not None:
             parts.append((memory.tick / self.scripts.periods)[..., None])
-        joints = np.clip(np.concatenate(parts, axis=-1), -BOUND, BOUND).astype(np.float32)
+        joints = _within(np.concatenate(parts, axis=-1), -BOUND, BOUND).astype(np.float32)
         if goal is None:
             return joints
         achieved = self.fingertips(position).astype(np.float32)
@@ -184,15 +188,21 @@ class Interface:
         """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
         # One row at a time as far as matrix products are concerned: BLAS rounds differently for different shapes.
         rows = np.ascontiguousarray(position)[..., None, :]
-        tips = [f.fk(rows[..., list(joints)]).position[..., 0, :] for f, joints in self._fingers]
+        tips = [finger.tip(rows[..., joints])[..., 0, :] for finger, joints in self._fingers]
         return np.concatenate(tips, axis=-1)
 
     @cached_property
-    def _fingers(self) -> list[tuple[FingerKinematics, tuple[int, ...]]]:
-        return [(FingerKinematics(self.spec, finger.name), finger.joints) for finger in self.spec.fingers]
+    def _fingers(self) -> list[tuple[FingerKinematics, list[int]]]:
+        return [(FingerKinematics(self.spec, finger.name), list(finger.joints)) for finger in self.spec.fingers]
 
     def _base(self, memory: Memory, k: NDArray[np.int64] | int) -> tuple[Array, Array]:
         if self.scripts is None:
-            return self.middle, np.zeros_like(self.middle)
+            return self.middle, self._rest
         row = np.minimum(memory.tick + k, self.scripts.periods - 1)
         return self.scripts.position[memory.script, row], self.scripts.velocity[memory.script, row]
+
+
+def _within(x: Array, low: Array | float, high: Array | float) -> Array:
+    """What `np.clip` does, without its 5 µs a call."""
+    bounded: Array = np.minimum(np.maximum(x, low), high)
+    return bounded

@@ -30,8 +30,8 @@ def product(p: Array, q: Array) -> Array:
 
 def angle(p: Array, q: Array) -> Array:
     """Between two orientations, (..., 4) unit quaternions or nearly so, shape (...), rad."""
-    w, *v = (product(p * (1.0, -1.0, -1.0, -1.0), q)[..., k] for k in range(4))
-    return 2.0 * np.arctan2(length(np.stack(v, axis=-1)), np.abs(w))
+    between = product(p * (1.0, -1.0, -1.0, -1.0), q)
+    return 2.0 * np.arctan2(length(between[..., 1:]), np.abs(between[..., 0]))
 
 
 def turned_by(q: Array, turn: Array) -> Array:
