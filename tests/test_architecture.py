@@ -17,8 +17,9 @@ LAYERS = [
     {"backend", "files"},
     {"description", "kinematics", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
+    {"policy"},
     {"config", "view", "evaluate", "identify", "grasping"},
-    {"build"},
+    {"build", "gym"},
     {"session"},
     {"hand"},
     {"cli"},
@@ -34,6 +35,9 @@ HOMES = {
     "yaml": {"files"},
     "ruamel": {"files"},
     "ruckig": {"control"},
+    "gymnasium": {"gym"},
+    "onnxruntime": {"policy"},
+    "stable_baselines3": {"policy"},
     "av": {"sim"},
     "PIL": {"sim", "cli"},
     "rich": {"cli"},
@@ -123,6 +127,8 @@ def test_importing_the_package_loads_nothing_heavier_than_numpy() -> None:
         "scipy",
         "av",
         "PIL",
+        "gymnasium",
+        "torch",
     }
     assert not loaded & heavy
     assert "numpy" in loaded

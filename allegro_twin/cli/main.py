@@ -141,6 +141,16 @@ def list_(
 
 
 @app.command()
+def envs(
+    task: Annotated[str, typer.Argument(help="One task, with the spaces of its observations and actions.")] = "",
+) -> None:
+    """List the Gymnasium environments: their ids, their spaces, and what they are for."""
+    from allegro_twin.cli import console, environments
+
+    console.console.print(environments.listed(task))
+
+
+@app.command()
 def view(
     recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
     web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,

@@ -49,6 +49,14 @@ class FingerKinematics:
         q = np.moveaxis(joints * self._signs, -1, 0)
         return Pose(self._to_palm(q), self._orientation(q))
 
+    def tip(self, position: ArrayLike) -> Array:
+        """The fingertip's place alone, joints (..., 4), rad → (..., 3), m: a third of what `fk` costs.
+
+        The matrix product runs over one row at a time where an axis of length one precedes the joints, and then the
+        result of a row does not depend on how many there are.
+        """
+        return self._to_palm(np.moveaxis(np.asarray(position, dtype=np.float64) * self._signs, -1, 0))
+
     def ik(
         self,
         position: ArrayLike,

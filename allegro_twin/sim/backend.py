@@ -38,9 +38,9 @@ class SimBackend:
     ) -> None:
         self._substeps = substeps(period, model.opt.timestep)
         self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
-        self._qpos = _span([model.jnt_qposadr[model.joint(name).id] for name in spec.joints])
-        self._dof = _span([model.jnt_dofadr[model.joint(name).id] for name in spec.joints])
-        self._motors = _span([model.actuator(name).id for name in spec.joints])
+        self._qpos = span([model.jnt_qposadr[model.joint(name).id] for name in spec.joints])
+        self._dof = span([model.jnt_dofadr[model.joint(name).id] for name in spec.joints])
+        self._motors = span([model.actuator(name).id for name in spec.joints])
         self._palm = model.body("palm_link").id
         self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
         self._drive = drive
@@ -119,7 +119,7 @@ def substeps(period: float, timestep: float) -> int:
     return count
 
 
-def _span(indices: list[int]) -> slice | list[int]:
+def span(indices: list[int]) -> slice | list[int]:
     """A slice where the indices run on, which NumPy reads faster than a list."""
     indices = [int(index) for index in indices]
     if indices == list(range(indices[0], indices[0] + len(indices))):

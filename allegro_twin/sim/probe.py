@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from allegro_twin.sim.backend import SimBackend
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
@@ -47,3 +49,20 @@ class Probe:
         part = self._part[other]
         by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts)).astype(np.float64)
         return by_part, np.array([float((self._model.geom_bodyid[other] == 0).any())])
+
+
+def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
+    """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n)."""
+    data = mujoco.MjData(model)
+    places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+    found = []
+    for posture in postures:
+        data.qpos[places] = posture
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon == 0:
+            found.append(posture)
+        if len(found) == count:
+            break
+    return np.array(found)

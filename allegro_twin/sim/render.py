@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample
 
 Picture = NDArray[np.uint8]
@@ -20,12 +20,23 @@ Picture = NDArray[np.uint8]
 _HINT = "headless rendering needs EGL: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL"
 
 
+class Scene(Protocol):
+    """What can be looked at: a backend, or one simulation of a batch."""
+
+    @property
+    def spec(self) -> HandSpec: ...
+    @property
+    def model(self) -> mujoco.MjModel: ...
+    @property
+    def data(self) -> mujoco.MjData: ...
+
+
 class Camera:
     """Takes pictures of a backend's scene, looking at the palm. Raises ConfigError where nothing can be rendered."""
 
     def __init__(
         self,
-        backend: SimBackend,
+        backend: Scene,
         *,
         width: int = 480,
         height: int = 480,
@@ -48,6 +59,15 @@ class Camera:
         self._renderer.update_scene(self._backend.data, self._view)
         picture: Picture = self._renderer.render()
         return picture
+
+    def take_depth(self) -> NDArray[np.float32]:
+        """How far everything is, rows and columns, m."""
+        self._renderer.enable_depth_rendering()
+        try:
+            depth: NDArray[np.float32] = np.array(self.take())
+        finally:
+            self._renderer.disable_depth_rendering()
+        return depth
 
     def close(self) -> None:
         self._renderer.close()

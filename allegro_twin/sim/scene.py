@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.sim import objects, wrist
+from allegro_twin.sim import objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -37,6 +37,10 @@ class Stage:
     """A block on the table: its place x, y, its edges along x, y, and its height, m."""
     wrist: bool = False
     """The palm hangs on a gantry that can move it, instead of being fixed."""
+    slide: bool = False
+    """Of that gantry the palm has only the vertical slide."""
+    presented: bool = False
+    """Somebody holds the first thing, moves it and lets go of it."""
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
 
@@ -74,10 +78,12 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
     palm = scene.body("palm_link")
     palm.pos, palm.quat = stage.position, stage.quaternion
     if stage.wrist:
-        wrist.add(scene, palm)
+        wrist.add(scene, palm, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage)
     for placement in stage.things:
         objects.add(scene, placement, (stage.friction, TORSIONAL, ROLLING))
+    if stage.presented:
+        presenter.add(scene, stage.things[0])
     try:
         return scene.compile()
     except ValueError as error:

@@ -7,6 +7,7 @@ three hinges about the palm's own x, y and z. So a turn about one palm axis is a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -34,12 +35,14 @@ class Segment:
     """Of the shake, Hz."""
 
 
-def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody) -> None:
-    """Give the palm, placed where it is presented, the six joints and their servos."""
+def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = JOINTS) -> None:
+    """Give the palm, placed where it is presented, the six joints and their servos, or only some of them."""
     world_to_palm = np.empty(9)
     mujoco.mju_quat2Mat(world_to_palm, palm.quat)
     slides = world_to_palm.reshape(3, 3)  # Row i is the world's axis i seen from the palm as it is presented.
     for index, name in enumerate(JOINTS):
+        if name not in joints:
+            continue
         slide = index < 3
         palm.add_joint(
             name=name,

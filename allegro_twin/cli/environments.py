@@ -1,0 +1,33 @@
+"""The table of environments."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.gym import NAMESPACE, VERSION
+from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.gym.spaces import action_space, described, observation_space
+from allegro_twin.gym.tasks import TASKS, make_task
+
+
+def listed(only: str = "") -> Table:
+    """All tasks, or one. Raises ConfigError with the nearest names."""
+    if only and only not in TASKS:
+        raise ConfigError(unknown("task", only, TASKS))
+    table = Table(title="environments", title_justify="left", title_style="bold")
+    for column in ("id", "what for", "observation", "action", "actions an episode"):
+        table.add_column(column, overflow="fold")
+    for name in [only] if only else TASKS:
+        task = make_task(name, EnvSettings(), 1, 1)
+        privileged = " (privileged: sees what no real hand reports)" if task.extra else ""
+        table.add_row(
+            f"{NAMESPACE}/{name}-v{VERSION}",
+            task.purpose + privileged,
+            described(observation_space(task)),
+            described(action_space(task)),
+            str(round(task.seconds / task.interface.seconds)),
+        )
+    table.caption = f"{NAMESPACE}/{next(iter(TASKS))}Left-v{VERSION} and so on are the left hand's; or give side='left'"
+    table.caption_justify = "left"
+    return table

@@ -1,0 +1,25 @@
+"""Gymnasium environments of the hand: `import allegro_twin.gym`, then `gymnasium.make("AllegroTwin/Lift-v0")`."""
+
+from __future__ import annotations
+
+import gymnasium
+
+from allegro_twin.gym.tasks import TASKS
+
+NAMESPACE, VERSION = "AllegroTwin", 0
+SIDES = {"": "right", "Right": "right", "Left": "left"}
+"""What follows the task in an id; without a side it is the right hand, or the keyword `side`."""
+
+
+def ids() -> dict[str, tuple[str, str]]:
+    """Every id, with its task and its side."""
+    return {f"{NAMESPACE}/{task}{suffix}-v{VERSION}": (task, side) for task in TASKS for suffix, side in SIDES.items()}
+
+
+for _id, (_task, _side) in ids().items():
+    gymnasium.register(
+        _id,
+        entry_point="allegro_twin.gym.env:HandEnv",
+        vector_entry_point="allegro_twin.gym.vector:HandVectorEnv",
+        kwargs={"task": _task, "side": _side},
+    )

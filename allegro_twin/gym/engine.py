@@ -1,0 +1,126 @@
+"""Episodes in step: `n` hands at one task, decided on together and simulated side by side."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import CommandError
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.randomise import Physics, drawn
+from allegro_twin.gym.sensing import Sensing
+from allegro_twin.gym.settings import EnvSettings, read_options
+from allegro_twin.gym.tasks import make_task
+from allegro_twin.gym.tasks.base import Flags, Outcome
+from allegro_twin.policy.interface import BOUND, Memory, Observation
+from allegro_twin.sim.backend import substeps
+from allegro_twin.sim.batch import Rows
+
+
+class Engine:
+    """One environment is an engine of one: the vector environment runs the very same lines."""
+
+    def __init__(self, task: str, settings: EnvSettings, n: int, threads: int = 0) -> None:
+        self.settings, self.n = settings, n
+        self._substeps = substeps(settings.period, settings.timestep)
+        self.task = make_task(task, settings, n, threads)
+        self.worlds = self.task.worlds
+        self._physics = Physics(self.worlds, self.task.thing)
+        self._sensing = Sensing(settings.randomise, self.worlds)
+        self.memory: Memory = self.task.interface.start(np.zeros((n, self.task.spec.n_joints)))
+        self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
+        """Actions an episode."""
+        self.count = np.zeros(n, np.int64)
+        """Actions taken since the reset, (n,)."""
+
+    def reset(
+        self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """New episodes of some simulations. What was drawn, one value for each of them."""
+        task = self.task
+        chosen = read_options(options, task.options, task.name)
+        draws = Draws([generators[row] for row in rows])
+        values = drawn(self.settings.randomise, draws)
+        for name in ("size", "friction"):
+            if (value := getattr(chosen, name)) is not None:
+                values[name] = np.full(len(rows), value)
+        variant = task.variant(rows, draws, chosen)
+        self.worlds.choose(rows, variant)
+        self._physics.apply(rows, values)
+        task.begin(rows, variant, draws, values, chosen)
+        self._sensing.begin(rows, values, draws)
+        self._remember(rows)
+        self.count[rows] = 0
+        return {"randomised": values, **task.facts(rows)}
+
+    def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
+        """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
+        self._check(action)
+        interface = self.task.interface
+        memory = interface.act(action, self.memory)
+        course = interface.course(memory)
+        self.task.plan(memory.tick)
+        gains = self._sensing.gains(interface.gains.kp, interface.gains.kd)
+        torque, worlds, sensing, drive = interface.torque, self.worlds, self._sensing, self.task.drive
+        for k in range(interface.decimation):
+            if sensing.ideal:
+                worlds.torque[...] = torque(worlds.position, worlds.velocity, course, k, gains)
+            else:
+                tick = memory.tick + k
+                sensing.drive(torque(*sensing.measured(tick), course, k, gains), tick)
+            drive(k)
+            worlds.step(rows, self._substeps)
+        self.memory = interface.elapsed(memory)
+        self.count += 1
+
+    def observe(self) -> Observation:
+        """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
+        position, velocity = self._sensing.measured(self.memory.tick)
+        if not np.isfinite(position).all():
+            position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
+        achieved, goal = self.task.achieved(), self.task.goal()
+        mine = goal if achieved is None else None
+        seen = self.task.interface.observe(position, velocity, self.memory, mine)
+        if achieved is not None and goal is not None and not isinstance(seen, dict):
+            places = {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
+            seen = {"observation": seen} | places
+        extra = self.task.seen()
+        if extra is None:
+            return seen
+        extra = extra if np.isfinite(extra).all() else np.nan_to_num(extra)
+        more = np.minimum(np.maximum(extra, -BOUND), BOUND).astype(np.float32)
+        if isinstance(seen, dict):
+            return seen | {"observation": np.concatenate([seen["observation"], more], axis=-1)}
+        return np.concatenate([seen, more], axis=-1)
+
+    def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
+        """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
+        outcome = self.task.outcome(
+            self.memory.tick, np.minimum(np.maximum(action, -1.0), 1.0).astype(np.float64), observation
+        )
+        diverged = np.asarray(~np.isfinite(self.worlds.position).all(axis=-1))
+        if diverged.any():
+            outcome = outcome._replace(
+                reward=np.where(diverged, 0.0, outcome.reward),
+                failed=outcome.failed | diverged,
+                success=outcome.success & ~diverged,
+            )
+        return outcome, diverged
+
+    def _remember(self, rows: Rows) -> None:
+        position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
+        fresh = self.task.interface.start(position[rows], self.task.scripts(rows))
+        for own, new in zip(self.memory, fresh, strict=True):
+            own[rows] = new
+
+    def _check(self, action: NDArray[np.floating[Any]]) -> None:
+        wanted = (self.n, self.task.spec.n_joints)
+        if action.shape != wanted:
+            raise CommandError(f"actions must have shape {wanted}, not {action.shape}")
+        if not np.isfinite(action).all():
+            row, joint = (int(index[0]) for index in np.nonzero(~np.isfinite(action)))
+            where = f" of simulation {row}" if self.n > 1 else ""
+            raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
+                               f"{action[row, joint]}; every value must be finite")  # fmt: skip

@@ -1,0 +1,116 @@
+"""One hand at one task as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import ArrayLike, NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.gym.engine import Engine
+from allegro_twin.gym.pictures import Pictures
+from allegro_twin.gym.settings import read_settings
+from allegro_twin.gym.spaces import action_space, observation_space
+from allegro_twin.policy.interface import Floats, Observation
+from allegro_twin.sim.look import has_screen
+
+_ONE = np.zeros(1, np.int64)
+
+
+class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
+    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError.
+
+    A pickle holds how it was made, not what it is doing.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
+        "render_modes": ["rgb_array", "depth_array", *(["human"] if has_screen() else [])],
+        "render_fps": 26,  # 1 / 39 ms, rounded.
+    }
+
+    def __init__(
+        self, task: str, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any
+    ) -> None:
+        EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
+        self.engine = Engine(task, read_settings(kwargs), 1, threads=1)
+        self.action_space = action_space(self.engine.task)
+        self.observation_space = observation_space(self.engine.task)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
+        self.render_mode, self._size = render_mode, (width, height)
+        self._pictures: Pictures | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        super().reset(seed=seed)
+        report = self.engine.reset(_ONE, [self.np_random], options)
+        if self.render_mode == "human":
+            self.render()
+        return self._seen(), _of_one(report)
+
+    def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        actions = np.asarray(action)[None]
+        self.engine.step(actions)
+        observation = self.engine.observe()
+        outcome, diverged = self.engine.outcome(actions, observation)
+        info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
+        if diverged[0]:
+            info["diverged"] = True
+        if self.render_mode == "human":
+            self.render()
+        over = bool(self.engine.count[0] >= self.engine.limit)
+        return _first(observation), float(outcome.reward[0]), bool(outcome.failed[0]), over, info
+
+    def render(self) -> NDArray[Any] | None:
+        if self.render_mode is None:
+            return None
+        if self._pictures is None:
+            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+        return self._pictures.take(0)
+
+    def close(self) -> None:
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
+
+    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Of goals (..., k): a number for one, an array for many."""
+        return self.engine.task.reward(achieved_goal, desired_goal)
+
+    def compute_terminated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Reaching a goal ends no episode: the hand should stay there."""
+        return _never(achieved_goal)
+
+    def compute_truncated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Time truncates an episode, a goal does not."""
+        return _never(achieved_goal)
+
+    def _seen(self) -> Observation:
+        return _first(self.engine.observe())
+
+
+def _first(observation: Observation) -> Observation:
+    if isinstance(observation, dict):
+        return {name: np.array(rows[0]) for name, rows in observation.items()}
+    return np.array(observation[0])
+
+
+def _of_one(report: dict[str, Any]) -> dict[str, Any]:
+    """The only row of what a reset reports."""
+    return {name: _of_one(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
+
+
+def _plain(value: Any) -> Any:
+    return (
+        value.item() if isinstance(value, np.generic) else np.array(value) if isinstance(value, np.ndarray) else value
+    )
+
+
+def _never(achieved_goal: ArrayLike) -> Any:
+    shape = np.shape(achieved_goal)[:-1]
+    return np.zeros(shape, bool) if shape else False

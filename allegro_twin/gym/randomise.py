@@ -1,0 +1,178 @@
+"""What differs from episode to episode: ranges as typed settings, drawn anew at every reset for every simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Settings
+from allegro_twin.gym.noise import Draws
+from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.types import Array
+
+
+def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if not 0.0 <= value[0] <= value[1]:
+        raise ValueError("the smallest comes first, and none is negative")
+    return value
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Periods = Annotated[tuple[int, int], AfterValidator(_ordered)]
+LONGEST_DELAY = 4  # Periods: 12 ms. The real hand's loop takes 1 to 2 (docs/models.md#actuation).
+
+
+class Randomise(Settings):
+    """Smallest and largest of each; None: as in the model. `Randomise.default()` has a sane range for all."""
+
+    mass: Range | None = None
+    """Factor on the object's mass."""
+    size: Range | None = None
+    """Factor on the object's size."""
+    friction: Range | None = None
+    """Sliding friction of every contact."""
+    gains: Range | None = None
+    """Factor on kp and kd, one draw each."""
+    strength: Range | None = None
+    """Factor on what the motors give of a commanded torque."""
+    armature: Range | None = None
+    """kg·m², all joints."""
+    damping: Range | None = None
+    """Factor on the joints' damping."""
+    frictionloss: Range | None = None
+    """Dry friction of all joints, N·m."""
+    encoder_noise: Range | None = None
+    """Half-width of the noise on measured joint positions, rad."""
+    velocity_noise: Range | None = None
+    """Half-width of the noise on measured joint speeds, rad/s."""
+    quantisation: Range | None = None
+    """Step of measured joint positions, rad."""
+    actuator_delay: Periods | None = None
+    """Whole control periods until a torque acts."""
+    sensor_delay: Periods | None = None
+    """Whole control periods until a measurement arrives."""
+    wrist_tilt: Range | None = None
+    """The palm leans by up to so much about each of its axes, rad."""
+
+    @classmethod
+    def default(cls) -> Randomise:
+        """Around the nominal hand. Sources: docs/rl.md#randomisation."""
+        return cls(
+            mass=(0.7, 1.3),
+            size=(0.95, 1.05),
+            friction=(0.6, 1.0),
+            gains=(0.9, 1.1),
+            strength=(0.85, 1.15),
+            armature=(0.001, 0.005),
+            damping=(0.8, 1.2),
+            frictionloss=(0.01, 0.03),
+            encoder_noise=(0.0, 0.002),
+            velocity_noise=(0.0, 0.1),
+            quantisation=(8.9e-5, 8.9e-5),
+            actuator_delay=(0, 2),
+            sensor_delay=(0, 1),
+            wrist_tilt=(0.0, 0.05),
+        )
+
+
+def preset(value: Any) -> Any:
+    """From what a user may write: None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
+    if value is None or value == "off":
+        return Randomise()
+    if isinstance(value, str):
+        if value != "default":
+            raise ConfigError(unknown("randomisation", value, ("default", "off")))
+        return Randomise.default()
+    return value
+
+
+def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
+    """One value of each range that is given for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
+    found: dict[str, Array] = {}
+    for name in Randomise.model_fields:
+        count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
+        low, high = getattr(settings, name) or (0.0, 0.0)
+        if name.endswith("delay"):
+            values = np.minimum(np.floor(draws.within(low, high + 1)), high)
+        else:
+            values = draws.within(low, high, count)
+        if getattr(settings, name) is not None:
+            found[name] = values if count > 1 else values[:, 0]
+    if (tilt := found.get("wrist_tilt")) is not None:
+        found["wrist_tilt"] = tilt * np.where(draws.within(-1.0, 1.0, 3) < 0, -1.0, 1.0)
+    return found
+
+
+class Physics:
+    """Writes what was drawn into the models of the simulations."""
+
+    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+        self._worlds, self._thing = worlds, thing
+        joints = [worlds.model.joint(name).dofadr[0] for name in worlds.spec.joints]
+        self._dofs = np.array(joints)
+
+    def apply(self, rows: Rows, values: dict[str, Array]) -> None:
+        """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
+        for name, value in values.items():
+            if (how := _HOW.get(name)) is not None:
+                how(self, rows, value)
+        if values.keys() & {"mass", "size", "armature", "wrist_tilt"}:
+            self._worlds.derive(rows)
+
+    def _mass(self, rows: Rows, factor: Array) -> None:
+        if self._thing is not None:
+            self._worlds.expand("body_mass")[rows, self._thing.id] *= factor
+            self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None]
+
+    def _size(self, rows: Rows, factor: Array) -> None:
+        """At the same mass."""
+        if self._thing is None:
+            return
+        geoms = self._thing.geoms
+        self._worlds.expand("geom_size")[rows, geoms] *= factor[:, None, None]
+        self._worlds.expand("geom_rbound")[rows, geoms] *= factor[:, None]
+        self._worlds.expand("geom_aabb")[rows, geoms] *= factor[:, None, None]
+        self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
+        self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None] ** 2
+
+    def _friction(self, rows: Rows, friction: Array) -> None:
+        self._worlds.expand("geom_friction")[rows, :, 0] = friction[:, None]
+
+    def _armature(self, rows: Rows, armature: Array) -> None:
+        self._worlds.expand("dof_armature")[rows[:, None], self._dofs] = armature[:, None]
+
+    def _damping(self, rows: Rows, factor: Array) -> None:
+        damping = self._worlds.spec.actuation.damping * factor[:, None]
+        self._worlds.expand("dof_damping")[rows[:, None], self._dofs] = damping
+
+    def _frictionloss(self, rows: Rows, torque: Array) -> None:
+        self._worlds.expand("dof_frictionloss")[rows[:, None], self._dofs] = torque[:, None]
+
+    def _tilt(self, rows: Rows, angles: Array) -> None:
+        """q ← q · (1, φ/2) normalised: for small angles the turn by φ about the palm's own axes."""
+        palm = self._worlds.model.body("palm_link").id
+        own = self._worlds.expand("body_quat")
+        w, x, y, z = np.moveaxis(own[rows, palm], -1, 0)
+        a, b, c = np.moveaxis(angles / 2, -1, 0)
+        turned = [
+            w - x * a - y * b - z * c,
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+        ]
+        own[rows, palm] = np.stack(turned, axis=-1) / np.sqrt(1 + a * a + b * b + c * c)[:, None]
+
+
+_HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
+    "mass": Physics._mass,
+    "size": Physics._size,
+    "friction": Physics._friction,
+    "armature": Physics._armature,
+    "damping": Physics._damping,
+    "frictionloss": Physics._frictionloss,
+    "wrist_tilt": Physics._tilt,
+}

@@ -1,0 +1,83 @@
+"""What can be chosen of an environment when it is made, and of an episode when it is reset."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field, field_validator
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Settings, parse
+from allegro_twin.gym.randomise import Randomise, preset
+from allegro_twin.policy.interface import Mode
+from allegro_twin.spec import Side
+
+Positive = Annotated[float, Field(gt=0)]
+OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
+
+
+class EnvSettings(Settings):
+    """The keyword arguments of `gymnasium.make`."""
+
+    side: Side = "right"
+    control: Mode = "delta"
+    """What an action means: `delta` or `absolute` joint positions, or `torque`."""
+    objects: tuple[str, ...] | None = None
+    """Of the catalogue; each episode draws one. None: the task's own."""
+    position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
+    """An object is off by up to so much along each axis, m. None: the task's own."""
+    randomise: Randomise = Randomise()
+    """What differs from episode to episode; `default` for everything."""
+    period: Positive = 0.003
+    """Control period, s."""
+    timestep: Positive = 0.001
+    """Of the physics, s."""
+    noslip: Annotated[int, Field(ge=0)] = 0
+    """Solver iterations against the creep of held objects. They double the cost of a step in contact, and without them
+    a held object creeps by 0.1 mm/s (docs/models.md#contact), 1 % of what an episode lets pass."""
+    decimation: Annotated[int, Field(ge=1)] = 13
+    """Control periods between two actions."""
+    gains: str = "default"
+    """Name in conf/gains."""
+    step: Positive | None = None
+    """rad an action, in the mode `delta`. None: the task's own."""
+    reach: Positive = 0.3
+    """How far an action may lead from the scripted motion, rad, where a task has one."""
+
+    @field_validator("randomise", mode="before")
+    @classmethod
+    def _named(cls, value: Any) -> Any:
+        return preset(value)
+
+
+class Options(Settings):
+    """The `options` of a reset: what this episode does not draw."""
+
+    object: str | None = None
+    """Of the catalogue."""
+    size: Positive | None = None
+    """Factor on the object's size."""
+    friction: Annotated[float, Field(gt=0, le=1.0)] | None = None
+    """Sliding friction of every contact."""
+    grasp: str | None = None
+    """Of the library, in place of the one that the object's scenario names."""
+    posture: str | None = None
+    """Of the library: where the fingers are at the beginning."""
+    position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
+    """m."""
+
+
+def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
+    """Raises ConfigError with the nearest keyword."""
+    return parse(EnvSettings, kwargs, "environment")
+
+
+def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> Options:
+    """Raises ConfigError with the nearest option, or for one that the task has no use for."""
+    given = dict(options or {})
+    for key in given:
+        if key not in OPTIONS:
+            raise ConfigError(unknown("option", key, OPTIONS))
+        if key not in allowed:
+            raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
+    return parse(Options, given, "options")

@@ -1,0 +1,33 @@
+"""The tasks by name; each is imported when it is made."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.gym.tasks.base import Task
+
+TASKS = {
+    "Reach": "reach",
+    "Grasp": "grasp",
+    "Lift": "lift",
+    "Pinch": "pinch",
+    "HoldDisturbed": "hold_disturbed",
+    "Reorient": "reorient",
+    "Rotate": "rotate",
+}
+"""Where each task is."""
+
+
+def task_type(name: str) -> type[Task]:
+    """Raises ConfigError with the nearest names."""
+    if name not in TASKS:
+        raise ConfigError(unknown("task", name, TASKS))
+    found: type[Task] = getattr(import_module(f"allegro_twin.gym.tasks.{TASKS[name]}"), name)
+    return found
+
+
+def make_task(name: str, settings: EnvSettings, n: int, threads: int) -> Task:
+    """A task for `n` simulations on so many threads; 0 for one a processor."""
+    return task_type(name)(settings, n, threads)

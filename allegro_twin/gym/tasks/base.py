@@ -1,0 +1,131 @@
+"""What a task is: a scene, a script, a goal, and the sense in which an episode went well; written for a whole batch."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.library.gains import load_gains
+from allegro_twin.policy.card import Card, Closed
+from allegro_twin.policy.interface import Interface, Observation
+from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.types import Array
+
+Flags = NDArray[np.bool_]
+Ticks = NDArray[np.int64]
+
+
+class Outcome(NamedTuple):
+    """What a step came to, one value a simulation, shape (n,)."""
+
+    reward: Array
+    failed: Flags
+    """The episode cannot go well any more, and ends."""
+    success: Flags
+    terms: dict[str, Array]
+    """What the reward is made of."""
+
+
+class Task(ABC):
+    """`n` episodes of one task."""
+
+    name: ClassVar[str]
+    purpose: ClassVar[str]
+    """One line for lists."""
+    seconds: ClassVar[float]
+    """How long an episode takes."""
+    options: ClassVar[tuple[str, ...]]
+    """Which `Options` a reset takes."""
+    extra: ClassVar[int] = 0
+    """Numbers in an observation that no real hand has: the task is privileged when there are any."""
+    settings: EnvSettings
+    interface: Interface
+    worlds: Worlds
+    thing: Body | None = None
+    """The object, where there is one."""
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        self.settings, self.n = settings, n
+        self.spec = load_spec(side=settings.side)
+        self.gains = load_gains(settings.gains, self.spec)
+
+    @abstractmethod
+    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+        """Which of the batch's variants each new episode takes, (m,)."""
+
+    @abstractmethod
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        """Set up new episodes of simulations that have their variant and what was randomised (`values`, (m,) each)."""
+
+    def plan(self, tick: Ticks) -> None:
+        """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
+        return
+
+    def drive(self, k: int) -> None:
+        """Move what surrounds the hands for the k-th control period of that step."""
+        return
+
+    @abstractmethod
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+        """What the step that ended at `tick` came to. `action` as it was taken, shape (n, joints)."""
+
+    def scripts(self, rows: Rows) -> Rows:
+        """Which script each simulation follows, (m,)."""
+        return np.zeros(len(rows), np.int64)
+
+    def goal(self) -> NDArray[np.floating[Any]] | None:
+        """What to reach, shape (n, k), for tasks with goals."""
+        return None
+
+    def achieved(self) -> Array | None:
+        """What of the goal is so now, shape (n, k), where it is not the interface that knows it from the joints."""
+        return None
+
+    def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Of goals (..., k), for tasks with goals. Raises ConfigError for the others."""
+        raise ConfigError(f"{self.name} has no goals to compute a reward from")
+
+    def seen(self) -> Array | None:
+        """What no real hand has, shape (n, extra)."""
+        return None
+
+    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+        """What a reset should report besides what was randomised, (m, …) each."""
+        return {}
+
+    def _interface(self, **given: object) -> Interface:
+        settings = self.settings
+        chosen = {} if settings.step is None else {"step": settings.step}
+        common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation}
+        return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
+
+    def card(self) -> Card:
+        """What a policy that was trained here should say of itself."""
+        interface, settings = self.interface, self.settings
+        return Card(
+            task=f"AllegroTwin/{self.name}-v0",
+            side=self.spec.side,
+            mode=interface.mode,
+            period=interface.period,
+            decimation=interface.decimation,
+            step=interface.step,
+            reach=interface.reach,
+            gains=settings.gains,
+            goal=interface.goal,
+            scripts=self.closed_scripts(),
+            periods=0 if interface.scripts is None else interface.scripts.periods,
+            observation=interface.n_observation + self.extra,
+            action=self.spec.n_joints,
+            privileged=self.extra,
+        )
+
+    def closed_scripts(self) -> tuple[Closed, ...]:
+        """What the scripts are made of, one each."""
+        return ()

@@ -1,0 +1,151 @@
+"""What tasks with an object and a scripted closing share: variants, scripts, the object's place and its noise."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.tasks.base import Task
+from allegro_twin.gym.tasks.scenes import THING, Scene
+from allegro_twin.library.named import load_posture
+from allegro_twin.policy.card import Closed
+from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
+from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.fit import overlap
+from allegro_twin.types import Array, Vector
+
+DEEPEST = 0.012  # m. How far an object may begin inside the pre-shaped hand: more would be thrown out, not grasped.
+
+
+class Closing(Task):
+    """The library's grasp closes on the object as the scripted player does it; an action is added to that.
+
+    A variant is an object with a grasp; its script has the same number.
+    """
+
+    wait: ClassVar[float] = 0.6
+    """s in the pre-shape while object and hand come together."""
+    squeeze: ClassVar[float] = 0.4
+    """s from closed to squeezed."""
+    after: ClassVar[float] = 0.0
+    """s that an episode needs from there to its verdict."""
+    noise: ClassVar[float] = 0.010
+    """m, where the settings name no other."""
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        self.periods = round(self.seconds / settings.period)
+        self.scenes: list[Scene] = []
+        self._numbers: dict[tuple[str, str | None], int] = {}
+        self._scripts: list[Script] = []
+        for index, name in enumerate(self.names()):
+            scene = self.scene(name, None)
+            if index == 0:
+                self.worlds = Worlds(self.spec, scene.model, n, threads)
+            self._learn(scene, None)
+        self.thing = self.worlds.free(THING)
+        self.offset = np.zeros((n, 3))
+        """By how much each object is off, m, world."""
+        self.script = np.zeros(n, np.int64)
+
+    @abstractmethod
+    def scene(self, name: str, grasp: str | None) -> Scene:
+        """The scene of an object."""
+
+    def overlap(self, scene: Scene, size: float) -> float:
+        """How deep an object of `size` times its size is in the hand that is about to close on it, m."""
+        met = scene.pose.copy()
+        met[:3] += self.apart(scene, size)
+        return overlap(scene.model, self.spec, scene.grasp.preshape, THING, met, size)
+
+    @abstractmethod
+    def apart(self, scene: Scene, size: float) -> Vector:
+        """From where the scene's model has the object to where the hand at rest in that model would grasp it, m."""
+
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """The objects that are drawn from."""
+
+    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+        drawn = draws.number(len(self.names()))
+        if options.object is None and options.grasp is None:
+            return drawn
+        names = [options.object or self.names()[number] for number in drawn]
+        return np.array([self._number(name, options.grasp) for name in names], np.int64)
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        self._fitting(variant, options)
+        width = self.settings.position_noise if options.position_noise is None else options.position_noise
+        width = self.noise if width is None else width
+        self.offset[rows] = draws.within(-width, width, 3)
+        self.script[rows] = variant
+        start = self._starts[variant]
+        if options.posture is not None:
+            start = np.broadcast_to(load_posture(options.posture, self.spec), start.shape)
+        self.worlds.position[rows] = start
+        assert self.thing is not None
+        self.thing.pose[rows] = self._poses[variant]
+
+    def scripts(self, rows: Rows) -> Rows:
+        return self.script[rows]
+
+    def closed_scripts(self) -> tuple[Closed, ...]:
+        return tuple(Closed(grasp=s.grasp.name, wait=self.wait, squeeze=self.squeeze) for s in self.scenes)
+
+    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+        scenes = [self.scenes[number] for number in self.script[rows]]
+        return {
+            "object": np.array([scene.thing for scene in scenes], dtype=object),
+            "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
+            "position_noise": self.offset[rows],
+        }
+
+    def closed(self, scene: Scene) -> int:
+        """When the scripted player has squeezed, in control periods."""
+        return round(closed_after(scene.grasp, self.wait, self.squeeze) / self.settings.period)
+
+    def _number(self, name: str, grasp: str | None) -> int:
+        """The variant of an object with its own grasp or another; compiled when it is asked for the first time."""
+        if (name, grasp) not in self._numbers:
+            self._learn(self.scene(name, grasp), grasp)
+        return self._numbers[name, grasp]
+
+    def _learn(self, scene: Scene, grasp: str | None) -> None:
+        end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
+        if end > self.seconds - self.settings.period * self.settings.decimation:
+            raise ConfigError(
+                f"{self.name}: {scene.grasp.name} closes too slowly: its verdict would come after {end:.2f} s, and an "
+                f"episode takes {self.seconds:g} s"
+            )
+        if self.scenes:
+            self.worlds.add(scene.model)
+        self._numbers[scene.thing, grasp] = len(self.scenes)
+        self.scenes.append(scene)
+        moves, period = closing(scene.grasp, self.wait, self.squeeze), self.settings.period
+        self._scripts.append(sampled(moves, scene.grasp.preshape, self.periods, period))
+        self.interface = self._interface(scripts=table(self._scripts), reach=self.settings.reach)
+        self._starts = np.array([scene.grasp.preshape for scene in self.scenes])
+        self._poses = np.array([scene.pose for scene in self.scenes])
+        self.learned()
+
+    def learned(self) -> None:
+        """Keep what follows from the scenes in tables with a row a variant."""
+
+    def _fitting(self, variant: Rows, options: Options) -> None:
+        """Raise ConfigError for an object that somebody has chosen and that is too large for its grasp."""
+        if options.size is None and options.object is None:
+            return
+        for number in set(variant.tolist()):
+            scene = self.scenes[number]
+            depth = self.overlap(scene, options.size or 1.0)
+            if depth > DEEPEST:
+                raise ConfigError(
+                    f"{scene.thing} at {options.size or 1.0:g} times its size is too large for {scene.grasp.name}: it "
+                    f"would begin {depth * 1000:.0f} mm inside the hand; at most {DEEPEST * 1000:.0f} mm can be"
+                )

@@ -1,0 +1,109 @@
+"""Grasp: close on an object that somebody presents, and hold it when it is let go of and pushed."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.tasks.base import Outcome, Ticks
+from allegro_twin.gym.tasks.closing import Closing
+from allegro_twin.gym.tasks.scenes import Scene, presented, scenarios
+from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.policy.interface import Observation
+from allegro_twin.sim.batch import Rows
+from allegro_twin.types import Array, Vector
+
+APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.
+GRACE = 0.1  # s between the scripted squeeze and the letting go.
+CALM = 0.3  # s until the push begins,
+PUSHED = 1.0  # s that it lasts, half of DexGraspBench's 2 s,
+PUSH = (
+    0.5,
+    1.5,
+)  # and how strong it is, in weights of the object; DexGraspBench: 1 on top of no gravity, we have both.
+HELD, LOST = 0.03, 0.05  # m from where the object was let go: still held, and gone. DexGraspBench: 0.05.
+WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
+
+
+class Grasp(Closing):
+    """The scripted player closes where the object should be; it is off by the position noise."""
+
+    name = "Grasp"
+    purpose = "close on a presented object and hold it through a push"
+    seconds = 4.3
+    after = GRACE + CALM + PUSHED
+    options: ClassVar[tuple[str, ...]] = ("object", "size", "friction", "grasp", "posture", "position_noise")
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        self.push = np.zeros((n, 3))
+        """N, world."""
+        self.place = np.zeros((n, 3))
+        """Where the object was at the first observation after it was let go, m, world."""
+        self._hand, self._holds = self.worlds.presenter()
+
+    def names(self) -> tuple[str, ...]:
+        return self.settings.objects or tuple(scenarios())[:12]
+
+    def scene(self, name: str, grasp: str | None) -> Scene:
+        return presented(name, self.spec, self.settings, grasp)
+
+    def apart(self, scene: Scene, size: float) -> Vector:
+        return np.zeros(3)
+
+    def learned(self) -> None:
+        period = self.settings.period
+        part = np.minimum(np.arange(self.periods + 1) * period / APPROACH, 1.0)
+        self._left = 1.0 - part**3 * (10 + part * (6 * part - 15))  # Minimum jerk.
+        self._release = np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes])
+        self._retreats = np.array([scene.retreat for scene in self.scenes])
+        self._middles = np.array([scene.pose[:3] for scene in self.scenes])
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        super().begin(rows, variant, draws, values, options)
+        assert self.thing is not None
+        self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, np.zeros(len(rows), np.int64))
+        mass = self.worlds.expand("body_mass")[rows, self.thing.id]
+        weight = mass * -self.worlds.model.opt.gravity[2]
+        self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]
+        self.place[rows] = self._middles[variant]
+        self._holds[rows] = 1.0
+
+    def plan(self, tick: Ticks) -> None:
+        release, period = self._release[self.script], self.settings.period
+        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        going = ticks - release
+        self._holding = going < 0
+        self._pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
+        self._path = self._hand_at(slice(None), ticks) if self._holding.any() else None
+
+    def drive(self, k: int) -> None:
+        assert self.thing is not None
+        if self._path is not None:
+            self._hand[:] = self._path[k]
+        self._holds[:] = self._holding[k]
+        np.multiply(self.push, self._pushing[k][:, None], out=self.thing.force)
+
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+        assert self.thing is not None
+        going = tick - self._release[self.script]
+        alone = going > 0
+        just = alone & (going <= self.settings.decimation)
+        np.copyto(self.place, self.thing.pose[:, :3], where=just[:, None])
+        drift = np.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
+        hold = np.where(alone, np.exp(-((drift / WIDTH) ** 2)), 0.0)
+        effort = -0.02 * np.square(action).mean(axis=-1)
+        failed = drift > LOST
+        over = going >= (CALM + PUSHED) / self.settings.period
+        terms = {"hold": hold, "effort": effort}
+        return Outcome(hold + effort, failed, over & (drift < HELD), terms)
+
+    def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
+        """Where the presenter's hand is, (..., 3), m, world."""
+        number = self.script[rows]
+        left = self._left[np.minimum(tick, len(self._left) - 1)]
+        place: Array = self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]
+        return place

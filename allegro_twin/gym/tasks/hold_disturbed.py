@@ -1,0 +1,101 @@
+"""HoldDisturbed: an object is in the hand already; keep it there while it is pushed again and again."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from allegro_twin.gym.noise import Draws, jitter
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.tasks.base import Outcome, Ticks
+from allegro_twin.gym.tasks.grasp import HELD, LOST, WIDTH, Grasp
+from allegro_twin.gym.tasks.scenes import THING
+from allegro_twin.gym.tasks.starts import played
+from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.policy.card import Closed
+from allegro_twin.policy.interface import Observation
+from allegro_twin.policy.script import Script, holding, table
+from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.types import Array
+
+EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
+STRONGEST = 2.5  # Weights of the object. Along each axis a push is drawn from [-this, this].
+SETTLE = 0.3  # s after the presenter has let go, before the episode begins.
+# Those that the scripted grasp keeps without a push (docs/rl.md#tasks).
+_OBJECTS = ("tennis_ball", "rubiks_cube", "apple", "foam_brick", "lemon", "gelatin_box", "mug")
+
+
+class HoldDisturbed(Grasp):
+    """The base of the actions is the grasp's squeeze; the object begins as the scripted player has grasped it."""
+
+    name = "HoldDisturbed"
+    purpose = "keep a grasped object in the hand while it is pushed at random"
+    seconds = 4.0
+    options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
+    noise = 0.0
+    after = 0.0
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        self._weight = np.zeros(n)
+        self._key = np.zeros(n, np.uint64)
+        self._caught = 0
+        self._catch()
+
+    def names(self) -> tuple[str, ...]:
+        return self.settings.objects or _OBJECTS
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        assert self.thing is not None
+        self.script[rows] = variant
+        mass = self.worlds.expand("body_mass")[rows, self.thing.id]
+        self._weight[rows] = mass * -self.worlds.model.opt.gravity[2]
+        self._key[rows] = draws.key()
+        self.place[rows] = self.thing.pose[rows, :3]
+
+    def plan(self, tick: Ticks) -> None:
+        period = self.settings.period
+        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        into = ticks * period % EVERY
+        number = np.asarray(ticks[-1] * period // EVERY, np.int64)
+        self._force = jitter(self._key, number, 7, 3) * (STRONGEST * self._weight)[:, None]
+        self._pushing = into >= EVERY - LASTS
+
+    def drive(self, k: int) -> None:
+        assert self.thing is not None
+        np.multiply(self._force, self._pushing[k][:, None], out=self.thing.force)
+
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+        assert self.thing is not None
+        drift = length(self.thing.pose[:, :3] - self.place)
+        hold, effort = np.exp(-((drift / WIDTH) ** 2)), -0.02 * np.square(action).mean(axis=-1)
+        over = tick * self.settings.period >= self.seconds - self.interface.seconds
+        return Outcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
+
+    def closed_scripts(self) -> tuple[Closed, ...]:
+        return tuple(closed.model_copy(update={"holds": True}) for closed in super().closed_scripts())
+
+    def _number(self, name: str, grasp: str | None) -> int:
+        number = super()._number(name, grasp)
+        self._catch()
+        return number
+
+    def _catch(self) -> None:
+        """Let the scripted player grasp what is new, keep the state, and make its squeeze the base of the actions."""
+        for number in range(self._caught, len(self.scenes)):
+            scene, script = self.scenes[number], self._scripts[number]
+            last = int(self._release[number]) + round(SETTLE / self.settings.period)
+            path = scene.pose[:3] - self._left[:, None] * scene.retreat
+
+            def around(worlds: Worlds, k: int, path: Array = path, release: int = int(self._release[number])) -> None:
+                hand, holds = worlds.presenter()
+                if k == 0:
+                    worlds.free(THING).pose[0, :3] = path[0]
+                hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
+
+            caught = Script(script.position[:last], script.velocity[:last])
+            self.worlds.keep_start(number, played(self.spec, scene.model, self.gains, caught, self.settings, around))
+            self._scripts[number] = holding(scene.grasp, self.periods)
+        self._caught = len(self.scenes)
+        self.interface = self._interface(scripts=table(self._scripts), reach=self.settings.reach)

@@ -1,0 +1,87 @@
+"""Lift: take an object from a table; the wrist, on a slide, comes down, waits for the fingers and goes up again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.tasks.base import Outcome, Ticks
+from allegro_twin.gym.tasks.closing import Closing
+from allegro_twin.gym.tasks.scenes import Scene, from_above, on_table
+from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.policy.interface import Observation
+from allegro_twin.sim import wrist
+from allegro_twin.sim.batch import Rows
+from allegro_twin.types import Array, Vector
+
+DOWN, UP, HOLD = 0.5, 0.8, 0.8  # s: the wrist goes down, up, and stays there.
+HEIGHT = 0.10  # m that it lifts.
+LIFTED = 0.8  # Part of that height at which an object counts as lifted.
+SHOVED = 0.08  # m that an object may be moved along the table before the attempt is over.
+
+
+class Lift(Closing):
+    """The scripted player closes where the object should stand; it is off by the position noise."""
+
+    name = "Lift"
+    purpose = "lift an object from a table; the wrist on a slide follows a timeline"
+    seconds = 4.5
+    after = UP + HOLD
+    options = ("object", "size", "friction", "grasp", "posture", "position_noise")
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        self.place = np.zeros((n, 3))
+        """Where the object stood, m, world."""
+        _, self._wish = self.worlds.joint("wrist_z")
+
+    def names(self) -> tuple[str, ...]:
+        return self.settings.objects or from_above()[:10]
+
+    def scene(self, name: str, grasp: str | None) -> Scene:
+        return on_table(name, self.spec, self.settings, grasp)
+
+    def apart(self, scene: Scene, size: float) -> Vector:
+        # As the object stands higher by its greater size, and the palm would come down to it.
+        return np.array([0.0, 0.0, scene.retreat[2] + scene.pose[2] * (size - 1.0)])
+
+    def learned(self) -> None:
+        period = self.settings.period
+        self._up = np.array([self.closed(scene) for scene in self.scenes])
+        self._heights = np.array([scene.pose[2] for scene in self.scenes])
+        self._wishes = np.zeros((len(self.scenes), self.periods + 1))
+        for row, scene in zip(self._wishes, self.scenes, strict=True):
+            waiting = self.closed(scene) * period - DOWN
+            moves = [(DOWN, -scene.retreat[2]), (waiting, 0.0), (UP, HEIGHT)]
+            stretches = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
+            wishes = wrist.commands(stretches, period, wrist.load(scene.model))[: len(row), 2]
+            row[: len(wishes)] = wishes
+            row[len(wishes) :] = wishes[-1]
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        super().begin(rows, variant, draws, values, options)
+        assert self.thing is not None
+        self.offset[rows, 2] = 0.0
+        self.thing.pose[rows, :3] += self.offset[rows]
+        self.thing.pose[rows, 2] = self._heights[variant] * values.get("size", 1.0)
+        self.place[rows] = self.thing.pose[rows, :3]
+
+    def plan(self, tick: Ticks) -> None:
+        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        self._course = self._wishes[self.script, np.minimum(ticks, self.periods)]
+
+    def drive(self, k: int) -> None:
+        self._wish[:] = self._course[k]
+
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+        assert self.thing is not None
+        up, period = self._up[self.script], self.settings.period
+        moved = self.thing.pose[:, :3] - self.place
+        rise = np.where(tick > up, np.clip(moved[:, 2] / HEIGHT, 0.0, 1.0), 0.0)
+        shoved = length(moved * (1.0, 1.0, 0.0))
+        effort = -0.02 * np.square(action).mean(axis=-1)
+        over = tick >= up + (UP + HOLD) / period
+        missed = (tick >= up + UP / period) & (rise < 0.2)
+        terms = {"rise": rise, "effort": effort}
+        return Outcome(rise + effort, missed | (shoved > SHOVED), over & (rise >= LIFTED), terms)

@@ -1,0 +1,25 @@
+"""Pinch: take a small object that somebody presents between two or three fingertips, and hold it through a push."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from allegro_twin.gym.tasks.grasp import Grasp
+from allegro_twin.gym.tasks.scenes import Scene, presented
+
+# A scenario of the taxonomy for each: where the palm goes, and the grasp.
+_SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
+
+
+class Pinch(Grasp):
+    """As Grasp, with small balls and the library's pinches."""
+
+    name = "Pinch"
+    purpose = "pinch a small presented object with the fingertips and hold it through a push"
+    noise: ClassVar[float] = 0.005
+
+    def names(self) -> tuple[str, ...]:
+        return self.settings.objects or tuple(_SCENARIOS)
+
+    def scene(self, name: str, grasp: str | None) -> Scene:
+        return presented(name, self.spec, self.settings, grasp, _SCENARIOS.get(name))

@@ -1,0 +1,76 @@
+"""Reach: bring all fingertips to where they are wanted."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.tasks.base import Flags, Outcome, Task, Ticks
+from allegro_twin.gym.tasks.scenes import compiled
+from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.library.named import load_posture
+from allegro_twin.policy.interface import Floats, Observation
+from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.pose import orientation
+from allegro_twin.sim.probe import free_of_contact
+from allegro_twin.sim.scene import Stage
+from allegro_twin.types import Array
+
+GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
+INSIDE = 0.8  # Of each joint's range, in which these postures lie.
+REACHED = 0.010  # m, every fingertip. A PD law without the hand's weight is off by 1 mm (docs/models.md#gains).
+
+
+class Reach(Task):
+    """The hand alone, upright. A goal is what the fingertips of some posture without contact would be."""
+
+    name = "Reach"
+    purpose = "bring all fingertips to given points in the palm frame"
+    seconds = 2.0
+    options = ("posture",)
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        if settings.objects is not None:
+            raise ConfigError("Reach has no objects to choose")
+        model = compiled(self.spec, Stage(np.zeros(3), orientation((1, 0, 0), (0, 0, 1))), settings)
+        self.worlds = Worlds(self.spec, model, n, threads)
+        self.interface = self._interface(goal="fingertips", step=0.15)
+        middle, half = self.interface.middle, self.interface.half
+        # The table of the right hand, mirrored: the sides have the same goals.
+        wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
+        self._goals = self.interface.fingertips(free_of_contact(model, self.spec, wishes, GOALS)).astype(np.float32)
+        self._goal = np.zeros((n, self.interface.n_goal), np.float32)
+        self._start = load_posture("home", self.spec)
+
+    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+        return np.zeros(len(rows), np.int64)
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        start = self._start if options.posture is None else load_posture(options.posture, self.spec)
+        self.worlds.position[rows] = start
+        self._goal[rows] = self._goals[draws.number(len(self._goals))]
+
+    def goal(self) -> Floats:
+        return self._goal
+
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+        assert isinstance(observation, dict)
+        achieved, desired = observation["achieved_goal"], observation["desired_goal"]
+        reward = self.reward(achieved, desired)
+        return Outcome(reward, np.zeros(self.n, bool), self.reached(achieved, desired), {"distance": -reward})
+
+    def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
+        return np.asarray(-10.0 * self._distances(achieved, desired).mean(axis=-1))
+
+    def reached(self, achieved: ArrayLike, desired: ArrayLike) -> Flags:
+        return np.asarray((self._distances(achieved, desired) < REACHED).all(axis=-1))
+
+    def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+        """Of every fingertip, (..., fingers), m."""
+        apart = np.subtract(desired, achieved, dtype=np.float64)
+        return length(apart.reshape(*apart.shape[:-1], -1, 3))

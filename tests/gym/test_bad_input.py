@@ -1,0 +1,138 @@
+"""What is wrong is said in one line, with the nearest right name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.gym.env import HandEnv
+from allegro_twin.gym.vector import HandVectorEnv
+
+LEMON: dict[str, Any] = {"objects": ("lemon",)}
+
+
+@pytest.mark.parametrize(
+    ("task", "kwargs", "message"),
+    [
+        ("Lfit", {}, "no task named 'Lfit'; did you mean 'Lift'?"),
+        ("Lift", {"objekts": ("lemon",)}, "environment: objekts: unknown key; did you mean 'objects'?"),
+        ("Lift", {"objects": ("lemmon",)}, "no object named 'lemmon'; did you mean 'lemon'"),
+        ("Lift", {"objects": ("mug",)}, "mug is grasped from its side; the slide serves apple"),
+        ("Lift", {"side": "lefft"}, "side: input should be 'right' or 'left', not 'lefft'"),
+        ("Lift", {"randomise": "defualt"}, "no randomisation named 'defualt'; did you mean 'default'"),
+        ("Lift", {"randomise": {"mas": (1, 2)}}, "randomise.mas: unknown key; did you mean 'mass'"),
+        ("Lift", {"randomise": {"mass": (2.0, 1.0)}}, "the smallest comes first"),
+        ("Lift", {"period": 0.0025}, "period 0.0025 s is not a whole number of physics steps of 0.001 s"),
+        ("Reach", {"objects": ("lemon",)}, "Reach has no objects to choose"),
+        ("Reach", {"render_mode": "rgb"}, "render_mode 'rgb' is none of rgb_array"),
+    ],
+)
+def test_a_wrong_keyword_is_named(task: str, kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace("?", r"\?")):
+        HandEnv(task, **kwargs)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"objekt": "lemon"}, "no option named 'objekt'; did you mean 'object'"),
+        ({"object": "lemmon"}, "no object named 'lemmon'; did you mean 'lemon'"),
+        ({"grasp": "quadpot"}, "no grasp named 'quadpot'; did you mean 'quadpod'"),
+        ({"posture": "hom"}, "no posture named 'hom'; did you mean 'home'"),
+        ({"size": -1.0}, "size: input should be greater than 0"),
+        ({"size": 2.5}, r"lemon at 2\.5 times its size is too large for quadpod: it would begin \d+ mm inside"),
+        ({"friction": 3.0}, "friction: input should be less than or equal to 1"),
+    ],
+)
+def test_a_wrong_option_is_named(options: dict[str, Any], message: str) -> None:
+    env = HandEnv("Lift", **LEMON)
+    with pytest.raises(ConfigError, match=message):
+        env.reset(seed=0, options=options)
+
+
+def test_an_option_that_a_task_has_no_use_for_is_refused() -> None:
+    with pytest.raises(ConfigError, match="Reach has no object to choose; its options: posture"):
+        HandEnv("Reach").reset(options={"object": "lemon"})
+
+
+def test_an_action_with_a_nan_is_refused_with_its_joint_and_its_step() -> None:
+    env = HandEnv("Reach")
+    env.reset(seed=0)
+    env.step(np.zeros(16, np.float32))
+    action = np.zeros(16, np.float32)
+    action[3] = np.nan
+    with pytest.raises(CommandError, match=r"the action for joint_3\.0 at step 1 is nan; every value must be finite"):
+        env.step(action)
+
+
+def test_in_a_batch_the_simulation_is_named_too() -> None:
+    envs = HandVectorEnv("Reach", 3)
+    envs.reset(seed=0)
+    actions = np.zeros((3, 16), np.float32)
+    actions[2, 0] = np.inf
+    with pytest.raises(CommandError, match="the action of simulation 2 for .* at step 0 is inf"):
+        envs.step(actions)
+    with pytest.raises(CommandError, match=r"actions must have shape \(3, 16\), not \(2, 16\)"):
+        envs.step(actions[:2])
+
+
+@pytest.mark.parametrize("mask", [np.zeros(3, bool), np.ones(2, bool), np.ones(3)])
+def test_a_reset_mask_must_name_somebody(mask: np.ndarray[Any, Any]) -> None:
+    envs = HandVectorEnv("Reach", 3, autoreset="disabled")
+    with pytest.raises(ConfigError, match="reset_mask must be 3 truth values with at least one true"):
+        envs.reset(options={"reset_mask": mask})
+
+
+def test_a_vector_environment_needs_a_mode_and_somebody_in_it() -> None:
+    with pytest.raises(ConfigError, match="autoreset 'never' is none of next_step, same_step, disabled"):
+        HandVectorEnv("Reach", 2, autoreset="never")
+    with pytest.raises(ConfigError, match="num_envs must be at least 1, not 0"):
+        HandVectorEnv("Reach", 0)
+
+
+def test_a_simulation_that_diverges_ends_its_episode_and_no_other() -> None:
+    envs = HandVectorEnv("Reach", 2)
+    envs.reset(seed=0)
+    envs.engine.worlds.velocity[1] = 1e30
+    observation, reward, terminated, _, info = envs.step(np.zeros((2, 16), np.float32))
+    assert terminated.tolist() == [False, True]
+    assert info["diverged"].tolist() == [False, True]
+    assert reward[1] == 0.0
+    assert observation in envs.observation_space
+
+
+@pytest.mark.parametrize(
+    ("options", "what", "value"),
+    [({"object": "apple"}, "object", "apple"), ({"grasp": "tripod"}, "grasp", "tripod")],
+)
+def test_what_an_option_chooses_is_what_the_episode_has(options: dict[str, Any], what: str, value: str) -> None:
+    env = HandEnv("Lift", **LEMON)
+    _, info = env.reset(seed=0, options=options)
+    assert info[what] == value
+    _, info = env.reset(seed=0)
+    assert info["object"] == "lemon"
+    assert info["grasp"] == "quadpod"
+
+
+def test_size_and_friction_reach_the_physics_and_are_gone_with_the_next_reset() -> None:
+    env = HandEnv("Lift", **LEMON)
+    env.reset(seed=0)
+    thing = env.engine.task.thing
+    assert thing is not None
+
+    def physics() -> tuple[float, float, float, float]:
+        model = env.engine.worlds.snapshot(0).model
+        geom = thing.geoms.start
+        return (float(model.geom_size[geom, 0]), float(model.geom_friction[geom, 0]),
+                float(model.body_inertia[thing.id, 0]), float(model.body_invweight0[thing.id, 1]))  # fmt: skip
+
+    before = physics()
+    _, info = env.reset(seed=0, options={"size": 1.1, "friction": 0.5})
+    assert info["randomised"] == {"size": 1.1, "friction": 0.5}
+    changed = physics()
+    np.testing.assert_allclose(np.divide(changed, before), [1.1, 0.5 / 0.8, 1.21, 1 / 1.21], rtol=1e-9)
+    env.reset(seed=0)
+    assert physics() == before

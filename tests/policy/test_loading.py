@@ -1,0 +1,119 @@
+"""Policy files: what they carry, what they refuse, and that both kinds answer alike for one hand and for many."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.gym.env import HandEnv
+from allegro_twin.policy.card import Card, read_card, write_card
+from allegro_twin.policy.loading import load_policy, policy_controller
+
+
+@pytest.fixture(scope="module")
+def card() -> Card:
+    return HandEnv("Lift", objects=("lemon",)).engine.task.card()
+
+
+@pytest.fixture
+def onnx_file(tmp_path: Path) -> Path:
+    """action = tanh(W observation), as an ONNX file without a card."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    weights = np.random.default_rng(0).normal(size=(65, 16)).astype(np.float32)
+    helper, floats = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "w"], ["y"]), helper.make_node("Tanh", ["y"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info("observation", floats, ["batch", 65])],
+        [helper.make_tensor_value_info("action", floats, ["batch", 16])],
+        [onnx.numpy_helper.from_array(weights, "w")],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    path = tmp_path / "policy.onnx"
+    onnx.save(model, str(path))
+    return path
+
+
+def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card: Card) -> None:
+    write_card(onnx_file, card)
+    loaded = load_policy(onnx_file)
+    assert loaded.card == card
+    many = np.random.default_rng(1).normal(size=(3, 65)).astype(np.float32)
+    answers = loaded.policy(many)
+    assert answers.shape == (3, 16)
+    np.testing.assert_allclose(loaded.policy(many[1]), answers[1], rtol=1e-5)
+    assert policy_controller(onnx_file, load_spec(), grasp="quadpod").script == 0
+
+
+def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(onnx_file: Path, card: Card) -> None:
+    write_card(onnx_file, card.model_copy(update={"observation": 64}))
+    with pytest.raises(ConfigError, match="the network sees 65 numbers; its card says 64, for AllegroTwin/Lift-v0"):
+        load_policy(onnx_file)
+
+
+def test_an_onnx_file_without_a_card_is_no_policy_of_ours(onnx_file: Path) -> None:
+    with pytest.raises(ConfigError, match="no card inside"):
+        load_policy(onnx_file)
+
+
+def test_a_policy_for_the_other_hand_is_refused(onnx_file: Path, card: Card) -> None:
+    write_card(onnx_file, card)
+    with pytest.raises(ConfigError, match="this policy is for the right hand; this one is the left hand"):
+        policy_controller(onnx_file, load_spec(side="left"))
+
+
+def test_a_model_of_stable_baselines3_is_a_policy_once_it_has_a_card(tmp_path: Path, card: Card) -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path / "policy.zip"
+    model: Any = sb3.PPO("MlpPolicy", HandEnv("Lift", objects=("lemon",)), n_steps=16, batch_size=16, device="cpu")
+    model.save(path)
+    with pytest.raises(ConfigError, match="no card inside"):
+        load_policy(path)
+    write_card(path, card)
+    loaded = load_policy(path)
+    seen = np.random.default_rng(1).normal(size=65).astype(np.float32)
+    np.testing.assert_array_equal(loaded.policy(seen), model.predict(seen, deterministic=True)[0])
+    assert loaded.card == card
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("policy.pt", b"", "a policy file ends in .onnx or .zip"),
+        ("policy.zip", b"nonsense", "not a zip file"),
+        ("missing.zip", None, "no such policy file"),
+    ],
+)
+def test_a_file_that_is_no_policy_is_named(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError, match=message):
+        load_policy(path)
+
+
+def test_a_missing_library_is_an_error_that_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, card: Card
+) -> None:
+    import zipfile
+
+    path = tmp_path / "policy.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("data", "{}")
+    write_card(path, card)
+    assert read_card(path) == card
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ConfigError, match=r"needs stable-baselines3: pip install 'allegro-twin\[rl\]'"):
+        load_policy(path)
+    other = tmp_path / "policy.onnx"
+    other.write_bytes(b"x")
+    with pytest.raises(ConfigError, match=r"needs onnxruntime: pip install 'allegro-twin\[policy\]'"):
+        load_policy(other)
