@@ -45,7 +45,12 @@ def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Sc
     codec = codec_of(config, settings)
     if settings.realtime:
         realtime.ask()
-    terms = Terms(
+    return CanBackend(spec, codec, opener(config, settings, spec, codec, scene), terms_of(config, settings))
+
+
+def terms_of(config: RunConfig, settings: CanSettings) -> Terms:
+    """How a config wants the hand on its bus dealt with."""
+    return Terms(
         period=config.period,
         timeout=settings.timeout,
         deadman=settings.deadman,
@@ -54,7 +59,6 @@ def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Sc
         gravity=settings.gravity,
         imu_period=settings.imu,
     )
-    return CanBackend(spec, codec, _opener(config, settings, spec, codec, scene), terms)
 
 
 def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
@@ -101,7 +105,8 @@ def rehearsal(config: RunConfig, spec: HandSpec) -> Trial | None:
     return make_trial(controller.scenario, spec, config.period)
 
 
-def _opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:
+def opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:
+    """How to get on the config's bus."""
     if settings.interface != VIRTUAL:
         load = (codec, config.period)
         return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)

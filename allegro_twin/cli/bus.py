@@ -22,6 +22,7 @@ def firmware(
         float | None, typer.Option(help="s of physics between two looks at the bus; default: the config's period.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="With a scenario: where the verdict goes (JSON).")] = None,
+    wire_log: Annotated[Path | None, typer.Option(help="Log every frame to this .blf, .log or .asc.")] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
     from allegro_twin.build.served import far_end, judged, virtual_hands
@@ -30,6 +31,7 @@ def firmware(
     from allegro_twin.config import CanSettings, load_config
     from allegro_twin.session import write_reports
     from allegro_twin.wire import realtime
+    from allegro_twin.wire.log import LoggedBus, WireLog
     from allegro_twin.wire.serve import serve
 
     loaded = [load_config(name) for name in configs]
@@ -38,7 +40,10 @@ def firmware(
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")
     scenes: list[Scene] = []
     hands = virtual_hands(loaded, step=step, scenes=scenes, restart=True)
+    log = None if wire_log is None else WireLog(wire_log, Path(settings.channel).name)
     bus = far_end(settings)
+    if log is not None:
+        bus = LoggedBus(bus, log)
     if settings.realtime:
         realtime.ask()
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
@@ -57,6 +62,8 @@ def firmware(
     finally:
         bus.shutdown()
         hands.close()
+        if log is not None:
+            log.close()
     if served is not None:
         console.console.print(
             f"{served.ticks} steps, {served.late} late, {served.lost} left out; {served.heard} frames heard, "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable
 
+import can
 import numpy as np
 
 from allegro_twin.backend import torque_of
@@ -42,6 +43,7 @@ class CanBackend:
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
         self._port: Port | None = open_port()
+        self._logs: list[Callable[[can.Message], None]] = []
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self._deadman: Deadman | None = None
@@ -65,10 +67,18 @@ class CanBackend:
         """What was counted since reset."""
         return self._ears.health
 
+    def listen(self, log: Callable[[can.Message], None]) -> None:
+        """Tell a bus log of every frame from now on, sent or received."""
+        self._logs.append(log)
+        if self._port is not None:
+            self._port.link.listen(log)
+
     def reset(self) -> HandState:
         self._disarm()
         if self._port is None:
             self._port = self._open()
+            for log in self._logs:
+                self._port.link.listen(log)
         self._fresh()
         try:
             greeting = begin(self._port, self._codec, self._terms, self._spec, self._limp)

@@ -38,9 +38,13 @@ class Link:
         self._ports: list[Port] = []
         self._sending, self._receiving = threading.Lock(), threading.Lock()
         self._listeners: list[Callable[[can.Message], None]] = []
+        self._ahead = 0.0
+        """Of the bus's clock before ours, s: what is sent must be logged on the clock of what comes."""
         self.error_frames = 0
         self.lockstep = bool(getattr(bus, "lockstep", False))
         """Whether time on this bus passes only while somebody waits for a frame."""
+        if not self.lockstep:
+            self._ahead = time.time() - time.monotonic()  # Most adapters stamp with the time of day.
 
     @property
     def name(self) -> str:
@@ -73,7 +77,7 @@ class Link:
                         is_remote_frame=frame.remote,
                         data=frame.data,
                         is_rx=False,
-                        timestamp=self.now() if self._listeners else 0.0,
+                        timestamp=self.now() + self._ahead if self._listeners else 0.0,
                     )
                     self._bus.send(message)
                     for listener in self._listeners:
@@ -102,6 +106,9 @@ class Link:
         return True
 
     def _deliver(self, message: can.Message) -> None:
+        if self._listeners:
+            message.timestamp = message.timestamp or self.now()
+            self._ahead = message.timestamp - self.now()
         for listener in self._listeners:
             listener(message)
         if message.is_error_frame:
