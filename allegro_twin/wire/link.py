@@ -17,6 +17,8 @@ from allegro_twin.wire.load import Load, check_load
 
 Bus: TypeAlias = can.BusABC
 """Any bus that python-can knows."""
+Message: TypeAlias = can.Message
+"""A frame as python-can hands it over, with its time and its direction."""
 QUEUE = 4096
 """Frames kept for a hand that nobody reads; the oldest give way."""
 BUS_OFF = 0x40  # linux/can/error.h CAN_ERR_BUSOFF, which python-can leaves in the identifier of an error frame.

@@ -41,6 +41,11 @@ class Listener:
         """Periods of which any report came."""
         return self._assembler.moments
 
+    @property
+    def heard(self) -> list[float]:
+        """When each finger reported last, s; -inf: never."""
+        return self._assembler.heard
+
     def hear(self, frame: Frame, t: float) -> Whole | None:
         """Take one frame in; the whole hand, when it completes one. Raises HandFault or LinkError."""
         try:
