@@ -138,7 +138,9 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
         yield
         return
     if rig.wire is None or not isinstance(config.backend, CanSettings):
-        raise ConfigError(f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`")
+        raise ConfigError(
+            f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
+        )
     from allegro_twin.wire.log import WireLog
 
     with closing(WireLog(path, Path(config.backend.channel).name)) as log:

@@ -48,7 +48,7 @@ def sniff(
     seconds: Annotated[float | None, typer.Option(help="How long; default: until Ctrl-C.")] = None,
     lines: Annotated[bool, typer.Option(help="One line a frame, as in a pipe, instead of a table.")] = False,
 ) -> None:
-    """Listen to any bus and say what the frames mean. Sends nothing; a serial adapter can belong to one program only."""
+    """Listen to any bus and say what the frames mean. Sends nothing. A serial adapter serves one program at a time."""
     from allegro_twin.build.listening import ears_of
     from allegro_twin.cli import console, monitor
     from allegro_twin.wire.sniff import listened

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 from enum import StrEnum
@@ -216,6 +217,7 @@ bus.register(app)
 def main() -> None:
     """Run the command line; every HandError is one line on standard error."""
     signal.signal(signal.SIGTERM, _stop)
+    logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
         app()
     except HandError as error:

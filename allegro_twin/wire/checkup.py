@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 import can
@@ -21,7 +21,7 @@ from allegro_twin.wire.link import Port
 from allegro_twin.wire.listener import Listener
 from allegro_twin.wire.load import share
 from allegro_twin.wire.messages import Topic
-from allegro_twin.wire.strangers import neighbours, speakers
+from allegro_twin.wire.strangers import speakers
 from allegro_twin.wire.terms import Terms
 
 LISTEN, WATCH, FIRST = 0.3, 2.0, 0.5
@@ -45,7 +45,7 @@ class Checkup:
         self._measured = 0.0
         self._port: Port
 
-    def walk(self) -> Iterator[Finding]:
+    def walk(self) -> Generator[Finding]:
         """Finding after finding; the last is the first that is broken, or that the hand was left limp."""
         try:
             self._port = self._open()

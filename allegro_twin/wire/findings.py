@@ -55,7 +55,9 @@ def bus(frames: int, seconds: float, errors: int, bitrate: int, commands: str, w
     if commands:
         return Finding("bus", f"another program commands this hand: {commands}", "stop one of the two", LinkError)
     if errors:
-        remedy = f"does every adapter have {bitrate} bit/s? check the wiring and the termination (60 Ω between the wires)"
+        remedy = (
+            f"does every adapter have {bitrate} bit/s? check the wiring and the termination (60 Ω between the wires)"
+        )
         return Finding("bus", text, remedy, LinkError)
     return Finding("bus", text)
 
@@ -79,7 +81,9 @@ def fingers(heard: Sequence[bool], instead: str) -> Finding:
         remedy = "correct `backend.version` or `device`" if instead else "check power, cable, bitrate and version"
         return Finding("fingers", text, remedy, LinkTimeout)
     names = " and ".join(silent)
-    return Finding("fingers", f"{names} silent", "switch the hand off and on; then it is the finger's cable", LinkTimeout)
+    return Finding(
+        "fingers", f"{names} silent", "switch the hand off and on; then it is the finger's cable", LinkTimeout
+    )
 
 
 def timing(stamps: Sequence[float], seconds: float, period: float, incomplete: int, timeout: float) -> Finding:
@@ -110,7 +114,9 @@ def temperature(celsius: Vector, version: str) -> Finding:
     text = f"{low:.0f} to {high:.0f} °C"
     if high >= _TEMPERATURE["hot"]:
         return Finding("temperature", text, "switch the hand off and let it cool down", HandFault)
-    return Finding("temperature", text + (", warm: the guard lets less torque through" if high >= _TEMPERATURE["warm"] else ""))
+    return Finding(
+        "temperature", text + (", warm: the guard lets less torque through" if high >= _TEMPERATURE["warm"] else "")
+    )
 
 
 def joints(positions: Array, spec: HandSpec, version: str) -> Finding:

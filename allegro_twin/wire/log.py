@@ -88,7 +88,7 @@ class LoggedBus(can.BusABC):
     def __init__(self, bus: can.BusABC, log: WireLog) -> None:
         self._inner, self._log = bus, log
         self.channel_info = bus.channel_info
-        super().__init__(None)
+        super().__init__(str(bus.channel_info))
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self._inner.send(msg, timeout)
