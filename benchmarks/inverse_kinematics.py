@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.types import Array
 
-BATCH, ONE_BY_ONE, ROUNDS = 100_000, 300, 5
+BATCH, ONE_BY_ONE, SCALAR, ROUNDS = 100_000, 300, 5000, 25
 TOLERANCE, DAMPING, TURNS = 1e-6, 1e-6, 200
 Figure = tuple[str, float, float, str]
 
@@ -32,17 +32,13 @@ def figures() -> Iterator[Figure]:
         values = q[:, 0] if name == "thumb" else q[:, 1:].sum(axis=1)
         least_squares = LeastSquares(spec.name, list(spec.joints), spec.finger(name).joints, spec.finger(name).tip)
         middle = (finger.lower + finger.upper) / 2
-        times = [
-            (
-                least_squares.timed(points[:ONE_BY_ONE], rotations, middle),
-                _batched(finger, points, values),
-                _scalar(finger, points, values),
-            )
-            for _ in range(ROUNDS)
-        ]
-        slow, batched, scalar = map(min, zip(*times, strict=True))  # The best of each: others use the machine too.
-        yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", slow / batched, 200.0, "x"
-        yield f"IK scalar, {name}, times Pinocchio DLS's speed (at least)", slow / scalar, 50.0, "x"
+        ratios = []
+        for _ in range(ROUNDS):  # Turn by turn, and the middle ratio: others use the machine too, at every moment.
+            slow = least_squares.timed(points[:ONE_BY_ONE], rotations, middle)
+            ratios.append((slow / _batched(finger, points, values), slow / _scalar(finger, points, values)))
+        batched, scalar = np.median(ratios, axis=0).tolist()
+        yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", batched, 200.0, "x"
+        yield f"IK scalar, {name}, times Pinocchio DLS's speed (at least)", scalar, 50.0, "x"
 
 
 class LeastSquares:
@@ -56,7 +52,7 @@ class LeastSquares:
 
     def timed(self, points: Array, rotations: Array, start: Array) -> float:
         """Seconds a solve."""
-        return _each(lambda k: self.solve(points[k], rotations[k], start), len(points))
+        return _each(self.solve, [(point, rotation, start) for point, rotation in zip(points, rotations, strict=False)])
 
     def solve(self, point: Array, rotation: Array, start: Array) -> Array:
         model, data, tip, damping = self._model, self._data, self._tip, DAMPING * np.eye(6)
@@ -82,13 +78,13 @@ def _batched(finger: FingerKinematics, points: Array, values: Array) -> float:
 
 def _scalar(finger: FingerKinematics, points: Array, values: Array) -> float:
     solve = finger.scalar.at_q0 if finger.name == "thumb" else finger.scalar.at_pitch
-    rows = [(*map(float, point), float(value)) for point, value in zip(points[:5000], values[:5000], strict=True)]
-    return _each(lambda k: solve(*rows[k]), len(rows))
+    rows = [(*map(float, point), float(value)) for point, value in zip(points[:SCALAR], values, strict=False)]
+    return _each(solve, rows)
 
 
-def _each(solve: Callable[[int], object], n: int) -> float:
+def _each(solve: Callable[..., object], rows: Sequence[tuple[object, ...]]) -> float:
     """Seconds a call."""
     start = time.perf_counter()
-    for k in range(n):
-        solve(k)
-    return (time.perf_counter() - start) / n
+    for row in rows:
+        solve(*row)
+    return (time.perf_counter() - start) / len(rows)

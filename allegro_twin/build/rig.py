@@ -38,6 +38,11 @@ class Rig:
     wire: CanBackend | None = None
     """The hand on its bus, where there is one: for what its link went through."""
 
+    @property
+    def live(self) -> bool:
+        """Whether the hand's time passes by itself."""
+        return self.wire is not None and not self.wire.lockstep
+
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     """A backend behind the config's limits. Raises ConfigError."""

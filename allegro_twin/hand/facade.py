@@ -40,12 +40,13 @@ class Hand:
     """A hand to work with.
 
     It opens limp. In a simulation and a replay time passes only in calls that wait, so a script repeats itself bit for
-    bit; with `background=True` it passes on its own in real time. Every way out of `with` leaves the hand limp.
+    bit; with `background=True` it passes on its own in real time, as it always does for a hand on a real bus. Every way
+    out of `with` leaves the hand limp.
     """
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, Bounds(rig.spec)
-        self._mover = Mover(rig, gains, background=background)
+        self._mover = Mover(rig, gains, background=background or rig.live)
 
     @classmethod
     def open(cls, config: str | pathlib.Path | RunConfig, *, background: bool = False) -> Self:

@@ -77,14 +77,8 @@ class FingerKinematics:
         given = {"pitch": pitch, "rotation": rotation, "quaternion": quaternion, "euler": euler,
                  "q0": q0, "q1": q1, "psi": psi, "near": near}  # fmt: skip
         target = read_target(self.name, self._chain.geometry.is_thumb, position, given)
-        if not 0.0 <= margin < float((self.upper - self.lower).min()) / 2:
-            raise ConfigError(f"{self.name}: margin {margin} rad does not fit; half the least range is "
-                              f"{float((self.upper - self.lower).min()) / 2:.3f} rad")  # fmt: skip
-        lower, upper = self.lower + margin, self.upper - margin
-        parts = [self._solved(target.rows(k, k + _CHUNK), lower, upper) for k in range(0, max(1, target.n), _CHUNK)]
-        joints, within, angle = (
-            parts[0] if len(parts) == 1 else tuple(np.concatenate(p, axis=-1) for p in zip(*parts, strict=True))
-        )
+        lower, upper = self._limits_within(margin)
+        joints, within, angle = self._in_blocks(target, lower, upper)
         k = joints.shape[1]
         return Solutions(
             np.moveaxis(joints, 0, -1).swapaxes(0, 1).reshape(*target.shape, k, 4),
@@ -94,6 +88,20 @@ class FingerKinematics:
             upper,
             lambda missing, limits: self._nearest(target, missing, lower, upper, limits=limits),
         )
+
+    def _limits_within(self, margin: float) -> tuple[Vector, Vector]:
+        half = float((self.upper - self.lower).min()) / 2
+        if not 0.0 <= margin < half:
+            raise ConfigError(f"{self.name}: margin {margin} rad does not fit; half the least range is {half:.3f} rad")
+        return self.lower + margin, self.upper - margin
+
+    def _in_blocks(self, target: Target, lower: Vector, upper: Vector) -> tuple[Array, Flags, Array]:
+        """As `_solved`, of all targets."""
+        parts = [self._solved(target.rows(k, k + _CHUNK), lower, upper) for k in range(0, max(1, target.n), _CHUNK)]
+        if len(parts) == 1:
+            return parts[0]
+        joints, within, angle = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+        return joints, within, angle
 
     def _solved(self, target: Target, lower: Vector, upper: Vector) -> tuple[Array, Flags, Array]:
         """Joints (4, k, N), within (k, N), residual angle (k, N) of one block of targets."""

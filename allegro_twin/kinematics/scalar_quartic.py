@@ -8,7 +8,11 @@ from allegro_twin.kinematics.planar import TOUCH
 
 Root = tuple[float, float, float]
 """θ, q₀, q₁, rad."""
+Quartic = tuple[float, float, float, float, float]
+"""Coefficients of a polynomial, the highest power's first."""
 _POLISHES = 6
+_HIDDEN = 1e-9
+"""An extremum this close to zero beside the sum of the coefficients is tried too: a million times their rounding."""
 
 
 def solve_fixed_bend(
@@ -17,10 +21,9 @@ def solve_fixed_bend(
     """The solutions with θ in [low, high], rad, within ±3 rad; lengths m. The equations are those of `quartic`."""
     k0 = y * y + z * z - ay * ay + dx * dx - length * length - e * e - g * g
     k = (k0 + 2 * length * g, -4 * length * e, k0 - 2 * length * g)
-    c = [
-        a - 4 * ay * ay * (b - dx * dx * w)
-        for a, b, w in zip(_square(k), _square((e, 2 * length, e)), (1.0, 0.0, 2.0, 0.0, 1.0), strict=True)
-    ]
+    a, b, n = _square(k), _square((e, 2 * length, e)), 4 * ay * ay
+    m = n * dx * dx
+    c = (a[0] - n * b[0] + m, a[1] - n * b[1], a[2] - n * b[2] + 2 * m, a[3] - n * b[3], a[4] - n * b[4] + m)
     found: list[Root] = []
     for u in _starts(c, tan(low / 2) - 1e-6, tan(high / 2) + 1e-6):
         root = _polished(2 * atan(u), k0, dx, y, z, ay, length, e, g)
@@ -32,17 +35,18 @@ def solve_fixed_bend(
     return found
 
 
-def _square(p: tuple[float, float, float]) -> tuple[float, ...]:
+def _square(p: tuple[float, float, float]) -> Quartic:
     a, b, c = p
     return a * a, 2 * a * b, b * b + 2 * a * c, 2 * b * c, c * c
 
 
-def _starts(c: list[float], low: float, high: float) -> list[float]:
-    """Where the quartic changes sign, and its extrema, where rounding may hide a pair of roots."""
-    cubic = [4 * c[0], 3 * c[1], 2 * c[2], c[3]]
-    bends = _quadratic(3 * cubic[0], 2 * cubic[1], cubic[2])
-    extrema = _crossings(cubic, [low, *sorted(u for u in bends if low < u < high), high])
-    return [*_crossings(c, [low, *extrema, high]), *extrema]
+def _starts(c: Quartic, low: float, high: float) -> list[float]:
+    """Where the quartic changes sign, and those of its extrema at which rounding may hide a pair of roots."""
+    slope: Quartic = (0.0, 4 * c[0], 3 * c[1], 2 * c[2], c[3])
+    bends = _quadratic(12 * c[0], 6 * c[1], 2 * c[2])
+    extrema = _crossings(slope, [low, *sorted(u for u in bends if low < u < high), high])
+    touch = _HIDDEN * sum(map(abs, c))
+    return [*_crossings(c, [low, *extrema, high]), *(u for u in extrema if abs(_value(c, u)) <= touch)]
 
 
 def _quadratic(a: float, b: float, c: float) -> list[float]:
@@ -53,33 +57,38 @@ def _quadratic(a: float, b: float, c: float) -> list[float]:
     return [v / w for v, w in ((q, a), (c, q)) if w]
 
 
-def _crossings(c: list[float], knots: list[float]) -> list[float]:
-    """One root of a polynomial in every interval at whose ends it has opposite signs, to about 1e-8."""
-    found = []
+def _crossings(c: Quartic, knots: list[float]) -> list[float]:
+    """One root of a polynomial in every interval at whose ends it has opposite signs."""
     values = [_value(c, u) for u in knots]
-    for k in range(len(knots) - 1):
-        a, b, fa, fb = knots[k], knots[k + 1], values[k], values[k + 1]
-        if fa * fb > 0:
-            continue
-        for turn in range(90):  # The Illinois variant of the false position, with a bisection every third turn.
-            u = (a + b) / 2 if turn % 3 == 2 or fb == fa else (a * fb - b * fa) / (fb - fa)
-            f = _value(c, u)
-            if f * fb < 0:
-                a, fa = b, fb
-            else:
-                fa /= 2
-            b, fb = u, f
-            if abs(a - b) < 1e-8 or f == 0:
-                break
-        found.append(b)
-    return found
+    return [
+        _crossing(c, knots[k], knots[k + 1], values[k], values[k + 1])
+        for k in range(len(knots) - 1)
+        if values[k] * values[k + 1] <= 0
+    ]
 
 
-def _value(c: list[float], u: float) -> float:
-    value = 0.0
-    for coefficient in c:
-        value = value * u + coefficient
-    return value
+def _crossing(c: Quartic, a: float, b: float, fa: float, fb: float) -> float:
+    """The root between a and b, to about 1e-9: Newton's steps, or a bisection where one would leave the bracket."""
+    c4, c3, c2, c1, c0 = c
+    u = a if fa == fb else (a * fb - b * fa) / (fb - fa)
+    for _ in range(100):
+        f = (((c4 * u + c3) * u + c2) * u + c1) * u + c0
+        slope = ((4 * c4 * u + 3 * c3) * u + 2 * c2) * u + c1
+        if (f < 0) == (fb < 0):
+            b = u
+        else:
+            a = u
+        newer = u - f / slope if slope else inf
+        if not a <= newer <= b:
+            newer = (a + b) / 2
+        if abs(newer - u) < 1e-9:
+            return newer
+        u = newer
+    return u
+
+
+def _value(c: Quartic, u: float) -> float:
+    return (((c[0] * u + c[1]) * u + c[2]) * u + c[3]) * u + c[4]
 
 
 def _polished(

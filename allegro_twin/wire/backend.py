@@ -43,7 +43,7 @@ class CanBackend:
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
         self._port: Port | None = open_port()
-        self._logs: list[Callable[[can.Message], None]] = []
+        self._lockstep = self._port.link.lockstep
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self._deadman: Deadman | None = None
@@ -58,6 +58,11 @@ class CanBackend:
     def period(self) -> float:
         return self._terms.period
 
+    @property
+    def lockstep(self) -> bool:
+        """Whether the hand's time passes only while this backend reads."""
+        return self._lockstep
+
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
         return self._ears.health.words()
@@ -68,8 +73,7 @@ class CanBackend:
         return self._ears.health
 
     def listen(self, log: Callable[[can.Message], None]) -> None:
-        """Tell a bus log of every frame from now on, sent or received."""
-        self._logs.append(log)
+        """Tell a bus log of every frame, sent or received, until this bus is closed."""
         if self._port is not None:
             self._port.link.listen(log)
 
@@ -77,8 +81,6 @@ class CanBackend:
         self._disarm()
         if self._port is None:
             self._port = self._open()
-            for log in self._logs:
-                self._port.link.listen(log)
         self._fresh()
         try:
             greeting = begin(self._port, self._codec, self._terms, self._spec, self._limp)
@@ -114,6 +116,9 @@ class CanBackend:
             raise self._stopped(error) from error.__cause__
         if self._deadman is not None:
             self._deadman.feed()
+        if self._fault is not None:  # The deadman struck meanwhile, and these torques came after its zeros.
+            self._silence()
+            raise self._fault
 
     def read(self) -> HandState:
         self._ready()
@@ -228,7 +233,7 @@ class CanBackend:
             pass  # Nothing left to say it with.
 
     def _arm(self) -> None:
-        if self._terms.deadman is None or self._port is None or self._port.link.lockstep:
+        if self._terms.deadman is None or self._lockstep:
             return  # On a lockstep bus time stands still while nobody calls.
         if self._deadman is None:
             self._deadman = Deadman(self._terms.deadman, self._cut_off)

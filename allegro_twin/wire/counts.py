@@ -35,3 +35,8 @@ def nearest(value: float, low: int, high: int) -> int:
 def word(value: float) -> int:
     """The nearest signed 16-bit count."""
     return math.floor(value + 0.5) if -32768.0 <= value <= 32767.0 else nearest(value, -32768, 32767)
+
+
+def unsigned(value: float) -> int:
+    """The nearest unsigned 16-bit count."""
+    return math.floor(value + 0.5) if 0.0 <= value <= 65535.0 else nearest(value, 0, 0xFFFF)

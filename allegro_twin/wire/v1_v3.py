@@ -13,13 +13,15 @@ from typing import ClassVar, Final, Literal
 from allegro_twin.errors import ProtocolError
 from allegro_twin.wire import messages as m
 from allegro_twin.wire.codec import Calibration, Decoder, Encoder, Version, asked, exactly, malformed, no_such
-from allegro_twin.wire.counts import nearest, truncated
+from allegro_twin.wire.counts import nearest, truncated, unsigned
 from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.messages import Message, Request, Topic
 
 EVERYONE, HOST, FIRST_FINGER = 1, 2, 3  # ID_COMMON, ID_DEVICE_MAIN, ID_DEVICE_SUB_01 of L canDef.h.
 SYSTEM_ON, SYSTEM_OFF, SET_PERIOD, MODE_JOINT, MODE_TASK, SET_TORQUE = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 QUERY_STATE, CONTROL_DATA, QUERY_ID, SET_AHRS, AHRS = 0x0E, 0x0F, 0x10, 0x11, 0x12
+_BY_HOST: Final = EVERYONE << 3 | HOST
+_POSITION: Final = CONTROL_DATA << 6 | HOST << 3 | FIRST_FINGER
 FULL_SCALE: Final = {"v1": 800.0, "v2": 800.0, "v3": 1200.0}
 """Counts at full PWM. R :44-47, L main:48, C :92-95."""
 _RAD_PER_COUNT = math.radians(333.3 / 65536)  # L main:221, R :569-572, U eq. 1.
@@ -96,7 +98,7 @@ class V1To3:
         limit = self.count_limit
         w, x, y, z = truncated(a * p, limit), truncated(b * q, limit), truncated(c * r, limit), truncated(d * s, limit)
         data = _TORQUES.pack(z, y, x, w) if self._reversed else _TORQUES.pack(w, x, y, z)
-        return Frame(_from_host(SET_TORQUE + finger), data)
+        return Frame(SET_TORQUE + finger << 6 | _BY_HOST, data)
 
     def _request_frame(self, request: Request) -> Frame:
         match request.topic:
@@ -110,9 +112,13 @@ class V1To3:
     def _position_frame(self, message: m.FingerPosition) -> Frame:
         finger, (a, b, c, d) = message
         (p, at_p), (q, at_q), (r, at_r), (s, at_s) = self._angles[finger]
-        counts = ((a - at_p) / p, (b - at_q) / q, (c - at_r) / r, (d - at_s) / s)
-        data = _ENCODERS.pack(*[nearest(count, 0, 0xFFFF) for count in counts])
-        return Frame(_from_hand(CONTROL_DATA, FIRST_FINGER + finger), data)
+        counts = (
+            unsigned((a - at_p) / p),
+            unsigned((b - at_q) / q),
+            unsigned((c - at_r) / r),
+            unsigned((d - at_s) / s),
+        )
+        return Frame(_POSITION + finger, _ENCODERS.pack(*counts))
 
     def _decoding(self) -> dict[int, Decoder]:
         """By identifier. The host speaks to everyone; of the hand's frames drivers read command and source alone."""
@@ -159,12 +165,12 @@ class V1To3:
 
 
 def _from_host(command: int) -> int:
-    return command << 6 | EVERYONE << 3 | HOST
+    return command << 6 | _BY_HOST
 
 
-def _from_hand(command: int, source: int = FIRST_FINGER) -> int:
+def _from_hand(command: int) -> int:
     """Who answers for the whole hand is in no source, and no driver looks: the first finger stands for it."""
-    return command << 6 | HOST << 3 | source
+    return command << 6 | HOST << 3 | FIRST_FINGER
 
 
 def _angle_scale(calibration: Calibration, finger: int) -> list[tuple[float, float]]:

@@ -7,6 +7,7 @@ import pty
 import select
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -107,6 +108,7 @@ def test_the_keyboard_reads_keys_from_a_pipe() -> None:
 
 def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was() -> None:
     main, other = pty.openpty()
+    before = termios.tcgetattr(other)
     process = subprocess.Popen([sys.executable, "-m", "allegro_twin", "keyboard"], stdin=other, stdout=other, cwd=SUITE)
     seen = b""
     for key in (b"h", b"a", b"q"):
@@ -114,6 +116,7 @@ def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was(
         os.write(main, key)
     assert process.wait(timeout=30) == 0
     assert b"home" in seen
+    assert termios.tcgetattr(other) == before
     os.close(other)
     os.close(main)
 

@@ -1,0 +1,215 @@
+"""The parts of the facade one by one: bounds, straight lines, the driver, what was felt and what was taught."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from allegro_twin.config import RunConfig
+from allegro_twin.control.controllers import PD, PID
+from allegro_twin.control.handover import Relay
+from allegro_twin.control.teach import Taught
+from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
+from allegro_twin.hand import Hand
+from allegro_twin.hand.bounds import Bounds
+from allegro_twin.hand.cartesian import straight
+from allegro_twin.hand.driver import Driver
+from allegro_twin.hand.grasps import aperture, felt
+from allegro_twin.hand.lesson import Lesson
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
+from tests.test_safety import state
+
+
+def config(**controller: object) -> RunConfig:
+    return RunConfig.model_validate({"backend": {"kind": "sim"}, "controller": {"kind": "pd"} | controller})
+
+
+def sample(tick: int, position: Vector | None = None) -> Sample:
+    at = state(tick) if position is None else state(tick, position=position)
+    return Sample(at, TorqueCommand(np.zeros(16)))
+
+
+def test_a_margin_may_take_up_to_half_of_the_least_range(spec: HandSpec) -> None:
+    half = float((spec.upper - spec.lower).min()) / 2
+    bounds = Bounds(spec)
+    bounds.set_margin(half - 1e-6, None, None)
+    assert (bounds.limits[0] < bounds.limits[1]).all()
+    with pytest.raises(ConfigError, match="leaves some joint no range"):
+        bounds.set_margin(half, None, None)
+    assert bounds.use_margin
+    with pytest.raises(ConfigError, match="takes one of general, percent and per_joint; 2 are given"):
+        bounds.set_margin(0.1, 5.0, None)
+
+
+def test_a_straight_line_peaks_at_its_speed_from_rest_to_rest(spec: HandSpec, home: Vector) -> None:
+    model = HandModel(spec)
+    start = model.fingertips(home)["index"].position
+    goal = start + np.array([0.012, 0.0, -0.02])
+    moves = straight(spec, home, {"index": goal}, 0.04)
+    path = moves.begin(home)
+    times = np.arange(0.0, path.seconds, 1e-3)
+    tips = np.array([model.fingertips(path(t).position)["index"].position for t in times])
+    speeds = np.linalg.norm(np.diff(tips, axis=0), axis=1) / 1e-3
+    assert speeds.max() == pytest.approx(0.04, rel=0.03)
+    assert max(speeds[0], speeds[-1]) < 0.01
+    np.testing.assert_allclose(model.fingertips(path(path.seconds).position)["index"].position, goal, atol=1e-9)
+    others = np.setdiff1d(np.arange(16), spec.finger("index").joints)
+    np.testing.assert_array_equal(path(path.seconds).position[others], home[others])
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.1, float("nan")])
+def test_a_line_without_a_speed_is_refused(speed: float, spec: HandSpec, home: Vector) -> None:
+    with pytest.raises(ConfigError, match="speed must be positive, in m/s"):
+        straight(spec, home, {"index": [0.05, 0.04, 0.1]}, speed)
+
+
+def test_a_line_to_where_the_tip_is_stays_there(spec: HandSpec, home: Vector) -> None:
+    here = HandModel(spec).fingertips(home)["thumb"].position
+    (only,) = straight(spec, home, {"thumb": here}, 0.05).waypoints
+    np.testing.assert_array_equal(only.posture, home)
+
+
+def fails(error: Exception | None) -> Iterator[Sample]:
+    yield sample(0)
+    yield sample(1)
+    if error is not None:
+        raise error
+
+
+@pytest.mark.parametrize("background", [False, True])
+@pytest.mark.parametrize("error", [LinkTimeout("no report from ring"), None], ids=["error", "end"])
+def test_what_ended_the_loop_is_told_to_everybody_who_asks(error: Exception | None, background: bool) -> None:
+    driver = Driver(fails(error), background=background)
+    kind, message = (HandFault, "the hand has ended") if error is None else (LinkTimeout, "no report from ring")
+    for _ in range(2):
+        with pytest.raises(kind, match=message):
+            driver.wait(lambda s: s.state.tick > 5)
+        with pytest.raises(kind, match=message):
+            _ = driver.latest
+    driver.close()
+    driver.close()
+
+
+def test_a_closed_driver_ends_its_samples_and_says_that_the_hand_is_closed() -> None:
+    ended = []
+
+    def endless() -> Iterator[Sample]:
+        try:
+            tick = 0
+            while True:
+                yield sample(tick)
+                tick += 1
+        finally:
+            ended.append(tick)
+
+    for background in (False, True):
+        driver = Driver(endless(), background=background)
+        driver.wait(lambda s: s.state.tick >= 3)
+        driver.close()
+        assert len(ended) == (2 if background else 1)
+        with pytest.raises(HandFault, match="the hand is closed; open it again"):
+            driver.wait(lambda s: s.state.tick < 0)
+
+
+def test_what_a_finger_presses_is_what_its_torques_do_beyond_its_own_weight(spec: HandSpec) -> None:
+    """1.5 N at the index fingertip against a squeeze that stops 0.2 rad short."""
+    grasp, model = load_grasp("pinch_index", spec), HandModel(spec)
+    position = grasp.squeeze.copy()
+    weight = np.linspace(0.01, 0.05, 16)
+    for finger in ("index", "thumb"):
+        position[list(spec.finger(finger).joints)] -= 0.2
+    _, (index, thumb) = model.fingertip_jacobians(position, ["index", "thumb"])
+    torque = weight + index.T @ [1.5, 0.0, 0.0] + thumb.T @ [0.0, 0.0, 2.5]
+    seen = felt(grasp, _pressing(position, torque), model, spec, weight)
+    assert seen.touching == ("index", "thumb")
+    assert seen.force == pytest.approx({"index": 1.5, "thumb": 2.5})
+    assert seen.width == aperture(model, position, spec, ("index", "thumb"))
+    free = felt(grasp, _pressing(grasp.squeeze, weight), model, spec, weight)
+    assert (free.touching, free.force, np.isnan(free.width)) == ((), {}, True)
+
+
+def _pressing(position: Vector, torque: Vector) -> HandState:
+    return state(3, position=position, torque=torque)
+
+
+def test_the_aperture_is_between_the_surfaces_of_the_fingertips(spec: HandSpec, home: Vector) -> None:
+    model = HandModel(spec)
+    tips = model.fingertips(home)
+    between = np.linalg.norm(tips["thumb"].position - tips["index"].position)
+    assert aperture(model, home, spec, ("index", "thumb")) == pytest.approx(between - 0.024)  # Spheres of 12 mm.
+
+
+def test_a_lesson_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
+    leaning, far = spec.upper + 0.01, spec.upper + 0.05
+    lesson = Lesson(spec)
+    lesson(sample(0, leaning))
+    np.testing.assert_array_equal(lesson.posture(), spec.upper)
+    lesson(sample(1, far))
+    np.testing.assert_array_equal(lesson.posture(), far)
+
+
+def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:
+    with Hand.open(config()) as hand:
+        hand.move_to("home", 2.0)
+        assert hand.sim is not None
+        hand.move_to("open", 2.0, wait=False)
+        hand.sim.push(np.where(np.arange(16) == 2, 0.3, 0.0))
+        goal = hand._mover.goal  # When the motion is over.
+        assert goal is not None
+        hand.wait()
+        late = hand.state.t - goal.began - goal.seconds
+        assert np.abs(hand.errors).max() > 0.02
+    assert late == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_move_is_waited_for_until_the_joints_are_there() -> None:
+    with Hand.open(config()) as hand:
+        hand.move_to("home", 1.0)
+        assert hand.state.t > 0.5
+        assert np.abs(hand.state.position - load_posture("home", hand.spec)).max() < 0.02
+        assert np.abs(hand.state.velocity).max() < 0.05
+
+
+def test_the_config_names_the_gains_and_the_wish_names_the_controller(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("default", "v4"):
+        with Hand.open(config(gains=name)) as hand:
+            gains = load_gains(name, hand.spec)
+            np.testing.assert_array_equal(hand._mover.gains.kp, gains.kp)
+            for kind, made in (("pd", PD), ("pid", PID)):
+                handed: list[object] = []
+                monkeypatch.setattr(Relay, "switch", lambda relay, controller, handed=handed: handed.append(controller))
+                hand.set_controller(kind)  # type: ignore[arg-type]  # Both are kinds.
+                assert [type(controller) for controller in handed] == [made]
+
+
+def test_nobody_is_told_after_they_stopped_listening() -> None:
+    told: list[float] = []
+    with Hand.open(config()) as hand:
+        with hand.listening(lambda s: told.append(s.state.t)):
+            hand.wait(0.03)
+        heard = len(told)
+        hand.wait(0.03)
+        with hand.teach() as lesson:
+            hand.wait(0.03)
+        assert hand.controller == "pid"
+        left = lesson.posture()
+        hand.wait(0.3)
+        np.testing.assert_array_equal(lesson.posture(), left)
+    assert heard == len(told) == 10
+
+
+def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
+    motion = Taught(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    with Hand.open(config()) as hand:
+        for speed in (1.0, 2.0):
+            hand.play(motion, speed, approach=3.0, wait=False)
+            goal = hand._mover.goal
+            assert goal is not None
+            assert goal.seconds == pytest.approx(1.0 / speed)
+            np.testing.assert_allclose(goal.path(0.5 / speed).position, home + 0.05)
