@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from allegro_twin.cli.console import console
+from allegro_twin.cli import console
 from allegro_twin.wire.findings import Finding
 from allegro_twin.wire.link import Message
 from allegro_twin.wire.sniff import Row, Sniffer, name_of
@@ -37,7 +37,7 @@ def add(table: Table, found: Finding) -> None:
 def live(sniffer: Sniffer, heard: Heard, bus: str) -> None:
     """A table with a row an identifier, kept up to date."""
     drawn = 0.0
-    with Live(rows(sniffer, bus), console=console, auto_refresh=False) as screen:
+    with Live(rows(sniffer, bus), console=console.console, auto_refresh=False) as screen:
         for t, message in heard:
             if message is not None:
                 sniffer.hear(message, t)

@@ -22,6 +22,7 @@ from allegro_twin.wire.terms import Terms
 from allegro_twin.wire.velocity import VelocityFilter
 
 _ENOUGH = 50  # Intervals from which a hand's period is clear.
+_STRANGE = 200  # Frames of others that are kept, to say whose they are.
 _OFF = 0.2  # Of the period: further off, the config's period is not the hand's.
 
 
@@ -69,6 +70,8 @@ class Heard:
         self._clock: HandClock | None = None
         self._whole: Whole | None = None
         self._state: HandState | None = None
+        self.strange: list[Frame] = []
+        """Some frames that are not this hand's."""
         self._sent: dict[int, Four] = {}
         self._intervals: deque[float] = deque(maxlen=_ENOUGH)
 
@@ -87,6 +90,8 @@ class Heard:
                 self._settle()
                 self._sent.setdefault(finger, torque)
                 self._torque[4 * finger : 4 * finger + 4] = torque  # Latched, as in the hand.
+            case None if len(self.strange) < _STRANGE:
+                self.strange.append(frame)
             case m.ServoOff():
                 self._torque = [0.0] * 16
             case m.FingerTemperature(finger=finger, temperature=celsius):

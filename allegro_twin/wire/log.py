@@ -25,7 +25,7 @@ from allegro_twin.wire.terms import Terms
 
 SUFFIXES = (".blf", ".log", ".asc")
 """Vector's binary logs, those of `candump -l`, and Vector's text logs."""
-_STRANGE = 200  # Frames of nobody we know that are kept, to say whose they are.
+_READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
 _BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
 
 
@@ -118,8 +118,9 @@ def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped,
     """
     check_suffix(path)
     try:
-        with can.LogReader(str(path)) as messages:
-            for message in messages:
+        # Opened here, for a reader that does not like what it finds leaves its file open.
+        with path.open("rb" if path.suffix == ".blf" else "r") as file:
+            for message in _READERS[path.suffix](file):
                 where = str(message.channel)
                 if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
                     continue
@@ -144,16 +145,14 @@ def samples_of_log(
     will do. `told` counts what there was. Raises RecordingError or ConfigError.
     """
     told = told if told is not None else Told()
-    heard, strange = Heard(codec, terms, told), list[Frame]()
+    heard = Heard(codec, terms, told)
     for (frame, t), where in frames_of_log(path, bus):
         sample = heard.hear(frame, t, where)
         if sample is not None:
             yield sample
-        elif not told.states and len(strange) < _STRANGE:
-            strange.append(frame)
     last = heard.end()
     if last is None:
-        others = speakers(strange)
+        others = speakers(heard.strange)
         but = f"; but {others} reports: correct `backend.version` or `device`" if others else ""
         raise RecordingError(f"{path} holds no whole {codec.version} hand in {told.frames} frames{but}")
     yield last
