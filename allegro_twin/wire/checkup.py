@@ -103,8 +103,14 @@ class Checkup:
         else:
             found = ask(port, codec, Topic.INFORMATION, m.Information)  # type: ignore[assignment]  # Its kind.
             self._side = None if found is None else found.side
-        serial = ask(port, codec, Topic.SERIAL, m.Serial)
-        return findings.identity(codec, found, serial.text if isinstance(serial, m.Serial) else "")
+        return findings.identity(codec, found, self._serial() if found is not None else "")
+
+    def _serial(self) -> str:
+        try:
+            serial = ask(self._port, self._codec, Topic.SERIAL, m.Serial)
+        except ProtocolError:
+            return ""  # This version has none.
+        return serial.text if isinstance(serial, m.Serial) else ""
 
     def _serve(self) -> Finding:
         """Motors on, at zero torque."""
