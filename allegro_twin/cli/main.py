@@ -60,11 +60,6 @@ def run(
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
     from allegro_twin.cli.runs import configs_of
 
-    if wire_log is not None:
-        from allegro_twin.wire.log import check_suffix
-
-        check_suffix(wire_log)
-
     jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")

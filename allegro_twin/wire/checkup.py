@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator
 from dataclasses import replace
 
@@ -126,13 +127,13 @@ class Checkup:
         link, self._ears.serving = self._port.link, True
         self._frames = self._bits = 0
         began = link.now()
-        end, asked = began + WATCH, began
+        end, ask_at = began + WATCH, began if self._codec.identifies else math.inf
         while link.now() < end:
-            if (whole := self._next(end)) is not None:
+            if (whole := self._next(min(end, ask_at))) is not None:
                 self._wholes.append(whole)
                 self._port.send(self._zero)
-            if self._codec.identifies and link.now() > asked:
-                asked += _POLL
+            if link.now() >= ask_at:
+                ask_at += _POLL
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
         self._ears.count(link.error_frames)
         self._measured = self._bits / (link.bitrate * (link.now() - began))
@@ -160,7 +161,7 @@ class Checkup:
         return self._ears.hear(frame, t)
 
     def _heard(self) -> list[bool]:
-        return [t > float("-inf") for t in self._ears.heard]
+        return [t > -math.inf for t in self._ears.heard]
 
     def _decoded(self, frame: Frame) -> m.Message | None:
         try:

@@ -25,7 +25,7 @@ from allegro_twin.wire.sniff import Sniffer
 from allegro_twin.wire.versions import make_codec
 from allegro_twin.wire.words import describe
 from tests.cli.conftest import Run
-from tests.cli.test_main import SUITE
+from tests.cli.test_main import SUITE, allegro_twin
 
 V2, V4 = make_codec("v2"), make_codec("v4")
 
@@ -145,6 +145,12 @@ def test_a_bus_that_cannot_be_had_is_one_line(
     assert errors.count("\n") == 1
 
 
+def test_what_python_can_logs_beside_its_errors_is_not_shown(config: Any) -> None:
+    done = allegro_twin("run", config(interface="neovi"))
+    assert done.returncode == 3
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("how", ["directly", "by number", "as the cause"])
 def test_no_permission_says_which_group_has_it(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     denied = PermissionError(errno.EACCES, "Permission denied")
@@ -173,7 +179,11 @@ def test_a_hand_file_with_fifteen_offsets_is_refused(verb: str, command: Run, co
 
 
 def test_the_sniffer_shows_every_frame_and_sends_none(command: Run) -> None:
-    said: list[Message] = [m.FingerPosition(0, (0.1, 0.2, 0.3, -0.4)), m.SetTorque(3, (0.5, 0.0, 0.0, 0.0)), m.ServoOn()]
+    said: list[Message] = [
+        m.FingerPosition(0, (0.1, 0.2, 0.3, -0.4)),
+        m.SetTorque(3, (0.5, 0.0, 0.0, 0.0)),
+        m.ServoOn(),
+    ]
     with can.Bus(interface="virtual", channel="sniffed") as other:
         over = threading.Event()
 
@@ -285,3 +295,5 @@ def test_a_served_hand_is_checked_from_another_process_and_its_log_survives_sigt
     recording = load(tmp_path / "log.arrow")
     assert len(recording) > 200
     assert (recording.columns["torque"] == 0.0).all()
+    heard = [Frame(one.arbitration_id, bytes(one.data)) for one in can.LogReader(log) if one.is_rx]
+    assert heard[-2:] == [V4.encode(m.ServoOff()), V4.encode(m.SetPeriod(0.0))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from allegro_twin.errors import ConfigError, HandFault, LinkError, LinkTimeout
 from allegro_twin.spec import HandSpec
 from allegro_twin.wire import findings
 from allegro_twin.wire import messages as m
+from allegro_twin.wire.backend import CanBackend
 from allegro_twin.wire.checkup import Checkup
 from allegro_twin.wire.codec import Version
 from allegro_twin.wire.findings import Finding
@@ -32,16 +34,18 @@ STAMPS = list(np.arange(667) * 0.003)
 class Room(VirtualHands):
     """Hands on a bus, with what was said to them, and with somebody else who talks at every tick."""
 
-    def __init__(self, firmware: Firmware, faults: Any = None, noise: tuple[Frame, ...] = ()) -> None:
+    def __init__(self, firmware: Firmware, faults: Any, noise: tuple[Frame, ...], off_at: float) -> None:
         super().__init__([firmware], faults)
         self.said: list[Frame] = []
-        self._noise = noise
+        self._noise, self._off_at = noise, off_at
 
     def receive(self, frame: Frame) -> list[Frame]:
         self.said.append(frame)
         return super().receive(frame)
 
     def tick(self) -> list[Frame]:
+        if self.now >= self._off_at:
+            self.firmwares[0].receive(self.firmwares[0].codec.encode(m.ServoOff()))
         return [*self._noise, *super().tick()]
 
 
@@ -50,6 +54,7 @@ def walked(
     really: Version | None = None,
     *,
     noise: tuple[Frame, ...] = (),
+    off_at: float = math.inf,
     reporting: bool = False,
     serials: tuple[str, str] = ("", ""),
     side: str = "right",
@@ -66,7 +71,7 @@ def walked(
     if reporting:
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
-    room = Room(hand, fault_plan(ours.backend.faults), noise)
+    room = Room(hand, fault_plan(ours.backend.faults), noise, off_at)
     link, codec = Link(LockstepBus(room)), codec_of(ours, ours.backend)
     found = list(Checkup(load_spec(), codec, link.port, terms_of(ours, ours.backend)).walk())
     return found, room
@@ -109,6 +114,25 @@ def test_the_first_broken_step_is_the_last(faults: dict[str, Any], step: str, te
     assert (last.name, last.broken) == (step, kind)
     assert text in last.text
     assert [finding.name for finding in found] == ALL[: len(found)]
+
+
+def test_a_hand_that_switches_its_motors_off_by_itself_is_a_fault() -> None:
+    last = broken(walked(off_at=0.9)[0])
+    assert (last.name, last.text, last.broken) == ("reports", "the hand switched its motors off", HandFault)
+
+
+def test_a_run_says_who_reports_instead_of_the_configs_hand(spec: HandSpec) -> None:
+    theirs, ours = can_config("v4"), can_config("v2")
+    hand = firmware_of(theirs, Scene(), step=0.003, restart=False)
+    for message in (m.SetPeriod(0.003), m.ServoOn()):
+        hand.receive(hand.codec.encode(message))
+    assert isinstance(ours.backend, CanSettings)
+    link = Link(LockstepBus(VirtualHands([hand])))
+    backend = CanBackend(spec, codec_of(ours, ours.backend), link.port, terms_of(ours, ours.backend))
+    with pytest.raises(
+        LinkTimeout, match=r"a v2 \(but a v4, v5 or v5plus hand reports: correct `version`\), for 0.5 s"
+    ):
+        backend.reset()
 
 
 def test_a_few_lost_reports_are_told_but_no_reason_to_stop() -> None:
@@ -219,6 +243,9 @@ def test_joints_that_cannot_be_are_named(spec: HandSpec) -> None:
     assert (
         findings.joints(np.array([bent]), spec, "v4").text == "out of range: index_1 +1.77 rad (range -0.20 to +1.61)"
     )
+    low = rest.copy()
+    low[1] = spec.lower[1] - findings.BEYOND + 0.01
+    assert findings.joints(np.array([low, low]), spec, "v4").ok
     bent[1] = rest[1] + 0.2
     jumping = findings.joints(np.array([rest, bent]), spec, "v4")
     assert jumping.text == "index_1 jumps by 0.20 rad between two reports"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import can
@@ -89,10 +90,14 @@ def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
     assert [sample.state.tick for sample in samples] == list(range(101))
 
 
-def test_a_log_ends_with_the_words_that_leave_the_hand_limp_even_when_the_run_fails(tmp_path: Path) -> None:
-    config = can_config("v4", faults={"script": [{"at": 0.5, "what": "joint_timeout"}]}, deadman=None)
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_log_ends_with_the_words_that_leave_the_hand_limp_also_when_the_run_fails(
+    fails: bool, tmp_path: Path
+) -> None:
+    script = [{"at": 1.2, "what": "joint_timeout"}] if fails else []
+    config = can_config("v4", faults={"script": script}).model_copy(update={"seconds": None if fails else 0.6})
     log = tmp_path / "bus.blf"
-    with pytest.raises(HandFault, match="JOINT_TIMEOUT"):
+    with pytest.raises(HandFault, match="JOINT_TIMEOUT") if fails else nullcontext():
         perform(assemble(config), config, Outputs(wire_log=log))
     said = [
         V4.decode(Frame(message.arbitration_id, bytes(message.data)))
@@ -118,6 +123,16 @@ def test_a_captured_candump_has_no_directions_and_may_begin_in_the_middle(tmp_pa
     assert second.command.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4  # type: ignore[union-attr]
     assert third.state.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4
     assert np.isnan(third.state.temperature).all()
+
+
+def test_what_a_hand_reports_with_its_joints_is_of_that_state_and_what_comes_later_of_the_next(tmp_path: Path) -> None:
+    warm = (0.0015, "can0", m.FingerTemperature(0, (30.0, 31.0, 32.0, 33.0)))
+    before = [*reports(0.0), warm, *torques(0.002, 0.1), *reports(0.003)]
+    after = [*reports(0.0), *torques(0.001, 0.1), warm, *reports(0.003)]
+    for frames, known in ((before, True), (after, False)):
+        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, Terms())
+        assert np.isfinite(first.state.temperature[:4]).all() == known
+        assert second.state.temperature[:4].tolist() == [30.0, 31.0, 32.0, 33.0]
 
 
 def test_a_lost_report_costs_a_state_and_shows_in_the_tick(tmp_path: Path) -> None:
