@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 
 import allegro_twin
 from allegro_twin.build import Rig
-from allegro_twin.config import RunConfig
+from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
@@ -33,6 +33,8 @@ class Outputs:
     rrd: Path | None = None
     live: str | None = None
     """`native` or `web`: a Rerun viewer while it runs, in real time."""
+    wire_log: Path | None = None
+    """Every frame of the hand's bus: .blf, .log or .asc."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ def perform(
     Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
     """
     notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
-    with closing(rig.backend), ExitStack() as stack:
+    with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
         samples = to_the_end(run(rig.backend, rig.controller))
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
@@ -126,6 +128,24 @@ class _Beside:
     def __call__(self) -> dict[str, Array]:
         found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}
         return found | {"target": self._target} if self._target.size else found
+
+
+@contextmanager
+def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None]:
+    """Log the bus until the hand was closed within, so that its last words are in the log too."""
+    path = outputs.wire_log
+    if path is None:
+        yield
+        return
+    if rig.wire is None or not isinstance(config.backend, CanSettings):
+        raise ConfigError(
+            f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
+        )
+    from allegro_twin.wire.log import WireLog
+
+    with closing(WireLog(path, Path(config.backend.channel).name)) as log:
+        rig.wire.listen(log)
+        yield
 
 
 def _kept(

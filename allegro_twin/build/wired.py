@@ -10,11 +10,13 @@ import numpy as np
 
 from allegro_twin.build.simulated import make_trial, simulated
 from allegro_twin.config import CanSettings, FaultSettings, PositionSettings, RunConfig, SimSettings
+from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.wire import realtime
 from allegro_twin.wire.backend import CanBackend
 from allegro_twin.wire.calibration import load_wiring
+from allegro_twin.wire.checkup import Checkup
 from allegro_twin.wire.codec import Codec
 from allegro_twin.wire.faults import Event, FaultPlan
 from allegro_twin.wire.firmware import Firmware, Identity
@@ -45,7 +47,24 @@ def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Sc
     codec = codec_of(config, settings)
     if settings.realtime:
         realtime.ask()
-    terms = Terms(
+    return CanBackend(spec, codec, opener(config, settings, spec, codec, scene), terms_of(config, settings))
+
+
+def checkup_of(config: RunConfig) -> Checkup:
+    """A checkup of the hand that a config describes; virtual hands are put on their bus. Raises ConfigError."""
+    settings = config.backend
+    if not isinstance(settings, CanSettings):
+        raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {settings.kind}")
+    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    codec = codec_of(config, settings)
+    if settings.realtime:
+        realtime.ask()
+    return Checkup(spec, codec, opener(config, settings, spec, codec, Scene()), terms_of(config, settings))
+
+
+def terms_of(config: RunConfig, settings: CanSettings) -> Terms:
+    """How a config wants the hand on its bus dealt with."""
+    return Terms(
         period=config.period,
         timeout=settings.timeout,
         deadman=settings.deadman,
@@ -54,7 +73,6 @@ def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Sc
         gravity=settings.gravity,
         imu_period=settings.imu,
     )
-    return CanBackend(spec, codec, _opener(config, settings, spec, codec, scene), terms)
 
 
 def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
@@ -75,8 +93,6 @@ def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) 
     settings = config.backend
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {settings.kind}")
-    from allegro_twin.description.hands import load_spec
-
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
     codec = codec_of(config, settings)
     scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), spec, step)
@@ -101,7 +117,8 @@ def rehearsal(config: RunConfig, spec: HandSpec) -> Trial | None:
     return make_trial(controller.scenario, spec, config.period)
 
 
-def _opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:
+def opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:
+    """How to get on the config's bus."""
     if settings.interface != VIRTUAL:
         load = (codec, config.period)
         return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,57 @@ from allegro_twin.errors import ConfigError
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command()(firmware)
+    app.command()(check)
+    app.command()(sniff)
+
+
+def check(config: Annotated[str, typer.Argument(help="A config with a `can` backend.")]) -> None:
+    """Walk the link to a hand step by step, at zero torque, and stop at the first thing that is broken."""
+    from rich.live import Live
+
+    from allegro_twin.build.wired import checkup_of
+    from allegro_twin.cli import console, monitor
+    from allegro_twin.config import load_config
+
+    walk = checkup_of(load_config(config)).walk()
+    found, table = None, monitor.checkup(config)
+    with closing(walk), Live(table, console=console.console, auto_refresh=False) as live:
+        for found in walk:
+            monitor.add(table, found)
+            live.refresh()
+    if found is not None and found.broken is not None:
+        raise found.broken("; ".join(filter(None, (f"{found.name}: {found.text}", found.remedy))))
+
+
+def sniff(
+    config: Annotated[str | None, typer.Argument(help="A config with a `can` backend; or say it with options.")] = None,
+    interface: Annotated[str | None, typer.Option(help="python-can's name of the adapter.")] = None,
+    channel: Annotated[str | None, typer.Option(help="Of the adapter.")] = None,
+    bitrate: Annotated[int | None, typer.Option(help="bit/s.")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(help="KEY=VALUE for python-can's interface, e.g. host=127.0.0.1.")
+    ] = None,
+    version: Annotated[str | None, typer.Option(help="v1 to v5plus; default: the config's, or a guess.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="How long; default: until Ctrl-C.")] = None,
+    lines: Annotated[bool, typer.Option(help="One line a frame, as in a pipe, instead of a table.")] = False,
+) -> None:
+    """Listen to any bus and say what the frames mean. Sends nothing. A serial adapter serves one program at a time."""
+    from allegro_twin.build.listening import ears_of
+    from allegro_twin.cli import console, monitor
+    from allegro_twin.wire.sniff import listened
+
+    given = {"interface": interface, "channel": channel, "bitrate": bitrate, "version": version}
+    bus, sniffer = ears_of(config, {key: value for key, value in given.items() if value is not None}, option or [])
+    try:
+        if lines or not console.console.is_terminal:
+            monitor.lines(sniffer, listened(bus, seconds))
+        else:
+            monitor.live(sniffer, listened(bus, seconds), str(bus.channel_info))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        bus.shutdown()
+    console.errors.print(f"{sniffer.frames} frames, {sniffer.errors} error frames; {sniffer.title()}", highlight=False)
 
 
 def firmware(
@@ -22,6 +74,7 @@ def firmware(
         float | None, typer.Option(help="s of physics between two looks at the bus; default: the config's period.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="With a scenario: where the verdict goes (JSON).")] = None,
+    wire_log: Annotated[Path | None, typer.Option(help="Log every frame to this .blf, .log or .asc.")] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
     from allegro_twin.build.served import far_end, judged, virtual_hands
@@ -30,6 +83,7 @@ def firmware(
     from allegro_twin.config import CanSettings, load_config
     from allegro_twin.session import write_reports
     from allegro_twin.wire import realtime
+    from allegro_twin.wire.log import LoggedBus, WireLog
     from allegro_twin.wire.serve import serve
 
     loaded = [load_config(name) for name in configs]
@@ -38,7 +92,10 @@ def firmware(
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")
     scenes: list[Scene] = []
     hands = virtual_hands(loaded, step=step, scenes=scenes, restart=True)
+    log = None if wire_log is None else WireLog(wire_log, Path(settings.channel).name)
     bus = far_end(settings)
+    if log is not None:
+        bus = LoggedBus(bus, log)
     if settings.realtime:
         realtime.ask()
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
@@ -57,6 +114,8 @@ def firmware(
     finally:
         bus.shutdown()
         hands.close()
+        if log is not None:
+            log.close()
     if served is not None:
         console.console.print(
             f"{served.ticks} steps, {served.late} late, {served.lost} left out; {served.heard} frames heard, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 from enum import StrEnum
@@ -45,6 +46,9 @@ def run(
     image: Annotated[Path | None, typer.Option(help="Render to this .png.")] = None,
     video: Annotated[Path | None, typer.Option(help="Render to this .mp4.")] = None,
     rrd: Annotated[Path | None, typer.Option(help="Write a Rerun recording to this .rrd.")] = None,
+    wire_log: Annotated[
+        Path | None, typer.Option(help="Log every frame of the hand's bus to this .blf, .log or .asc.")
+    ] = None,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
     seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.")] = None,
@@ -53,11 +57,11 @@ def run(
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
     from allegro_twin.session import Outputs
 
-    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None)
+    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
     from allegro_twin.cli.runs import configs_of
 
     jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing)
-    if len(jobs) > 1 and any((record, image, video, rrd, view, web)):
+    if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)
     if not all(report.held for report in reports.values()):
@@ -173,15 +177,22 @@ def view(
 
 @app.command()
 def export(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
-    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd.")],
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording, or a bus log: .blf, .log (candump), .asc.")],
+    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd; .arrow for a bus log.")],
     partial: Annotated[bool, typer.Option(help="Export what is readable of a recording that was cut short.")] = False,
+    config: Annotated[str | None, typer.Option(help="Of the hand in a bus log.")] = None,
+    bus: Annotated[str | None, typer.Option(help="Which bus of a log that holds several.")] = None,
 ) -> None:
-    """Convert a recording for other programs."""
+    """Convert a recording for other programs, or a bus log to a recording."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import convert
+    from allegro_twin.cli.runs import convert, from_log
 
-    rows = convert(recording, target, partial=partial)
+    if target.suffix == ".arrow":
+        rows, notes = from_log(recording, target, config, bus)
+        if notes:
+            console.errors.print(f"[yellow]{notes}[/]", soft_wrap=True)
+    else:
+        rows = convert(recording, target, partial=partial)
     console.console.print(f"{target}: {rows} rows")
 
 
@@ -211,6 +222,7 @@ bus.register(app)
 def main() -> None:
     """Run the command line; every HandError is one line on standard error."""
     signal.signal(signal.SIGTERM, _stop)
+    logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
         app()
     except HandError as error:

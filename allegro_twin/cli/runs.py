@@ -86,6 +86,16 @@ def convert(path: Path, target: Path, *, partial: bool) -> int:
     return len(recording)
 
 
+def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> tuple[int, str]:
+    """Make a recording of a bus log; its rows, and what is not as it should be. Raises RecordingError, ConfigError."""
+    if config is None:
+        raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
+    from allegro_twin.build.logged import make_recording
+
+    told = make_recording(load_config(config), path, target, bus)
+    return told.states, told.words()
+
+
 def _parquet(recording: Any, target: Path) -> None:
     from allegro_twin.replay.convert import to_parquet
 

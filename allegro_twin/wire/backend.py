@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 from collections.abc import Callable
 
+import can
 import numpy as np
 
 from allegro_twin.backend import torque_of
@@ -70,6 +71,11 @@ class CanBackend:
     def health(self) -> Health:
         """What was counted since reset."""
         return self._ears.health
+
+    def listen(self, log: Callable[[can.Message], None]) -> None:
+        """Tell a bus log of every frame, sent or received, until this bus is closed."""
+        if self._port is not None:
+            self._port.link.listen(log)
 
     def reset(self) -> HandState:
         self._disarm()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.wire import messages as m
 from allegro_twin.wire.codec import Codec
 from allegro_twin.wire.frames import Frame
@@ -33,7 +33,7 @@ def begin(port: Port, codec: Codec, terms: Terms, spec: HandSpec, limp: Sequence
         raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
     _drain(port)
     if terms.identify and codec.identifies:
-        _identify(port, codec, spec)
+        identify(port, codec, spec)
     words = codec.opening(terms.period, terms.imu_period, terms.temperature_period)
     zero = [m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0)) for finger in range(4)]
     return _say(port, map(codec.encode, [*words, *zero, m.ServoOn()]))
@@ -68,8 +68,11 @@ def _drain(port: Port) -> None:
         seen.append(stamped.frame)
 
 
-def _identify(port: Port, codec: Codec, spec: HandSpec) -> None:
-    """Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says."""
+def identify(port: Port, codec: Codec, spec: HandSpec) -> tuple[m.Information, Side | None]:
+    """Who the hand says it is, and its side where it tells.
+
+    Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says.
+    """
     found = ask(port, codec, Topic.INFORMATION, m.Information)
     if found is None:
         raise LinkTimeout(
@@ -89,6 +92,7 @@ def _identify(port: Port, codec: Codec, spec: HandSpec) -> None:
             raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
     if side is not None and side != spec.side:
         raise ConfigError(f"this is a {side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
+    return found, side
 
 
 def _instead(port: Port) -> str:

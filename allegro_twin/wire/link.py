@@ -17,10 +17,13 @@ from allegro_twin.wire.load import Load, check_load
 
 Bus: TypeAlias = can.BusABC
 """Any bus that python-can knows."""
+Message: TypeAlias = can.Message
+"""A frame as python-can hands it over, with its time and its direction."""
 QUEUE = 4096
 """Frames kept for a hand that nobody reads; the oldest give way."""
 BUS_OFF = 0x40  # linux/can/error.h CAN_ERR_BUSOFF, which python-can leaves in the identifier of an error frame.
 _FULL = {errno.ENOBUFS, errno.EAGAIN}
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 class Stamped(NamedTuple):
@@ -38,9 +41,13 @@ class Link:
         self._ports: list[Port] = []
         self._sending, self._receiving = threading.Lock(), threading.Lock()
         self._listeners: list[Callable[[can.Message], None]] = []
+        self._ahead = 0.0
+        """Of the bus's clock before ours, s: what is sent must be logged on the clock of what comes."""
         self.error_frames = 0
         self.lockstep = bool(getattr(bus, "lockstep", False))
         """Whether time on this bus passes only while somebody waits for a frame."""
+        if not self.lockstep:
+            self._ahead = time.time() - time.monotonic()  # Most adapters stamp with the time of day.
 
     @property
     def name(self) -> str:
@@ -73,13 +80,13 @@ class Link:
                         is_remote_frame=frame.remote,
                         data=frame.data,
                         is_rx=False,
-                        timestamp=self.now() if self._listeners else 0.0,
+                        timestamp=self.now() + self._ahead if self._listeners else 0.0,
                     )
                     self._bus.send(message)
                     for listener in self._listeners:
                         listener(message)
         except (can.CanError, OSError) as error:
-            if getattr(error, "error_code", getattr(error, "errno", None)) in _FULL:
+            if _number(error) in _FULL:
                 return False
             raise LinkError(f"cannot send on {self.name}: {error}; is the interface up and plugged in?") from error
         return True
@@ -102,6 +109,9 @@ class Link:
         return True
 
     def _deliver(self, message: can.Message) -> None:
+        if self._listeners:
+            message.timestamp = message.timestamp or self.now()
+            self._ahead = message.timestamp - self.now()
         for listener in self._listeners:
             listener(message)
         if message.is_error_frame:
@@ -164,14 +174,36 @@ def open_bus(interface: str, channel: str, bitrate: int, options: Mapping[str, A
         return can.Bus(
             channel=channel or None, interface=interface, bitrate=bitrate, ignore_config=True, **dict(options)
         )
-    except can.CanInterfaceNotImplementedError as error:
-        raise LinkError(f"{where}: the driver is missing ({error}); install python-can[{interface}]") from error
+    except (can.CanInterfaceNotImplementedError, ImportError) as error:
+        raise LinkError(
+            f"{where}: the driver is missing ({error}); install python-can[{interface}] or the adapter's own driver"
+        ) from error
     except NotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise ConfigError(f"python-can has no interface {interface!r}; there are: {known}") from error
-    except PermissionError as error:
-        raise LinkError(f"{where}: no permission ({error}); on a serial port, join the group dialout") from error
     except (can.CanError, OSError) as error:
-        raise LinkError(f"{where} does not open: {error}; is it plugged in and up? `allegro-twin check`") from error
+        if _number(error) in _FORBIDDEN:
+            raise LinkError(f"{where}: no permission ({error}); on a serial port, join the group dialout") from error
+        raise LinkError(f"{where} does not open: {error}; {_way_out(interface, channel, bitrate)}") from error
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{where}: python-can does not take these settings: {error}") from error
+
+
+def _number(error: Exception) -> int | None:
+    """The errno of an error, wherever python-can keeps it."""
+    found = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    if found is None and isinstance(error.__cause__, OSError):
+        return error.__cause__.errno
+    return found
+
+
+def _way_out(interface: str, channel: str, bitrate: int) -> str:
+    """What to do about a bus that does not open."""
+    match interface:
+        case "socketcan":
+            return f"plug the adapter in, then: ip link set {channel} up type can bitrate {bitrate}"
+        case "slcan":
+            return "is the adapter plugged in, or `allegro-twin firmware` running, and is this its port?"
+        case "socketcand":
+            return "is the daemon, or `allegro-twin firmware`, running there?"
+    return "is the adapter plugged in, and its driver installed?"

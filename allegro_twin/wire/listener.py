@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.health import Health
 from allegro_twin.wire.imu import gravity_of
 from allegro_twin.wire.messages import StatusBits
-from allegro_twin.wire.strangers import neighbours
+from allegro_twin.wire.strangers import neighbours, speakers
 
+_KEPT = 64  # Frames of nobody we know, to say whose they are.
 _FATAL = {
     StatusBits.JOINT_HOT: "a joint is too hot; let it cool down",
     StatusBits.PALM_HOT: "the palm is too hot; let it cool down",
@@ -30,6 +32,7 @@ class Listener:
     def __init__(self, codec: Codec, period: float, gravity: tuple[float, float, float] | None) -> None:
         self._codec, self._given = codec, gravity is not None
         self._assembler = Assembler(period)
+        self._strange: deque[Frame] = deque(maxlen=_KEPT)
         self.health = Health()
         self.temperature: Vector = frozen(np.full(16, math.nan))
         self.gravity: Vector = frozen(np.full(3, math.nan) if gravity is None else gravity)
@@ -40,6 +43,11 @@ class Listener:
     def moments(self) -> int:
         """Periods of which any report came."""
         return self._assembler.moments
+
+    @property
+    def heard(self) -> list[float]:
+        """When each finger reported last, s; -inf: never."""
+        return self._assembler.heard
 
     def hear(self, frame: Frame, t: float) -> Whole | None:
         """Take one frame in; the whole hand, when it completes one. Raises HandFault or LinkError."""
@@ -54,6 +62,7 @@ class Listener:
             case None:
                 if not neighbours(self._codec.version, frame.id):
                     self.health.note("unknown", f"frame {frame}")
+                    self._strange.append(frame)
             case m.FingerTemperature(finger=finger, temperature=celsius):
                 values = self.temperature.copy()
                 values[4 * finger : 4 * finger + 4] = celsius
@@ -83,7 +92,10 @@ class Listener:
         heard = self._assembler.heard
         newest = max(heard)
         fingers = [FINGERS[k] for k, t in enumerate(heard) if t < newest - timeout / 2]
-        return ", ".join(fingers) if newest > -math.inf and fingers else "the hand"
+        if newest > -math.inf and fingers:
+            return ", ".join(fingers)
+        others = speakers(self._strange)
+        return f"the hand, a {self._codec.version} (but {others} reports: correct `version`)," if others else "the hand"
 
     def _judge(self, bits: StatusBits | None) -> None:
         if bits is None:

@@ -14,6 +14,9 @@ from allegro_twin.wire.hands import VirtualHands
 BEHIND = 0.1
 """s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
 
+_FLOOD = 1000
+"""Frames in one step after which time goes on: far more than a bus can carry."""
+
 
 @dataclass(slots=True)
 class Served:
@@ -51,10 +54,13 @@ def serve(hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = tim
 
 
 def _listen(hands: VirtualHands, bus: can.BusABC, due: float, served: Served, clock: Callable[[], float]) -> None:
-    """Take what comes until the step is over."""
-    while (left := due - clock()) > 0.0:
-        message = bus.recv(left)
+    """Take what comes until the step is over; on a late one, what is there, or a busy machine never hears the host."""
+    for _ in range(_FLOOD):
+        left = due - clock()
+        message = bus.recv(max(left, 0.0))
         if message is None:
+            if left <= 0.0:
+                return
             continue
         if message.is_error_frame or message.is_extended_id or not message.is_rx:
             continue

@@ -6,6 +6,7 @@ protocol has no remote frames: a request comes as a frame without data.
 
 from __future__ import annotations
 
+import math
 import select
 import socket
 import time
@@ -18,6 +19,8 @@ from allegro_twin.errors import LinkError
 
 DEFAULT_PORT = 29536
 """socketcand's own."""
+_GRACE = 0.1
+"""s from `rawmode` to the first frame: python-can takes an answer for wrong that comes together with a frame."""
 
 
 class SocketcandServer(can.BusABC):
@@ -37,9 +40,7 @@ class SocketcandServer(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         line = f"< frame {msg.arbitration_id:03X} {time.time():.6f} {bytes(msg.data).hex().upper()} >".encode()
-        for connection, client in list(self._clients.items()):
-            if client.raw:
-                self._tell(connection, line)
+        self._spread(line, None)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._queue:
@@ -82,7 +83,7 @@ class SocketcandServer(can.BusABC):
             case ["open", channel]:
                 return b"< ok >" if channel == self._channel else b"< error no such bus >"
             case ["rawmode"]:
-                client.raw = True
+                client.raw_from = time.monotonic() + _GRACE
                 return b"< ok >"
             case ["echo"]:
                 return b"< echo >"
@@ -104,10 +105,15 @@ class SocketcandServer(can.BusABC):
             return b"< error malformed frame >"
         self._queue.append(message)
         line = f"< frame {message.arbitration_id:03X} {time.time():.6f} {bytes(message.data).hex().upper()} >"
-        for other, client in list(self._clients.items()):
-            if client.raw and other is not origin:
-                self._tell(other, line.encode())
+        self._spread(line.encode(), origin)
         return b""
+
+    def _spread(self, line: bytes, origin: socket.socket | None) -> None:
+        """To every client that listens but the one it comes from."""
+        now = time.monotonic()
+        for connection, client in list(self._clients.items()):
+            if connection is not origin and client.raw_from <= now:
+                self._tell(connection, line)
 
     def _tell(self, connection: socket.socket, line: bytes) -> None:
         try:
@@ -116,8 +122,10 @@ class SocketcandServer(can.BusABC):
             return  # A client that does not read loses frames; the hand goes on.
         except OSError:
             sent = 0
-        if sent < len(line):
-            self._drop(connection)
+        if sent < len(line):  # It may be gone, but what it said last, zero torque, is still to be heard.
+            self._clients[connection].raw_from = math.inf
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_WR)
 
     def _drop(self, connection: socket.socket) -> None:
         self._clients.pop(connection, None)
@@ -129,7 +137,7 @@ class _Client:
     """What one client has said so far."""
 
     def __init__(self) -> None:
-        self.raw, self._text = False, ""
+        self.raw_from, self._text = math.inf, ""
 
     def take(self, text: str) -> list[list[str]]:
         """The words of every complete message."""

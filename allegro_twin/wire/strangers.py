@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from functools import cache
 
 from allegro_twin.errors import ProtocolError
@@ -28,18 +28,28 @@ def neighbours(version: Version, identifier: int) -> bool:
     return any(_reads(codec, frame) for known, _, codec in _everybody() if known == version)
 
 
-def speakers(frames: Iterable[Frame]) -> str:
-    """Which hands report their joints in these frames, in words; empty when none does."""
-    found: dict[tuple[str, int], set[int]] = {}
-    for frame in frames:
-        for version, device, codec in _everybody():
-            try:
-                message = codec.decode(frame)
-            except ProtocolError:
-                continue
-            if isinstance(message, FingerPosition):
-                found.setdefault((version, device), set()).add(message.finger)
-    return ", ".join(f"a {version} hand, device {device}" for (version, device), fingers in found.items() if fingers)
+def speakers(frames: Collection[Frame]) -> str:
+    """Which hands report their joints in these frames, in words; empty when none does.
+
+    Versions that report with the same frames are named together: `a v1, v2 or v3 hand`.
+    """
+    found: dict[frozenset[int], list[str]] = {}
+    for version, device, codec in _everybody():
+        identifiers = frozenset(frame.id for frame in frames if _reports(codec, frame))
+        if identifiers:
+            found.setdefault(identifiers, []).append(f"{version}{f' (device {device})' if device else ''}")
+    return ", ".join(f"a {_either(names)} hand" for names in found.values())
+
+
+def _reports(codec: Codec, frame: Frame) -> bool:
+    try:
+        return isinstance(codec.decode(frame), FingerPosition)
+    except ProtocolError:
+        return False
+
+
+def _either(names: list[str]) -> str:
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _reads(codec: Codec, frame: Frame) -> bool:
