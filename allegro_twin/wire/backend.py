@@ -136,6 +136,7 @@ class CanBackend:
         self._ears = Listener(self._codec, self._terms.period, self._terms.gravity)
         self._torque = frozen(np.zeros(16))
         self._refused = self._polled = 0
+        self._errors_before = self._port.link.error_frames if self._port is not None else 0
 
     def _ready(self) -> Port:
         if self._fault is not None:
@@ -155,9 +156,11 @@ class CanBackend:
                 newest = hear(*queue.popleft()) or newest
             if newest is not None:
                 if not link.pump(0.0):
-                    self._ears.count(link.error_frames)
+                    self._ears.count(link.error_frames - self._errors_before)
                     return newest
-            elif not link.pump(max(deadline - link.now(), 0.0)) and link.now() >= deadline:
+            elif (left := deadline - link.now()) > 0.0:
+                link.pump(left)
+            elif not link.pump(0.0):
                 who = self._ears.silent(timeout)
                 raise LinkTimeout(
                     f"no report from {who} for {timeout:g} s on {link.name}; is it powered and plugged in?"
@@ -176,7 +179,7 @@ class CanBackend:
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
         self._polled += 1
-        every = round(self._terms.status_period / self._terms.period)
+        every = max(round(self._terms.status_period / self._terms.period), 1)
         if self._terms.identify and self._codec.identifies and self._polled % every == 0:
             assert self._port is not None
             self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
