@@ -41,6 +41,7 @@ class CanBackend:
         if spec.n_joints != 4 * len(FINGERS):
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
+        _check(self._terms)
         self._port: Port | None = open_port()
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
@@ -75,6 +76,7 @@ class CanBackend:
             for stamped in greeting:
                 self._ears.hear(*stamped)
             self._fault = None
+            self._poll()  # A hand that is still hot says so before anything moves.
             whole = self._wait(max(self._terms.timeout, FIRST))
             if self._terms.imu_period and self._terms.gravity is None:
                 whole = self._level(whole)
@@ -178,11 +180,11 @@ class CanBackend:
 
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
-        self._polled += 1
         every = max(round(self._terms.status_period / self._terms.period), 1)
         if self._terms.identify and self._codec.identifies and self._polled % every == 0:
             assert self._port is not None
             self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
+        self._polled += 1
 
     def _state(self, position: Vector, velocity: Vector) -> HandState:
         clock = self._clock
@@ -235,3 +237,12 @@ class CanBackend:
         """Called by the deadman, on its own thread."""
         self._silence()
         self._fault = HandFault(f"nobody called for {self._terms.deadman:g} s, so the hand was cut off; reset to go on")
+
+
+def _check(terms: Terms) -> None:
+    """Raises ConfigError for times that no hand can keep."""
+    ms = 1000.0 * terms.period
+    if abs(ms - round(ms)) > 1e-6 or not 1 <= round(ms) <= 255:
+        raise ConfigError(f"period {terms.period:g} s: a hand counts whole milliseconds, from 0.001 to 0.255 s")
+    if terms.timeout < 2 * terms.period:
+        raise ConfigError(f"timeout {terms.timeout:g} s must be two periods of {terms.period:g} s or more")

@@ -1,0 +1,108 @@
+"""Hands on a bus whose every frame a test can spoil."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import can
+import numpy as np
+
+from allegro_twin.build.wired import Scene, firmware_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.spec import Side
+from allegro_twin.types import HandState, TorqueCommand
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.codec import Codec, Version
+from allegro_twin.wire.faults import FaultPlan
+from allegro_twin.wire.firmware import Firmware
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import Link, Port
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.virtual import LockstepBus
+from tests.conftest import can_config
+
+PERIOD = 0.003
+HALF_COUNT = {"v5": 0.5 * np.radians(0.088), "v5plus": 0.5 * np.radians(0.088)}
+"""rad; on v1 to v4 half of 333.3° / 65536."""
+
+
+def half_count(version: Version) -> float:
+    return float(HALF_COUNT.get(version, 0.5 * np.radians(333.3 / 65536)))
+
+
+class SpoiltBus(LockstepBus):
+    """A lockstep bus with hooks in its cable."""
+
+    def __init__(self, hands: VirtualHands) -> None:
+        self.sending: Callable[[can.Message], None] = lambda message: None
+        """Called before a frame goes out; raises what the driver would."""
+        self.receiving: Callable[[], None] = lambda: None
+        """Called before a frame is waited for."""
+        self.strange: deque[can.Message] = deque()
+        """Frames that arrive before anything else."""
+        self.sent: list[can.Message] = []
+        super().__init__(hands)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.sending(msg)
+        self.sent.append(msg)
+        super().send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.receiving()
+        if self.strange:
+            message = self.strange.popleft()
+            message.timestamp = self.now
+            return message
+        return super().recv(timeout)
+
+
+class Bench:
+    """A virtual hand, the bus to it and the backend that drives it."""
+
+    def __init__(
+        self,
+        version: Version = "v4",
+        plan: FaultPlan | None = None,
+        terms: Terms | None = None,
+        *,
+        speaks: Version | None = None,
+        side: Side = "right",
+        is_side: Side | None = None,
+        hand_codec: Codec | None = None,
+        **backend: Any,
+    ) -> None:
+        """`speaks` and `is_side`: of the hand that is there in truth."""
+        config = can_config(speaks or version, side=is_side or side, period=PERIOD, **backend)
+        self.scene = Scene()
+        self.firmware: Firmware = firmware_of(config, self.scene, step=PERIOD, restart=True)
+        self.hands = VirtualHands([self.firmware], plan)
+        self.bus = SpoiltBus(self.hands)
+        self.opened = 0
+        gravity = None if version.startswith(("v4", "v5")) else (0.0, 0.0, -9.81)
+        terms = terms or Terms(gravity=gravity, imu_period=0.0 if gravity else 0.03)
+        self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, terms)
+
+    def _open(self) -> Port:
+        self.opened += 1
+        return Link(self.bus).port()
+
+    def reset(self) -> HandState:
+        return self.backend.reset()
+
+    def step(self, torque: float = 0.02) -> HandState:
+        """Command a torque that sweeps the joints to and fro, and read."""
+        tick = self.firmware.state.tick
+        self.backend.write(TorqueCommand(torque * np.sin(0.05 * tick + np.arange(16.0))))
+        return self.backend.read()
+
+    def limp(self) -> bool:
+        """Whether the hand's motors do nothing."""
+        return not self.firmware.serving or not any(self.firmware._torque)
+
+
+def frame(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, **({"is_extended_id": False} | more))
