@@ -35,6 +35,7 @@ class Assembler:
         self._begin = self._last = -math.inf
         self._open = False  # A moment has begun and is neither whole nor thrown away.
         self._thrown = False
+        self._present = set(range(N_FINGERS))  # Who reported in this moment.
         self.moments = 0
         """Begun so far: periods of which any report came."""
         self.incomplete = 0
@@ -53,6 +54,7 @@ class Assembler:
             self._next(t)
         elif not self._open and not self._thrown and self._done.get(finger) != position:
             self._begin_at(t)  # Stamps lie closer than reports when the host was late.
+        self._present.add(finger)
         if self._thrown:
             return None
         group = self._group
@@ -71,7 +73,7 @@ class Assembler:
 
     def _next(self, t: float) -> None:
         """Half a period has passed since a report, or since the moment began."""
-        lacking = self._open
+        lacking = len(self._present) < N_FINGERS
         self._group, self._thrown = {}, False
         self._begin_at(t)
         if lacking:
@@ -80,6 +82,7 @@ class Assembler:
 
     def _begin_at(self, t: float) -> None:
         self._begin, self._open = t, True
+        self._present = set(self._group)
         self.moments += 1
 
     def _throw(self) -> None:

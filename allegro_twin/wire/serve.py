@@ -49,7 +49,7 @@ def serve(hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = tim
             served.lost += lost
         served.late += late > hands.step
         served.ticks += 1
-        _say(bus, hands.tick(), served)
+        _say(bus, [*hands.late(hands.now + hands.step), *hands.tick()], served)
         yield served
 
 

@@ -87,6 +87,13 @@ def test_a_host_that_pauses_within_a_burst_gets_no_state_of_two_periods() -> Non
     assert [whole.position[0] for whole in wholes] == [4.0]
 
 
+def test_fingers_that_are_late_twice_in_a_row_are_not_mixed_with_those_that_are_not() -> None:
+    late = [(3, 0.0, 0.0025), (2, 1.0, 0.0055)]
+    bursts = [*burst(0.0, 0.0)[:3], late[0], *burst(1.0, 0.003, (0, 1, 3)), late[1], *burst(2.0, 0.006)]
+    wholes = told(Assembler(PERIOD), *bursts, *burst(3.0, 0.009))
+    assert [whole.position for whole in wholes] == [(3.0,) * 16]
+
+
 def test_who_is_silent_is_known_by_finger() -> None:
     assembler = Assembler(PERIOD)
     told(assembler, *burst(0.0, 0.0), *burst(1.0, 0.003)[:3])

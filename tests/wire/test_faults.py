@@ -69,9 +69,10 @@ def test_on_a_quiet_bus_every_period_is_a_state(version: Version) -> None:
         (FaultPlan(drop=0.02, seed=1), 0.75),
         (FaultPlan(duplicate=0.3, seed=2), 1.0),
         (FaultPlan(reorder=1.0, seed=3), 1.0),
-        (FaultPlan(delay=0.02, seed=4), 0.75),
+        (FaultPlan(delay=0.02, seed=4), 1.0),
+        (FaultPlan(delay=0.02, delay_by=0.002, seed=4), 0.75),
     ],
-    ids=["lost", "doubled", "reordered", "delayed"],
+    ids=["lost", "doubled", "reordered", "delayed", "delayed by more than half a period"],
 )
 def test_lost_and_late_frames_cost_periods_and_never_tear_a_state(plan: FaultPlan, share: float) -> None:
     bench = Bench(plan=plan, terms=Terms(gravity=(0.0, 0.0, -9.81)))
