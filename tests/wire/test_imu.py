@@ -21,7 +21,9 @@ def test_gravity_becomes_an_orientation_and_gravity_again(direction: tuple[float
     gravity = STANDARD_GRAVITY * np.array(direction) / length
     quaternion = orientation_of(gravity)
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)
-    np.testing.assert_allclose(gravity_of(quaternion), gravity, atol=5e-4)  # √2e-9 of it where the turn is taken for a half.
+    np.testing.assert_allclose(
+        gravity_of(quaternion), gravity, atol=5e-4
+    )  # √2e-9 of it where the turn is taken for a half.
 
 
 @given(UNIT)
