@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import can
 import numpy as np
 
-from allegro_twin.build.wired import Scene, firmware_of
+from allegro_twin.build.wired import Scene, firmware_of, make_can
+from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.description.hands import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, TorqueCommand
@@ -19,6 +22,7 @@ from allegro_twin.wire.faults import FaultPlan
 from allegro_twin.wire.firmware import Firmware
 from allegro_twin.wire.hands import VirtualHands
 from allegro_twin.wire.link import Link, Port
+from allegro_twin.wire.serve import serve
 from allegro_twin.wire.terms import Terms
 from allegro_twin.wire.versions import make_codec
 from allegro_twin.wire.virtual import LockstepBus
@@ -106,3 +110,49 @@ class Bench:
 
 def frame(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
     return can.Message(arbitration_id=identifier, data=data, **({"is_extended_id": False} | more))
+
+
+class Serving:
+    """Hands served in real time on a bus by a thread, which ends with the block."""
+
+    def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultPlan | None = None) -> None:
+        scenes = [Scene() for _ in configs]
+        self.firmwares = [firmware_of(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)]
+        self.hands, self.bus = VirtualHands(self.firmwares, plan), bus
+        self.error: Exception | None = None
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(timeout=10.0)
+        self.bus.shutdown()
+        assert self.error is None
+
+    def _serve(self) -> None:
+        try:
+            for _ in serve(self.hands, self.bus):
+                if self._over.is_set():
+                    return
+        except Exception as error:  # noqa: BLE001  # It is raised where the block ends.
+            self.error = error
+
+
+def driven(interface: str, channel: str, version: Version = "v4", **backend: Any) -> CanBackend:
+    """A CAN backend on a bus that python-can opens, with patience for a busy machine."""
+    options = {"interface": interface, "channel": channel, "timeout": 2.0, "deadman": None} | backend
+    config = can_config(version, **options)
+    assert isinstance(config.backend, CanSettings)
+    return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())
+
+
+def soon_limp(there: Serving) -> bool:
+    """Whether the first hand's motors go off, now that its driver is gone."""
+    deadline = time.monotonic() + 5.0
+    while there.firmwares[0].serving and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return not there.firmwares[0].serving
