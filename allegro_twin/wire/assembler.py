@@ -22,8 +22,10 @@ class Whole(NamedTuple):
 class Assembler:
     """Groups reports by time, never by their order, so that no state is put together from two periods.
 
-    A report that comes twice is taken once. One that contradicts an earlier of its finger makes the moment doubtful:
-    nothing is made of it until the bus was quiet for half a period.
+    A report that comes twice is taken once. A moment is thrown away, until the bus was quiet for half a period, when a
+    finger contradicts itself in it, and when the moment before lacked a finger: what is missing may still be under way
+    and would arrive among the next reports. So a lost report costs two periods. It takes a copy of a report that comes
+    more than half a period after its moment began, or two faults at once, to deceive it.
     """
 
     def __init__(self, period: float) -> None:
@@ -31,13 +33,15 @@ class Assembler:
         self._group: dict[int, Four] = {}
         self._done: dict[int, Four] = {}
         self._begin = self._last = -math.inf
-        self._doubtful = False
+        self._open = False  # A moment has begun and is neither whole nor thrown away.
+        self._thrown = False
+        self._present = set(range(N_FINGERS))  # Who reported in this moment.
         self.moments = 0
         """Begun so far: periods of which any report came."""
         self.incomplete = 0
-        """Moments of which some finger was lost."""
+        """Moments of which some finger was lost or late."""
         self.doubtful = 0
-        """Moments thrown away because a finger contradicted itself."""
+        """Moments thrown away because their reports may be of two periods."""
         self.heard = [-math.inf] * N_FINGERS
         """When each finger reported last, s."""
 
@@ -46,34 +50,42 @@ class Assembler:
         finger, position = report
         self.heard[finger] = t
         quiet, self._last = t - self._last > self._window, t
-        if self._doubtful and not quiet:
+        if quiet or not self._thrown and t - self._begin > self._window:
+            self._next(t)
+        elif not self._open and not self._thrown and self._done.get(finger) != position:
+            self._begin_at(t)  # Stamps lie closer than reports when the host was late.
+        self._present.add(finger)
+        if self._thrown:
             return None
-        if quiet or t - self._begin > self._window:
-            self._forget()
-            self._begin = t
         group = self._group
-        if not group:
-            self._begin = t
-            self.moments += self._done.get(finger) != position or quiet
-        elif finger in group:
-            if group[finger] != position:
-                self._doubtful = True
-                self.doubtful += 1
-                group.clear()
+        if group.setdefault(finger, position) != position:
+            self._throw()
             return None
-        group[finger] = position
         if len(group) < N_FINGERS:
             return None
+        news, self._open = self._open, False
         self._done, self._group = group, {}
-        return Whole(group[0] + group[1] + group[2] + group[3], t)
+        return Whole(group[0] + group[1] + group[2] + group[3], t) if news else None
 
     def silent(self, since: float) -> list[int]:
         """Fingers that have not reported since then."""
         return [finger for finger, t in enumerate(self.heard) if t < since]
 
-    def _forget(self) -> None:
-        """Begin a new moment. What only repeated the last one was not a moment."""
-        if any(self._done.get(finger) != position for finger, position in self._group.items()):
+    def _next(self, t: float) -> None:
+        """Half a period has passed since a report, or since the moment began."""
+        lacking = len(self._present) < N_FINGERS
+        self._group, self._thrown = {}, False
+        self._begin_at(t)
+        if lacking:
             self.incomplete += 1
-        self._group = {}
-        self._doubtful = False
+            self._throw()
+
+    def _begin_at(self, t: float) -> None:
+        self._begin, self._open = t, True
+        self._present = set(self._group)
+        self.moments += 1
+
+    def _throw(self) -> None:
+        self._thrown, self._open = True, False
+        self.doubtful += 1
+        self._group.clear()

@@ -42,6 +42,7 @@ class CanBackend:
         if spec.n_joints != 4 * len(FINGERS):
             raise ConfigError(f"{spec.name} has {spec.n_joints} joints; the protocol carries {4 * len(FINGERS)}")
         self._spec, self._codec, self._open, self._terms = spec, codec, open_port, terms or Terms()
+        _check(self._terms)
         self._port: Port | None = open_port()
         self._lockstep = self._port.link.lockstep
         self._limp = [*self._torque_frames([0.0] * 16), *map(codec.encode, codec.closing())]
@@ -87,6 +88,7 @@ class CanBackend:
             for stamped in greeting:
                 self._ears.hear(*stamped)
             self._fault = None
+            self._poll()  # A hand that is still hot says so before anything moves.
             whole = self._wait(max(self._terms.timeout, FIRST))
             if self._terms.imu_period and self._terms.gravity is None:
                 whole = self._level(whole)
@@ -151,6 +153,7 @@ class CanBackend:
         self._ears = Listener(self._codec, self._terms.period, self._terms.gravity)
         self._torque = frozen(np.zeros(16))
         self._refused = self._polled = 0
+        self._errors_before = self._port.link.error_frames if self._port is not None else 0
 
     def _ready(self) -> Port:
         if self._fault is not None:
@@ -170,9 +173,11 @@ class CanBackend:
                 newest = hear(*queue.popleft()) or newest
             if newest is not None:
                 if not link.pump(0.0):
-                    self._ears.count(link.error_frames)
+                    self._ears.count(link.error_frames - self._errors_before)
                     return newest
-            elif not link.pump(max(deadline - link.now(), 0.0)) and link.now() >= deadline:
+            elif (left := deadline - link.now()) > 0.0:
+                link.pump(left)
+            elif not link.pump(0.0):
                 who = self._ears.silent(timeout)
                 raise LinkTimeout(
                     f"no report from {who} for {timeout:g} s on {link.name}; is it powered and plugged in?"
@@ -190,11 +195,11 @@ class CanBackend:
 
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
-        self._polled += 1
-        every = round(self._terms.status_period / self._terms.period)
+        every = max(round(self._terms.status_period / self._terms.period), 1)
         if self._terms.identify and self._codec.identifies and self._polled % every == 0:
             assert self._port is not None
             self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
+        self._polled += 1
 
     def _state(self, position: Vector, velocity: Vector) -> HandState:
         clock = self._clock
@@ -247,3 +252,12 @@ class CanBackend:
         """Called by the deadman, on its own thread."""
         self._silence()
         self._fault = HandFault(f"nobody called for {self._terms.deadman:g} s, so the hand was cut off; reset to go on")
+
+
+def _check(terms: Terms) -> None:
+    """Raises ConfigError for times that no hand can keep."""
+    ms = 1000.0 * terms.period
+    if abs(ms - round(ms)) > 1e-6 or not 1 <= round(ms) <= 255:
+        raise ConfigError(f"period {terms.period:g} s: a hand counts whole milliseconds, from 0.001 to 0.255 s")
+    if terms.timeout < 2 * terms.period:
+        raise ConfigError(f"timeout {terms.timeout:g} s must be two periods of {terms.period:g} s or more")

@@ -16,6 +16,7 @@ class HandClock:
 
     def __init__(self, period: float, t: float, moments: int) -> None:
         self._period, self._begin, self._moments, self._late = period, t, moments, 0
+        self._stamp = t
         self.tick = 0
         """Periods since the first state."""
         self.t = 0.0
@@ -25,6 +26,9 @@ class HandClock:
         """Take in a state with its stamp, s, and the number of moments begun so far; the periods since the last."""
         heard = max(moments - self._moments, 1)
         self._moments = moments
+        if t < self._stamp:  # The host's clock was set back.
+            self._begin -= self._stamp + heard * self._period - t
+        self._stamp = t
         gone = round((t - self._begin) / self._period) - (self.tick + heard)
         self._late = self._late + 1 if gone > 0 else 0
         if gone > 1 or self._late >= PATIENCE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -106,7 +107,12 @@ class Faults:
             kept = [kept[k] for k in self._rng.permutation(len(kept))]
         return kept
 
-    def due(self, now: float) -> list[Frame]:
+    @property
+    def due(self) -> float:
+        """When the next frame that is held back arrives, s; infinite when there is none."""
+        return min((t for t, _ in self._held), default=math.inf)
+
+    def late(self, now: float) -> list[Frame]:
         """Frames that were held back until now."""
         ready = [frame for t, frame in self._held if t <= now]
         self._held = [(t, frame) for t, frame in self._held if t > now]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from allegro_twin.errors import ConfigError
@@ -31,6 +32,15 @@ class VirtualHands:
         """Whether a fault took the bus down."""
         return self._faults is not None and self._faults.bus_off
 
+    @property
+    def due(self) -> float:
+        """When the next frame arrives that a fault holds back, s; infinite when there is none."""
+        return self._faults.due if self._faults is not None else math.inf
+
+    def late(self, now: float) -> list[Frame]:
+        """Frames that a fault held back until now."""
+        return self._faults.late(now) if self._faults is not None else []
+
     def receive(self, frame: Frame) -> list[Frame]:
         """What the hands answer to a frame at once."""
         if self._faults is None:
@@ -47,7 +57,7 @@ class VirtualHands:
         if self._faults is None:
             return [frame for firmware in self.firmwares for frame in firmware.tick()]
         self._faults.happen(self.now, self.firmwares)
-        frames = self._faults.due(self.now)
+        frames: list[Frame] = []
         for firmware in self.firmwares:
             frames += self._faults.from_hand(firmware.tick(), self.now, firmware)
         return frames

@@ -19,9 +19,9 @@ class Health:
     missed: int = 0
     """Periods without a state."""
     incomplete: int = 0
-    """Moments of which some finger's report was lost."""
+    """Moments of which some finger's report was lost or late."""
     doubtful: int = 0
-    """Moments thrown away because a finger contradicted itself."""
+    """Moments thrown away because their reports may be of two periods."""
     malformed: int = 0
     """Frames of this hand that could not be read."""
     unknown: int = 0
@@ -51,8 +51,8 @@ class Health:
 
 _WORDS = {
     "missed": "periods without a state",
-    "incomplete": "moments in which a finger's report was lost",
-    "doubtful": "moments thrown away because a finger contradicted itself",
+    "incomplete": "moments in which a finger's report was lost or late",
+    "doubtful": "moments thrown away because their reports may be of two periods",
     "malformed": "malformed frames",
     "unknown": "frames with unknown identifiers",
     "errors": "error frames on the bus",

@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple, TypeAlias
 
 import can
@@ -22,6 +23,8 @@ Message: TypeAlias = can.Message
 QUEUE = 4096
 """Frames kept for a hand that nobody reads; the oldest give way."""
 BUS_OFF = 0x40  # linux/can/error.h CAN_ERR_BUSOFF, which python-can leaves in the identifier of an error frame.
+TURN = 0.0005
+"""s after which a hand looks whether another hand's thread has received something for it."""
 _FULL = {errno.ENOBUFS, errno.EAGAIN}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 
@@ -33,11 +36,23 @@ class Stamped(NamedTuple):
     t: float
 
 
+def full(error: can.CanError | OSError) -> bool:
+    """Whether a frame could not be sent only because too many others wait."""
+    return _number(error) in _FULL
+
+
 class Link:
     """One bus. Raises LinkError for whatever ends it; `ports` are the hands that listen."""
 
-    def __init__(self, bus: can.BusABC, bitrate: int = 1_000_000, closed: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        bitrate: int = 1_000_000,
+        name: str | None = None,
+        closed: Callable[[], None] = lambda: None,
+    ) -> None:
         self._bus, self.bitrate, self._closed = bus, bitrate, closed
+        self.name = name or str(bus.channel_info)
         self._ports: list[Port] = []
         self._sending, self._receiving = threading.Lock(), threading.Lock()
         self._listeners: list[Callable[[can.Message], None]] = []
@@ -48,10 +63,6 @@ class Link:
         """Whether time on this bus passes only while somebody waits for a frame."""
         if not self.lockstep:
             self._ahead = time.time() - time.monotonic()  # Most adapters stamp with the time of day.
-
-    @property
-    def name(self) -> str:
-        return str(self._bus.channel_info)
 
     def now(self) -> float:
         """Seconds on a clock that never goes back."""
@@ -86,15 +97,15 @@ class Link:
                     for listener in self._listeners:
                         listener(message)
         except (can.CanError, OSError) as error:
-            if _number(error) in _FULL:
+            if full(error):
                 return False
             raise LinkError(f"cannot send on {self.name}: {error}; is the interface up and plugged in?") from error
         return True
 
     def pump(self, timeout: float) -> bool:
         """Wait for a frame and hand it to all ports. False when none came."""
-        if not self._receiving.acquire(timeout=timeout if timeout > 0.0 else -1):
-            return False
+        if not self._receiving.acquire(timeout=min(timeout, TURN)):
+            return False  # Another hand's thread receives, for this one as well.
         try:
             message = self._bus.recv(timeout)
             if message is None:
@@ -102,7 +113,7 @@ class Link:
             self._deliver(message)
             while self.lockstep and (message := self._bus.recv(0.0)) is not None:
                 self._deliver(message)
-        except (can.CanError, OSError, ValueError) as error:
+        except (can.CanError, OSError, ValueError, IndexError) as error:  # Drivers parse what adapters say.
             raise LinkError(f"cannot receive on {self.name}: {error}; is the interface up and plugged in?") from error
         finally:
             self._receiving.release()
@@ -131,7 +142,8 @@ class Link:
         self._ports.remove(port)
         if not self._ports:
             self._closed()
-            self._bus.shutdown()
+            with suppress(can.CanError, OSError):  # It may be unplugged already.
+                self._bus.shutdown()
 
 
 class Port:
@@ -147,8 +159,10 @@ class Port:
     def receive(self, timeout: float) -> Stamped | None:
         """The next frame; None after `timeout` seconds without one."""
         deadline = self.link.now() + timeout
-        while not self.queue and self.link.pump(max(deadline - self.link.now(), 0.0)):
-            pass  # What came may have been another program's, or an error frame.
+        while not self.queue:
+            left = deadline - self.link.now()
+            if not self.link.pump(max(left, 0.0)) and left <= 0.0:
+                break
         return self.queue.popleft() if self.queue else None
 
     def close(self) -> None:
@@ -163,7 +177,7 @@ def shared(interface: str, channel: str, bitrate: int, options: Mapping[str, Any
     key = (interface, channel)
     if key not in _open:
         bus = open_bus(interface, channel, bitrate, options)
-        _open[key] = Link(bus, bitrate, lambda: _open.__delitem__(key))
+        _open[key] = Link(bus, bitrate, f"{interface} {channel}", lambda: _open.__delitem__(key))
     return _open[key]
 
 

@@ -10,6 +10,7 @@ import can
 
 from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import full
 
 BEHIND = 0.1
 """s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
@@ -27,6 +28,8 @@ class Served:
     """Frames from the host."""
     said: int = 0
     """Frames to the host."""
+    unsaid: int = 0
+    """Frames that the full transmit queue did not take."""
     late: int = 0
     """Steps that ended more than a step late."""
     lost: int = 0
@@ -49,7 +52,7 @@ def serve(hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = tim
             served.lost += lost
         served.late += late > hands.step
         served.ticks += 1
-        _say(bus, hands.tick(), served)
+        _say(bus, [*hands.late(hands.now + hands.step), *hands.tick()], served)
         yield served
 
 
@@ -70,7 +73,14 @@ def _listen(hands: VirtualHands, bus: can.BusABC, due: float, served: Served, cl
 
 def _say(bus: can.BusABC, frames: list[Frame], served: Served) -> None:
     for frame in frames:
-        bus.send(
-            can.Message(arbitration_id=frame.id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data)
+        message = can.Message(
+            arbitration_id=frame.id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
         )
-        served.said += 1
+        try:
+            bus.send(message)
+        except (can.CanError, OSError) as error:
+            if not full(error):
+                raise
+            served.unsaid += 1  # Nobody takes them: a hand goes on without its listener.
+        else:
+            served.said += 1

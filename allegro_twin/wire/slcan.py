@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import select
 import termios
 import tty
@@ -23,6 +24,7 @@ BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000,
 """S0 … S8. LAWICEL CAN232 manual."""
 _ANSWERS = {"V": b"V1013\r", "v": b"v1013\r", "N": b"NALLE\r", "F": b"F00\r"}
 _OK, _REFUSED = b"\r", b"\a"
+_LINE = re.compile(r"([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)")
 
 
 class SlcanDevice(can.BusABC):
@@ -110,12 +112,10 @@ class SlcanDevice(can.BusABC):
 
 def _frame(text: str, *, remote: bool) -> can.Message | None:
     """`IIILDD…`, or None for what is none."""
-    try:
-        identifier, length = int(text[:3], 16), int(text[3:4])
-        data = b"" if remote else bytes.fromhex(text[4 : 4 + 2 * length])
-    except ValueError:
+    if (read := _LINE.fullmatch(text)) is None:
         return None
-    if length > 8 or identifier > 0x7FF or (not remote and len(data) != length):
+    identifier, length, data = int(read[1], 16), int(read[2]), bytes.fromhex(read[3])
+    if len(data) != (0 if remote else length):
         return None
     arguments: dict[str, Any] = {"dlc": length} if remote else {"data": data}
     return can.Message(arbitration_id=identifier, is_extended_id=False, is_remote_frame=remote, **arguments)

@@ -56,14 +56,19 @@ class SocketcandServer(can.BusABC):
         self._clients.clear()
 
     def _accept(self) -> None:
-        connection, _ = self._server.accept()
+        try:
+            connection, _ = self._server.accept()
+        except OSError:
+            return  # Gone before it was let in.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
         self._clients[connection] = _Client()
         self._tell(connection, b"< hi >")
 
     def _hear(self, connection: socket.socket) -> None:
-        client = self._clients[connection]
+        client = self._clients.get(connection)
+        if client is None:
+            return  # Dropped a moment ago, while another client was heard.
         try:
             data = connection.recv(4096)
         except BlockingIOError:
@@ -99,9 +104,10 @@ class SocketcandServer(can.BusABC):
                 data=bytes(int(byte, 16) for byte in data),
                 check=True,
             )
+            declared = int(length, 16)
         except ValueError:
             return b"< error malformed frame >"
-        if message.dlc != int(length, 16):
+        if message.dlc != declared:
             return b"< error malformed frame >"
         self._queue.append(message)
         line = f"< frame {message.arbitration_id:03X} {time.time():.6f} {bytes(message.data).hex().upper()} >"

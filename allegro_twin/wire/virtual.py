@@ -12,6 +12,9 @@ from allegro_twin.wire.hands import VirtualHands
 from allegro_twin.wire.link import BUS_OFF
 
 
+_EPSILON = 1e-9  # Of a step: sums of waiting times are rounded.
+
+
 class LockstepBus(can.BusABC):
     """Deterministic: the same frames sent at the same moments bring the same frames back, however slow the host is.
 
@@ -38,11 +41,21 @@ class LockstepBus(can.BusABC):
         if self._queue:
             return self._queue.popleft()
         left = float("inf") if timeout is None else timeout
-        while self._idle + left >= self._hands.step * (1 - 1e-9):
-            left -= self._hands.step - self._idle
-            self._idle = 0.0
-            self._enqueue(self._hands.tick())
-            if self._hands.bus_off:
+        hands = self._hands
+        while True:
+            to_step, due = hands.step - self._idle, hands.due
+            if due - self.now < min(to_step, left):
+                to_late = max(due - self.now, 0.0)
+                left -= to_late
+                self._idle += to_late
+                self._enqueue(hands.late(due))
+            elif left >= to_step - _EPSILON * hands.step:
+                left -= to_step
+                self._idle = 0.0
+                self._enqueue(hands.tick())
+            else:
+                break
+            if hands.bus_off:
                 return can.Message(timestamp=self.now, arbitration_id=BUS_OFF, is_error_frame=True)
             if self._queue:
                 return self._queue.popleft()

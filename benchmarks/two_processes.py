@@ -1,0 +1,136 @@
+"""A hand and its driver in two processes, in real time, over slcan: `python -m benchmarks.two_processes [seconds]`.
+
+`allegro-twin firmware` is the hand, in the cube's scene; the driver performs the grasp and then keeps it, as slowly as
+the hand reports. Both ask for real-time scheduling where the kernel permits it; the figures say whether it did.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.build import assemble
+from allegro_twin.config import RunConfig, load_config
+from allegro_twin.loop import run, until
+from allegro_twin.types import Array
+
+Figure = tuple[str, float, float, str]
+SCENARIO, PERIOD = "rubiks_cube", 0.003
+
+
+class Found(NamedTuple):
+    """What a link did in a while."""
+
+    intervals: Array
+    """Between two states, as the host's clock saw them, s."""
+    used: float
+    """Share of the hand's periods of which there was a state."""
+    torn: int
+    """States that mix two periods: moments that were thrown away because they might have."""
+    doubtful: int
+    share: float
+    """Of one core that the driver took."""
+    held: bool
+    """The verdict that the hand's own process gave."""
+    hand: str
+    """What the hand's process said at its end."""
+
+
+def permitted() -> bool:
+    """Whether the kernel gives this user real-time scheduling."""
+    code = "from allegro_twin.wire.realtime import ask; ask()"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def measure(seconds: float, *, realtime: bool, hands: int = 1) -> Found:
+    """Perform the grasp, and go on holding until so many seconds are over. Raises HandError."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = _config(Path(folder), seconds, realtime=realtime)
+        with _hand(path) as program:
+            found = _driven(load_config(path), realtime=realtime)
+            program.send_signal(signal.SIGINT)
+            said, _ = program.communicate(timeout=30)
+    last = said.strip().splitlines()[-1]
+    return found._replace(held=re.search(r"right\b.*: held", said) is not None, hand=last)
+
+
+def _config(folder: Path, seconds: float, *, realtime: bool) -> Path:
+    path = folder / "hand.yaml"
+    path.write_text(
+        f"backend: {{kind: can, version: v4, interface: slcan, channel: {folder / 'hand.tty'}, imu: 0.1,\n"
+        f"  options: {{sleep_after_open: 0.0}}, realtime: {str(realtime).lower()},\n"
+        f"  scene: {{kind: sim, scenario: {SCENARIO}}}}}\n"
+        f"controller: {{kind: pd, scenario: {SCENARIO}}}\nseconds: {seconds}\n"
+    )
+    return path
+
+
+@contextmanager
+def _hand(config: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "allegro_twin", "firmware", str(config)]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        deadline = time.monotonic() + 60.0
+        while not (config.parent / "hand.tty").exists() and time.monotonic() < deadline:
+            if program.poll() is not None:
+                raise RuntimeError(program.communicate()[0])
+            time.sleep(0.05)
+        yield program
+    finally:
+        if program.poll() is None:
+            program.kill()
+        program.wait()
+
+
+def _driven(config: RunConfig, *, realtime: bool) -> Found:
+    rig = assemble(config)
+    assert rig.wire is not None
+    assert rig.seconds is not None
+    stamps, ticks = [], []
+    with closing(rig.backend):
+        cpu, begin = time.thread_time(), time.perf_counter()
+        for sample in until(rig.seconds, run(rig.backend, rig.controller)):
+            stamps.append(time.perf_counter())
+            ticks.append(sample.state.tick)
+        share = (time.thread_time() - cpu) / (time.perf_counter() - begin)
+        health = rig.wire.health
+    return Found(np.diff(stamps), (len(ticks) - 1) / ticks[-1], 0, health.doubtful, share, held=False, hand="")
+
+
+def figures(seconds: float = 60.0) -> Iterator[Figure]:
+    """Ratios and times of a minute; the bars hold where real-time scheduling is permitted."""
+    allowed = permitted()
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        found = measure(seconds, realtime=allowed)
+    finally:
+        os.sched_setscheduler(0, *before)
+    where = f"two processes, slcan, {seconds:.0f} s, {'realtime' if allowed else 'no realtime permitted'}"
+    ms = 1000.0 * np.quantile(found.intervals, [0.5, 0.99, 1.0])
+    yield f"{where}: periods used (at least)", 100.0 * found.used, 98.0, "%"
+    yield f"{where}: p50 tick interval", float(ms[0]), 3.0, "ms"
+    yield f"{where}: p99 tick interval", float(ms[1]), 6.0, "ms"
+    yield f"{where}: worst tick interval", float(ms[2]), 50.0, "ms"
+    yield f"{where}: driver's share of a core", 100.0 * found.share, 30.0, "%"
+    yield f"{where}: moments thrown away", float(found.doubtful), 0.0, ""
+    yield f"{where}: held (1: yes)", float(found.held), 1.0, ""
+
+
+def main() -> None:
+    for what, measured, bar, unit in figures(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0):
+        print(f"{what:<78}{measured:>9.2f} {unit:<2}{bar:>8} {unit}")
+
+
+if __name__ == "__main__":
+    main()

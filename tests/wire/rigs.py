@@ -1,0 +1,158 @@
+"""Hands on a bus whose every frame a test can spoil."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Self
+
+import can
+import numpy as np
+
+from allegro_twin.build.wired import Scene, firmware_of, make_can
+from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.description.hands import load_spec
+from allegro_twin.spec import Side
+from allegro_twin.types import HandState, TorqueCommand
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.codec import Codec, Version
+from allegro_twin.wire.faults import FaultPlan
+from allegro_twin.wire.firmware import Firmware
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import Link, Port
+from allegro_twin.wire.serve import serve
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.virtual import LockstepBus
+from tests.conftest import can_config
+
+PERIOD = 0.003
+HALF_COUNT = {"v5": 0.5 * np.radians(0.088), "v5plus": 0.5 * np.radians(0.088)}
+"""rad; on v1 to v4 half of 333.3° / 65536."""
+
+
+def half_count(version: Version) -> float:
+    return float(HALF_COUNT.get(version, 0.5 * np.radians(333.3 / 65536)))
+
+
+class SpoiltBus(LockstepBus):
+    """A lockstep bus with hooks in its cable."""
+
+    def __init__(self, hands: VirtualHands) -> None:
+        self.sending: Callable[[can.Message], None] = lambda message: None
+        """Called before a frame goes out; raises what the driver would."""
+        self.receiving: Callable[[], None] = lambda: None
+        """Called before a frame is waited for."""
+        self.strange: deque[can.Message] = deque()
+        """Frames that arrive before anything else."""
+        self.sent: list[can.Message] = []
+        super().__init__(hands)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self.sending(msg)
+        self.sent.append(msg)
+        super().send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        self.receiving()
+        if self.strange:
+            message = self.strange.popleft()
+            message.timestamp = self.now
+            return message
+        return super().recv(timeout)
+
+
+class Bench:
+    """A virtual hand, the bus to it and the backend that drives it."""
+
+    def __init__(
+        self,
+        version: Version = "v4",
+        plan: FaultPlan | None = None,
+        terms: Terms | None = None,
+        *,
+        speaks: Version | None = None,
+        side: Side = "right",
+        is_side: Side | None = None,
+        hand_codec: Codec | None = None,
+        **backend: Any,
+    ) -> None:
+        """`speaks` and `is_side`: of the hand that is there in truth."""
+        config = can_config(speaks or version, side=is_side or side, period=PERIOD, **backend)
+        self.scene = Scene()
+        self.firmware: Firmware = firmware_of(config, self.scene, step=PERIOD, restart=True)
+        self.hands = VirtualHands([self.firmware], plan)
+        self.bus = SpoiltBus(self.hands)
+        self.opened = 0
+        gravity = None if version.startswith(("v4", "v5")) else (0.0, 0.0, -9.81)
+        terms = terms or Terms(gravity=gravity, imu_period=0.0 if gravity else 0.03)
+        self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, terms)
+
+    def _open(self) -> Port:
+        self.opened += 1
+        return Link(self.bus).port()
+
+    def reset(self) -> HandState:
+        return self.backend.reset()
+
+    def step(self, torque: float = 0.02) -> HandState:
+        """Command a torque that sweeps the joints to and fro, and read."""
+        tick = self.firmware.state.tick
+        self.backend.write(TorqueCommand(torque * np.sin(0.05 * tick + np.arange(16.0))))
+        return self.backend.read()
+
+    def limp(self) -> bool:
+        """Whether the hand's motors do nothing."""
+        return not self.firmware.serving or not any(self.firmware._torque)
+
+
+def frame(identifier: int, data: bytes = b"", **more: Any) -> can.Message:
+    return can.Message(arbitration_id=identifier, data=data, **({"is_extended_id": False} | more))
+
+
+class Serving:
+    """Hands served in real time on a bus by a thread, which ends with the block."""
+
+    def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultPlan | None = None) -> None:
+        scenes = [Scene() for _ in configs]
+        self.firmwares = [firmware_of(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)]
+        self.hands, self.bus = VirtualHands(self.firmwares, plan), bus
+        self.error: Exception | None = None
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join(timeout=10.0)
+        self.bus.shutdown()
+        assert self.error is None
+
+    def _serve(self) -> None:
+        try:
+            for _ in serve(self.hands, self.bus):
+                if self._over.is_set():
+                    return
+        except Exception as error:  # noqa: BLE001  # It is raised where the block ends.
+            self.error = error
+
+
+def driven(interface: str, channel: str, version: Version = "v4", **backend: Any) -> CanBackend:
+    """A CAN backend on a bus that python-can opens, with patience for a busy machine."""
+    options = {"interface": interface, "channel": channel, "timeout": 2.0, "deadman": None} | backend
+    config = can_config(version, **options)
+    assert isinstance(config.backend, CanSettings)
+    return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())
+
+
+def soon_limp(there: Serving) -> bool:
+    """Whether the first hand's motors go off, now that its driver is gone."""
+    deadline = time.monotonic() + 5.0
+    while there.firmwares[0].serving and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return not there.firmwares[0].serving
