@@ -11,7 +11,6 @@ from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.hands import VirtualHands
 from allegro_twin.wire.link import BUS_OFF
 
-
 _EPSILON = 1e-9  # Of a step: sums of waiting times are rounded.
 
 

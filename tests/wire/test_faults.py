@@ -17,7 +17,6 @@ from allegro_twin.types import TorqueCommand
 from allegro_twin.wire.backend import PATIENCE
 from allegro_twin.wire.codec import Version
 from allegro_twin.wire.faults import Event, FaultPlan
-from allegro_twin.wire.messages import StatusBits
 from allegro_twin.wire.terms import Terms
 from tests.wire.rigs import PERIOD, Bench, frame, half_count
 

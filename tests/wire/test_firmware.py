@@ -62,7 +62,7 @@ def test_it_is_silent_until_its_motors_are_on_and_a_period_is_set(version: Versi
 def test_it_reports_as_often_as_it_is_told() -> None:
     hand = started()
     hand.receive(hand.codec.encode(m.SetPeriod(position=0.009, imu=0.006, temperature=0.03, status=0.015)))
-    heard = {kind: 0 for kind in (m.FingerPosition, m.Imu, m.FingerTemperature, m.Status)}
+    heard = dict.fromkeys((m.FingerPosition, m.Imu, m.FingerTemperature, m.Status), 0)
     for _ in range(30):
         for frame in hand.tick():
             heard[type(hand.codec.decode(frame))] += 1  # type: ignore[index]  # Or the test fails.

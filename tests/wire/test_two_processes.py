@@ -105,11 +105,13 @@ def test_a_hand_in_one_process_is_driven_from_another(kind: str, tmp_path: Path)
 
 @pytest.mark.long
 def test_for_a_minute_98_percent_of_the_periods_are_used_where_realtime_is_permitted() -> None:
-    from benchmarks.two_processes import measure, permitted
+    from benchmarks.two_processes import measure, permitted, torn
 
     if not permitted():
         pytest.skip("the kernel does not permit real-time scheduling to this user")
     found = measure(60.0, realtime=True)
     assert found.used >= 0.98
-    assert found.torn == 0
     assert found.held
+    states, mixed = torn(20.0)
+    assert states > 5000
+    assert mixed == 0
