@@ -52,7 +52,7 @@ class Assembler:
         finger, position = report
         self.heard[finger] = t
         quiet, self._last = t - self._last > self._window, t
-        if quiet or not self._thrown and t - self._begin > self._window:
+        if quiet or (not self._thrown and t - self._begin > self._window):
             self._next(t)
         elif not self._open and not self._thrown and self._done.get(finger) != position:
             self._begin_at(t)  # Stamps lie closer than reports when the host was late.

@@ -34,7 +34,9 @@ class LockstepBus(can.BusABC):
         return self._hands.now + self._idle
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self._enqueue(self._hands.receive(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame)))
+        answers = self._hands.receive(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame))
+        if answers:
+            self._enqueue(answers)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if self._queue:

@@ -149,7 +149,7 @@ def test_under_any_single_fault_every_state_is_of_one_period(
     for number, fault in enumerate(faults, start=1):
         sent = harmed(sent, APART * number, fault)
     assembler = Assembler(PERIOD)
-    wholes = told(assembler, *[(finger, value, t) for _, finger, value, t in sorted(sent, key=lambda one: one[3])])
+    wholes = told(assembler, *[(int(finger), value, t) for _, finger, value, t in sorted(sent, key=lambda one: one[3])])
     assert {whole.position for whole in wholes} <= truth
     if usual:  # A pause of six periods may cut the bursts at both its ends.
         assert len(wholes) >= PERIODS - 9 * len(faults)

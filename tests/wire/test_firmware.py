@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from tests.wire.rigs import PERIOD, half_count
 VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
 
 
-def virtual(version: Version = "v4", **backend: object) -> Firmware:
+def virtual(version: Version = "v4", **backend: Any) -> Firmware:
     return firmware_of(can_config(version, **backend), Scene(), step=PERIOD, restart=False)
 
 
@@ -65,7 +66,7 @@ def test_it_reports_as_often_as_it_is_told() -> None:
     heard = dict.fromkeys((m.FingerPosition, m.Imu, m.FingerTemperature, m.Status), 0)
     for _ in range(30):
         for frame in hand.tick():
-            heard[type(hand.codec.decode(frame))] += 1  # type: ignore[index]  # Or the test fails.
+            heard[type(hand.codec.decode(frame))] += 1
     assert heard == {m.FingerPosition: 40, m.Imu: 15, m.FingerTemperature: 12, m.Status: 6}
 
 
@@ -123,7 +124,7 @@ def test_period_payloads_of_six_and_eight_bytes_are_taken(data: str) -> None:
     assert hand.tick() == []
 
 
-R = {"remote": True}
+INFO, SERIAL = Frame(0x200, remote=True), Frame(0x220, remote=True)
 # What the manufacturer's drivers send to begin and to end. facts §1 "Start" and "Stop", all compiled and run there.
 STARTS: dict[str, tuple[Version, list[Frame]]] = {
     "L, v1-v3 (main:382-410)": ("v2", [
@@ -135,19 +136,19 @@ STARTS: dict[str, tuple[Version, list[Frame]]] = {
         Frame(0x08A), Frame(0x40A), Frame(0x0CA, b"\x03"), Frame(0x14A), Frame(0x38A), Frame(0x38A), Frame(0x04A),
     ]),
     "L4 (main:341-378)": ("v4", [
-        Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
     "R4 (:114-143)": ("v4", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
     "R2 (v4_sdk.cpp:241-289)": ("v4", [
-        Frame(0x100), Frame(0x200, **R), Frame(0x204, bytes.fromhex("03000000F401")),
+        Frame(0x100), INFO, Frame(0x204, bytes.fromhex("03000000F401")),
     ]),
     "V5R (:137)": ("v5", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("020000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("020000000000")), Frame(0x100),
     ]),
     "V5R2 (:136)": ("v5plus", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
 }  # fmt: skip
 STOPS: dict[str, tuple[Version, Frame, bool]] = {
@@ -218,7 +219,9 @@ def test_a_published_hands_encoders_are_read_right_with_its_own_file_and_wrong_w
     np.testing.assert_allclose(positions(hand, frames), posture, rtol=0, atol=half_count(wiring.version) * 1.000001)
     nominal = make_codec(wiring.version)
     naive = [nominal.decode(frame) for frame in frames]
-    wrong = np.array([value for message in naive if isinstance(message, m.FingerPosition) for value in message.position])
+    wrong = np.array(
+        [value for message in naive if isinstance(message, m.FingerPosition) for value in message.position]
+    )
     assert np.abs(wrong - posture).max() > 0.05
     torque = tuple(float(x) for x in rng.uniform(-0.2, 0.2, 4))
     hand.receive(codec.encode(m.SetTorque(1, torque)))  # type: ignore[arg-type]  # Four.

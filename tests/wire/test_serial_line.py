@@ -6,6 +6,7 @@ import os
 import select
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -62,7 +63,7 @@ def test_a_second_driver_finds_the_hand_that_a_first_one_left_without_a_word(tty
 
 
 @pytest.fixture
-def device(tty: Path) -> SlcanDevice:
+def device(tty: Path) -> Iterator[SlcanDevice]:
     made = SlcanDevice(tty)
     yield made
     made.shutdown()
@@ -76,7 +77,9 @@ def said(tty: Path, device: SlcanDevice, *pieces: bytes) -> tuple[list[str], byt
         for piece in pieces:
             os.write(line, piece)
             while (message := device.recv(0.02)) is not None:
-                frames.append(f"{message.arbitration_id:X}{'R' if message.is_remote_frame else '#'}{message.data.hex()}")
+                frames.append(
+                    f"{message.arbitration_id:X}{'R' if message.is_remote_frame else '#'}{message.data.hex()}"
+                )
         answer = os.read(line, 4096) if select.select([line], [], [], 0.2)[0] else b""
     finally:
         os.close(line)

@@ -51,7 +51,7 @@ class Quantised:
         assert isinstance(command, TorqueCommand)
         values: list[float] = []
         for k, finger in enumerate(command.torque.reshape(4, 4).tolist()):
-            read = self._codec.decode(self._codec.encode(m.SetTorque(k, tuple(finger))))
+            read = self._codec.decode(self._codec.encode(m.SetTorque(k, tuple(finger))))  # type: ignore[arg-type]  # Four.
             assert isinstance(read, m.SetTorque)
             values += read.torque
         self._torque = frozen(values)
@@ -68,7 +68,7 @@ class Quantised:
     def _counts(self, position: Vector) -> Vector:
         values: list[float] = []
         for k, finger in enumerate(position.reshape(4, 4).tolist()):
-            read = self._codec.decode(self._codec.encode(m.FingerPosition(k, tuple(finger))))
+            read = self._codec.decode(self._codec.encode(m.FingerPosition(k, tuple(finger))))  # type: ignore[arg-type]  # Four.
             assert isinstance(read, m.FingerPosition)
             values += read.position
         return frozen(values)
@@ -102,9 +102,7 @@ def test_closed_loop_the_bus_is_quantisation_and_the_velocity_filter_and_nothing
     controller = PD(Hold(load_posture("home", SPEC)), load_gains("default", SPEC))
     bench = Bench(version)
     bus = [sample.state for sample in until(1.5, run(bench.backend, controller))]
-    direct = [
-        sample.state for sample in until(1.5, run(Quantised(make_sim(SPEC), make_codec(version)), controller))
-    ]
+    direct = [sample.state for sample in until(1.5, run(Quantised(make_sim(SPEC), make_codec(version)), controller))]
     assert [state.tick for state in bus] == [state.tick for state in direct]
     for there, here in zip(bus, direct, strict=True):
         np.testing.assert_array_equal(there.position, here.position)
@@ -135,9 +133,7 @@ def rig(side: str, version: Version | None) -> Rig:
     if version is None:
         return assemble(config(side, **scene))
     down = {} if version.startswith(("v1", "v2", "v3")) else {"imu": 0.03}
-    return assemble(
-        config(side, kind="can", version=version, interface="allegro-virtual", scene=scene, **down)
-    )
+    return assemble(config(side, kind="can", version=version, interface="allegro-virtual", scene=scene, **down))
 
 
 def performed(rig: Rig) -> Iterator[HandState]:

@@ -49,7 +49,12 @@ def program(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
     """`allegro-twin …`, ended by Ctrl-C if it does not end itself."""
     command = [sys.executable, "-m", "allegro_twin", *map(str, arguments)]
     started = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "COLUMNS": "200"}
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
     )
     try:
         yield started
@@ -77,9 +82,10 @@ def free_port() -> int:
 @pytest.mark.parametrize("kind", ["slcan", "socketcand"])
 def test_a_hand_in_one_process_is_driven_from_another(kind: str, tmp_path: Path) -> None:
     port, tty, recording = free_port(), tmp_path / "hand.tty", tmp_path / "run.arrow"
+    there = f"{{host: 127.0.0.1, port: {port}, tcp_tune: true}}"
     links = {
         "slcan": f"interface: slcan\n  channel: {tty}\n  options: {{sleep_after_open: 0.0}}",
-        "socketcand": f"interface: socketcand\n  channel: can0\n  options: {{host: 127.0.0.1, port: {port}, tcp_tune: true}}",
+        "socketcand": f"interface: socketcand\n  channel: can0\n  options: {there}",
     }
     config = write_config(tmp_path, links[kind], seconds=3.0)
     with program("firmware", config) as hand:
