@@ -37,6 +37,9 @@ class Assembler:
         self._open = False  # A moment has begun and is neither whole nor thrown away.
         self._thrown = False
         self._since = [0] * N_FINGERS  # Reports since the last whole.
+        self._first = self._usual = (
+            0  # The finger that the last whole began with, and two in a row: on a bus the index.
+        )
         self._own: list[int] = []  # Who reported in a moment that was thrown away.
         self.moments = 0
         """Begun so far: periods of which any report came."""
@@ -71,6 +74,8 @@ class Assembler:
         if len(group) < N_FINGERS:
             return None
         news, self._open = self._open, False
+        first = next(iter(group))
+        self._usual, self._first = (first if first == self._first else self._usual), first
         self._done, self._group, self._since = group, {}, [0] * N_FINGERS
         return Whole(group[0] + group[1] + group[2] + group[3], t) if news else None
 
@@ -91,8 +96,8 @@ class Assembler:
 
     def _regular(self) -> bool:
         """Whether a moment that was thrown away was in itself as it should be."""
-        usual = next(iter(self._done), self._own[0] if self._own else None)
-        return len(self._own) == len(set(self._own)) == N_FINGERS and self._own[0] == usual
+        own = self._own
+        return len(own) == len(set(own)) == N_FINGERS and own[0] == self._usual
 
     def _begin_at(self, t: float) -> None:
         self._begin, self._open = t, True

@@ -67,6 +67,13 @@ def test_a_finger_that_contradicts_itself_spoils_its_moment_and_the_next() -> No
     assert (assembler.doubtful, assembler.incomplete) == (2, 0)
 
 
+def test_a_stray_report_before_a_burst_costs_two_more_periods_and_not_all_that_follow() -> None:
+    bursts = [burst(float(k), k * PERIOD) for k in range(8)]
+    stray = (3, 99.0, 3 * PERIOD - 0.001)
+    wholes = told(Assembler(PERIOD), *bursts[0], *bursts[1], *bursts[2], stray, *sum(bursts[3:], []))
+    assert [whole.position[0] for whole in wholes] == [0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]
+
+
 def test_periods_that_a_late_host_stamps_alike_are_told_apart() -> None:
     wholes = told(Assembler(PERIOD), *[(finger, value, 0.01) for value in (0.0, 1.0, 2.0) for finger in range(4)])
     assert [whole.position[0] for whole in wholes] == [0.0, 1.0, 2.0]
