@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -70,7 +71,7 @@ def test_a_finger_that_contradicts_itself_spoils_its_moment_and_the_next() -> No
 def test_a_stray_report_before_a_burst_costs_two_more_periods_and_not_all_that_follow() -> None:
     bursts = [burst(float(k), k * PERIOD) for k in range(8)]
     stray = (3, 99.0, 3 * PERIOD - 0.001)
-    wholes = told(Assembler(PERIOD), *bursts[0], *bursts[1], *bursts[2], stray, *sum(bursts[3:], []))
+    wholes = told(Assembler(PERIOD), *bursts[0], *bursts[1], *bursts[2], stray, *chain(*bursts[3:]))
     assert [whole.position[0] for whole in wholes] == [0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]
 
 
