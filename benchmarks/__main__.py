@@ -1,13 +1,15 @@
-"""Run every benchmark and print its figures beside their bars."""
+"""`python -m benchmarks`: every figure as a ratio or a count, beside its bar."""
 
 from __future__ import annotations
 
-from benchmarks import gym, inverse_kinematics, loop_cost, memory, startup, wire
+from benchmarks import bus_cost, deadman, gym, inverse_kinematics, loop_cost, memory, startup, two_processes, wire
+
+BENCHMARKS = (loop_cost, inverse_kinematics, startup, memory, wire, bus_cost, deadman, two_processes, gym)
 
 
 def main() -> None:
     print(f"{'what':<64}{'measured':>12}{'bar':>10}")
-    for benchmark in (loop_cost, inverse_kinematics, startup, memory, wire, gym):
+    for benchmark in BENCHMARKS:
         for what, measured, bar, unit in benchmark.figures():
             print(f"{what:<64}{measured:>10.2f} {unit:<2}{bar:>8} {unit}")
 

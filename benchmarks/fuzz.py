@@ -89,7 +89,7 @@ class NoisyBus(can.BusABC):
             real = self._harmed([(begin + PERIOD + k * GAP, frame) for k, frame in enumerate(self._hand.tick())])
             times = begin + PERIOD * (1.0 + self._rng.random(PER_PERIOD))
             unreal = [(float(t), next(self._noise)) for t in times]
-            if self._periods % 10 in (9, 0, 1):  # Faults are single: no lies beside them.
+            if not 2 < self._periods % 10 < 7:  # Faults are single: no lies near those of real frames.
                 unreal = [(t, frame) for t, frame in unreal if frame.id not in self._lies]
             for t, frame in sorted(real + unreal, key=lambda one: one[0]):
                 self._put(frame, t)

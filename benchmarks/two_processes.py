@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,8 +22,18 @@ import numpy as np
 
 from allegro_twin.build import assemble
 from allegro_twin.config import RunConfig, load_config
+from allegro_twin.description.hands import load_spec
 from allegro_twin.loop import run, until
-from allegro_twin.types import Array
+from allegro_twin.types import Array, TorqueCommand
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.firmware import Firmware
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import shared
+from allegro_twin.wire.serve import serve
+from allegro_twin.wire.slcan import SlcanDevice
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.versions import make_codec
+from benchmarks.fuzz import COUNT, CountingHand
 
 Figure = tuple[str, float, float, str]
 SCENARIO, PERIOD = "rubiks_cube", 0.003
@@ -36,9 +46,8 @@ class Found(NamedTuple):
     """Between two states, as the host's clock saw them, s."""
     used: float
     """Share of the hand's periods of which there was a state."""
-    torn: int
-    """States that mix two periods: moments that were thrown away because they might have."""
     doubtful: int
+    """Moments thrown away because their reports may have been of two periods."""
     share: float
     """Of one core that the driver took."""
     held: bool
@@ -53,7 +62,7 @@ def permitted() -> bool:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
-def measure(seconds: float, *, realtime: bool, hands: int = 1) -> Found:
+def measure(seconds: float, *, realtime: bool) -> Found:
     """Perform the grasp, and go on holding until so many seconds are over. Raises HandError."""
     with tempfile.TemporaryDirectory() as folder:
         path = _config(Path(folder), seconds, realtime=realtime)
@@ -63,6 +72,30 @@ def measure(seconds: float, *, realtime: bool, hands: int = 1) -> Found:
             said, _ = program.communicate(timeout=30)
     last = said.strip().splitlines()[-1]
     return found._replace(held=re.search(r"right\b.*: held", said) is not None, hand=last)
+
+
+def torn(seconds: float) -> tuple[int, int]:
+    """States, and how many of them mix two periods, from a hand in another process whose joints count its periods."""
+    with tempfile.TemporaryDirectory() as folder:
+        tty = Path(folder) / "hand.tty"
+        with _waited([sys.executable, "-m", "benchmarks.two_processes", "counting", str(tty)], tty):
+            options = {"sleep_after_open": 0.0}
+            port = shared("slcan", str(tty), 1_000_000, options).port()
+            terms = Terms(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=None)
+            with closing(CanBackend(load_spec(), make_codec("v4"), lambda: port, terms)) as backend:
+                state, states, mixed = backend.reset(), 0, 0
+                while state.t < seconds:
+                    backend.write(TorqueCommand(np.zeros(16)))
+                    state = backend.read()
+                    states, mixed = states + 1, mixed + (float(np.ptp(state.position)) > COUNT / 2)
+    return states, mixed
+
+
+def count_on(tty: Path) -> None:
+    """Be the hand whose joints count its periods."""
+    hands = VirtualHands([Firmware(CountingHand(load_spec()), make_codec("v4"))])
+    for _ in serve(hands, SlcanDevice(tty)):
+        pass
 
 
 def _config(folder: Path, seconds: float, *, realtime: bool) -> Path:
@@ -76,13 +109,18 @@ def _config(folder: Path, seconds: float, *, realtime: bool) -> Path:
     return path
 
 
-@contextmanager
-def _hand(config: Path) -> Iterator[subprocess.Popen[str]]:
+def _hand(config: Path) -> AbstractContextManager[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "allegro_twin", "firmware", str(config)]
+    return _waited(command, config.parent / "hand.tty")
+
+
+@contextmanager
+def _waited(command: list[str], tty: Path) -> Iterator[subprocess.Popen[str]]:
+    """A program, once its terminal is there; killed at the end if it did not end."""
     program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         deadline = time.monotonic() + 60.0
-        while not (config.parent / "hand.tty").exists() and time.monotonic() < deadline:
+        while not tty.exists() and time.monotonic() < deadline:
             if program.poll() is not None:
                 raise RuntimeError(program.communicate()[0])
             time.sleep(0.05)
@@ -105,7 +143,7 @@ def _driven(config: RunConfig, *, realtime: bool) -> Found:
             ticks.append(sample.state.tick)
         share = (time.thread_time() - cpu) / (time.perf_counter() - begin)
         health = rig.wire.health
-    return Found(np.diff(stamps), (len(ticks) - 1) / ticks[-1], 0, health.doubtful, share, held=False, hand="")
+    return Found(np.diff(stamps), (len(ticks) - 1) / ticks[-1], health.doubtful, share, held=False, hand="")
 
 
 def figures(seconds: float = 60.0) -> Iterator[Figure]:
@@ -124,10 +162,14 @@ def figures(seconds: float = 60.0) -> Iterator[Figure]:
     yield f"{where}: worst tick interval", float(ms[2]), 50.0, "ms"
     yield f"{where}: driver's share of a core", 100.0 * found.share, 30.0, "%"
     yield f"{where}: moments thrown away", float(found.doubtful), 0.0, ""
+    states, mixed = torn(seconds / 4)
+    yield f"two processes: torn states among {states}", float(mixed), 0.0, ""
     yield f"{where}: held (1: yes)", float(found.held), 1.0, ""
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["counting"]:
+        count_on(Path(sys.argv[2]))
     for what, measured, bar, unit in figures(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0):
         print(f"{what:<78}{measured:>9.2f} {unit:<2}{bar:>8} {unit}")
 

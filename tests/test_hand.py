@@ -21,6 +21,7 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.sim.guide import Guide
 from allegro_twin.types import HandState, Sample, Vector
+from tests.conftest import can_config
 
 
 def config(side: str = "right", **blocks: object) -> RunConfig:
@@ -29,9 +30,10 @@ def config(side: str = "right", **blocks: object) -> RunConfig:
     )
 
 
-@pytest.fixture
-def hand() -> Iterator[Hand]:
-    with Hand.open(config()) as opened:
+@pytest.fixture(params=["sim", "can-v4"])
+def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
+    """In simulation, and the same hand at the other end of a bus."""
+    with Hand.open(config() if request.param == "sim" else can_config("v4")) as opened:
         yield opened
 
 

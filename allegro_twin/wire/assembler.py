@@ -23,9 +23,10 @@ class Assembler:
     """Groups reports by time, never by their order, so that no state is put together from two periods.
 
     A report that comes twice is taken once. A moment is thrown away, until the bus was quiet for half a period, when a
-    finger contradicts itself in it, and when the moment before lacked a finger: what is missing may still be under way
-    and would arrive among the next reports. So a lost report costs two periods. It takes a copy of a report that comes
-    more than half a period after its moment began, or two faults at once, to deceive it.
+    finger contradicts itself in it, and when it follows one that lacked a finger: what is missing may still be under
+    way and would arrive among the next reports. Trust returns when all fingers have reported equally often, or after a
+    moment in which each did once, beginning with the usual one. So a lost report costs two periods. It takes a copy of
+    a report that comes more than half a period after its moment began, or two faults at once, to deceive it.
     """
 
     def __init__(self, period: float) -> None:
@@ -35,7 +36,11 @@ class Assembler:
         self._begin = self._last = -math.inf
         self._open = False  # A moment has begun and is neither whole nor thrown away.
         self._thrown = False
-        self._present = set(range(N_FINGERS))  # Who reported in this moment.
+        self._since = [0] * N_FINGERS  # Reports since the last whole.
+        self._first = self._usual = (
+            0  # The finger that the last whole began with, and two in a row: on a bus the index.
+        )
+        self._own: list[int] = []  # Who reported in a moment that was thrown away.
         self.moments = 0
         """Begun so far: periods of which any report came."""
         self.incomplete = 0
@@ -50,21 +55,28 @@ class Assembler:
         finger, position = report
         self.heard[finger] = t
         quiet, self._last = t - self._last > self._window, t
-        if quiet or not self._thrown and t - self._begin > self._window:
+        if quiet or (not self._thrown and t - self._begin > self._window):
             self._next(t)
         elif not self._open and not self._thrown and self._done.get(finger) != position:
             self._begin_at(t)  # Stamps lie closer than reports when the host was late.
-        self._present.add(finger)
         if self._thrown:
+            self._own.append(finger)
+            self._since[finger] += 1
             return None
         group = self._group
-        if group.setdefault(finger, position) != position:
-            self._throw()
+        if finger in group:
+            if group[finger] != position:
+                self._since[finger] += 1
+                self._throw()
             return None
+        group[finger] = position
+        self._since[finger] += self._open
         if len(group) < N_FINGERS:
             return None
         news, self._open = self._open, False
-        self._done, self._group = group, {}
+        first = next(iter(group))
+        self._usual, self._first = (first if first == self._first else self._usual), first
+        self._done, self._group, self._since = group, {}, [0] * N_FINGERS
         return Whole(group[0] + group[1] + group[2] + group[3], t) if news else None
 
     def silent(self, since: float) -> list[int]:
@@ -73,17 +85,25 @@ class Assembler:
 
     def _next(self, t: float) -> None:
         """Half a period has passed since a report, or since the moment began."""
-        lacking = len(self._present) < N_FINGERS
-        self._group, self._thrown = {}, False
+        self.incomplete += self._open
+        trusted = len(set(self._since)) == 1 or self._regular()
+        self._group, self._own, self._thrown = {}, [], False
         self._begin_at(t)
-        if lacking:
-            self.incomplete += 1
+        if trusted:
+            self._since = [0] * N_FINGERS
+        else:
             self._throw()
+
+    def _regular(self) -> bool:
+        """Whether a moment that was thrown away was in itself as it should be."""
+        own = self._own
+        return len(own) == len(set(own)) == N_FINGERS and own[0] == self._usual
 
     def _begin_at(self, t: float) -> None:
         self._begin, self._open = t, True
-        self._present = set(self._group)
         self.moments += 1
+        for finger in self._group:
+            self._since[finger] += 1
 
     def _throw(self) -> None:
         self._thrown, self._open = True, False

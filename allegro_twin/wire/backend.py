@@ -172,7 +172,7 @@ class CanBackend:
             while queue:
                 newest = hear(*queue.popleft()) or newest
             if newest is not None:
-                if not link.pump(0.0):
+                if link.lockstep or not link.pump(0.0):  # Lockstep pumps till nothing is left.
                     self._ears.count(link.error_frames - self._errors_before)
                     return newest
             elif (left := deadline - link.now()) > 0.0:

@@ -11,7 +11,6 @@ from allegro_twin.wire.frames import Frame
 from allegro_twin.wire.hands import VirtualHands
 from allegro_twin.wire.link import BUS_OFF
 
-
 _EPSILON = 1e-9  # Of a step: sums of waiting times are rounded.
 
 
@@ -35,7 +34,9 @@ class LockstepBus(can.BusABC):
         return self._hands.now + self._idle
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self._enqueue(self._hands.receive(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame)))
+        answers = self._hands.receive(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame))
+        if answers:
+            self._enqueue(answers)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if self._queue:

@@ -144,7 +144,7 @@ class Serving:
 
 def driven(interface: str, channel: str, version: Version = "v4", **backend: Any) -> CanBackend:
     """A CAN backend on a bus that python-can opens, with patience for a busy machine."""
-    options = {"interface": interface, "channel": channel, "timeout": 2.0, "deadman": None} | backend
+    options: dict[str, Any] = {"interface": interface, "channel": channel, "timeout": 2.0, "deadman": None} | backend
     config = can_config(version, **options)
     assert isinstance(config.backend, CanSettings)
     return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())

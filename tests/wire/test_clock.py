@@ -44,7 +44,8 @@ def test_a_state_that_is_merely_late_is_no_missed_period() -> None:
 def test_a_host_whose_clock_is_set_back_loses_no_time() -> None:
     clock = HandClock(PERIOD, 50.0, 1)
     ticks(clock, (50.003, 2), (50.006, 3), (17.0, 4), (17.003, 5), (17.006, 6))
-    assert (clock.tick, clock.t) == (5, pytest.approx(0.015))
+    assert clock.tick == 5
+    assert clock.t == pytest.approx(0.015)
 
 
 @given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))

@@ -17,7 +17,6 @@ from allegro_twin.types import TorqueCommand
 from allegro_twin.wire.backend import PATIENCE
 from allegro_twin.wire.codec import Version
 from allegro_twin.wire.faults import Event, FaultPlan
-from allegro_twin.wire.messages import StatusBits
 from allegro_twin.wire.terms import Terms
 from tests.wire.rigs import PERIOD, Bench, frame, half_count
 
@@ -345,7 +344,7 @@ def test_who_else_is_on_the_bus_is_told_when_the_hand_does_not_answer() -> None:
 def test_a_hand_that_does_not_answer_can_be_driven_when_the_config_says_so(identify: bool) -> None:
     bench = Bench(terms=Terms(identify=identify, gravity=(0.0, 0.0, -9.81)))
     hear = bench.firmware.receive
-    bench.firmware.receive = lambda f: [] if f.remote else hear(f)  # type: ignore[method-assign]
+    bench.firmware.receive = lambda frame: [] if frame.remote else hear(frame)  # type: ignore[method-assign]
     if identify:
         with pytest.raises(LinkTimeout, match="set `identify: false` for a hand that does not answer"):
             bench.reset()

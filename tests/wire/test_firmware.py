@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from tests.wire.rigs import PERIOD, half_count
 VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
 
 
-def virtual(version: Version = "v4", **backend: object) -> Firmware:
+def virtual(version: Version = "v4", **backend: Any) -> Firmware:
     return firmware_of(can_config(version, **backend), Scene(), step=PERIOD, restart=False)
 
 
@@ -62,10 +63,10 @@ def test_it_is_silent_until_its_motors_are_on_and_a_period_is_set(version: Versi
 def test_it_reports_as_often_as_it_is_told() -> None:
     hand = started()
     hand.receive(hand.codec.encode(m.SetPeriod(position=0.009, imu=0.006, temperature=0.03, status=0.015)))
-    heard = {kind: 0 for kind in (m.FingerPosition, m.Imu, m.FingerTemperature, m.Status)}
+    heard = dict.fromkeys((m.FingerPosition, m.Imu, m.FingerTemperature, m.Status), 0)
     for _ in range(30):
         for frame in hand.tick():
-            heard[type(hand.codec.decode(frame))] += 1  # type: ignore[index]  # Or the test fails.
+            heard[type(hand.codec.decode(frame))] += 1
     assert heard == {m.FingerPosition: 40, m.Imu: 15, m.FingerTemperature: 12, m.Status: 6}
 
 
@@ -123,7 +124,7 @@ def test_period_payloads_of_six_and_eight_bytes_are_taken(data: str) -> None:
     assert hand.tick() == []
 
 
-R = {"remote": True}
+INFO, SERIAL = Frame(0x200, remote=True), Frame(0x220, remote=True)
 # What the manufacturer's drivers send to begin and to end. facts §1 "Start" and "Stop", all compiled and run there.
 STARTS: dict[str, tuple[Version, list[Frame]]] = {
     "L, v1-v3 (main:382-410)": ("v2", [
@@ -135,19 +136,19 @@ STARTS: dict[str, tuple[Version, list[Frame]]] = {
         Frame(0x08A), Frame(0x40A), Frame(0x0CA, b"\x03"), Frame(0x14A), Frame(0x38A), Frame(0x38A), Frame(0x04A),
     ]),
     "L4 (main:341-378)": ("v4", [
-        Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
     "R4 (:114-143)": ("v4", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
     "R2 (v4_sdk.cpp:241-289)": ("v4", [
-        Frame(0x100), Frame(0x200, **R), Frame(0x204, bytes.fromhex("03000000F401")),
+        Frame(0x100), INFO, Frame(0x204, bytes.fromhex("03000000F401")),
     ]),
     "V5R (:137)": ("v5", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("020000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("020000000000")), Frame(0x100),
     ]),
     "V5R2 (:136)": ("v5plus", [
-        Frame(0x104), Frame(0x200, **R), Frame(0x220, **R), Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
+        Frame(0x104), INFO, SERIAL, Frame(0x204, bytes.fromhex("030000000000")), Frame(0x100),
     ]),
 }  # fmt: skip
 STOPS: dict[str, tuple[Version, Frame, bool]] = {

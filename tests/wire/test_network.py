@@ -73,8 +73,8 @@ def test_messages_may_come_in_pieces_and_together(server: SocketcandServer) -> N
 
 @pytest.mark.parametrize(
     "words",
-    ["", "open can7", "send", "send 180", "send xyz 0", "send 180 zz", "send 180 2 11", "send 180 1 1ff", "send 180 1 -1",
-     "send 800 0", "send -1 0", "send 180 9 1 2 3 4 5 6 7 8 9", "isotpmode", "\xff"],
+    ["", "open can7", "send", "send 180", "send xyz 0", "send 180 zz", "send 180 2 11", "send 180 1 1ff",
+     "send 180 1 -1", "send 800 0", "send -1 0", "send 180 9 1 2 3 4 5 6 7 8 9", "isotpmode", "\xff"],
 )  # fmt: skip
 def test_what_makes_no_sense_is_an_error_to_that_client_alone(words: str, server: SocketcandServer) -> None:
     with dial(server) as client:

@@ -6,6 +6,7 @@ import os
 import select
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -62,7 +63,7 @@ def test_a_second_driver_finds_the_hand_that_a_first_one_left_without_a_word(tty
 
 
 @pytest.fixture
-def device(tty: Path) -> SlcanDevice:
+def device(tty: Path) -> Iterator[SlcanDevice]:
     made = SlcanDevice(tty)
     yield made
     made.shutdown()

@@ -1,0 +1,114 @@
+"""How soon a hand is cut off whose program hangs, and what of a core one and two hands take in real time.
+
+The hands are a program of their own; the time is from the program's last call to the servo-off frame.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import can
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.types import TorqueCommand
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.link import Link, open_bus
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.v4 import SERVO_OFF
+from allegro_twin.wire.versions import make_codec
+
+Figure = tuple[str, float, float, str]
+PATIENCE, ROUNDS, SECONDS = 0.1, 10, 5.0
+
+
+def figures() -> Iterator[Figure]:
+    for what, hang in (("sleeps", _sleep), ("spins in Python", _spin)):
+        times = [1000.0 * seconds for seconds in _cut_off(hang)]
+        yield f"cut-off, the program {what}: median of {ROUNDS}", statistics.median(times), 120.0, "ms"
+        yield f"cut-off, the program {what}: worst of {ROUNDS}", max(times), 200.0, "ms"
+    for hands in (1, 2):
+        yield f"share of a core, hands driven: {hands}, torque alone", 100.0 * _share(hands), 30.0 * hands, "%"
+
+
+def _sleep() -> None:
+    time.sleep(4 * PATIENCE)
+
+
+def _spin() -> None:
+    end = time.monotonic() + 4 * PATIENCE
+    while time.monotonic() < end:
+        sum(range(1000))
+
+
+class _Driven:
+    """A hand in another process, driven over slcan."""
+
+    def __init__(self, folder: Path, *, deadman: float | None) -> None:
+        self._tty = folder / "hand.tty"
+        command = [sys.executable, "-m", "benchmarks.two_processes", "counting", str(self._tty)]
+        self._program = subprocess.Popen(command)
+        while not self._tty.exists() and self._program.poll() is None:
+            time.sleep(0.05)
+        self.off: list[float] = []
+        terms = Terms(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman)
+        options = {"sleep_after_open": 0.0}
+        self._link = Link(open_bus("slcan", str(self._tty), 1_000_000, options))
+        self._link.listen(self._listen)
+        self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, terms)
+
+    def _listen(self, message: can.Message) -> None:
+        if message.arbitration_id >> 2 == SERVO_OFF:
+            self.off.append(time.monotonic())
+
+    def step(self) -> None:
+        self.backend.write(TorqueCommand(np.full(16, 0.05)))
+        self.backend.read()
+
+    def close(self) -> None:
+        self.backend.close()
+        self._program.kill()
+        self._program.wait()
+
+
+def _cut_off(hang: Callable[[], None]) -> list[float]:
+    times = []
+    with tempfile.TemporaryDirectory() as folder:
+        driven = _Driven(Path(folder), deadman=PATIENCE)
+        for _ in range(ROUNDS):
+            driven.backend.reset()
+            for _ in range(20):
+                driven.step()
+            begin = time.monotonic()
+            driven.off.clear()
+            hang()
+            times.append(driven.off[0] - begin)
+        driven.close()
+    return times
+
+
+def _share(hands: int) -> float:
+    """Of one core, this process's alone."""
+    with ExitStack() as stack:
+        folders = [Path(stack.enter_context(tempfile.TemporaryDirectory())) for _ in range(hands)]
+        driven = [_Driven(folder, deadman=1.0) for folder in folders]
+        for one in driven:
+            stack.callback(one.close)
+            one.backend.reset()
+        cpu, begin = time.process_time(), time.perf_counter()
+        while (elapsed := time.perf_counter() - begin) < SECONDS:
+            for one in driven:
+                one.step()
+        return (time.process_time() - cpu) / elapsed
+
+
+if __name__ == "__main__":
+    for what, measured, bar, unit in figures():
+        print(f"{what:<58}{measured:>10.2f} {unit:<2}{bar:>8} {unit}")
