@@ -26,6 +26,8 @@ LAYERS = [
 ]
 HOMES = {
     "mujoco": {"sim"},
+    "mujoco_warp": {"sim"},
+    "warp": {"sim"},
     "mink": {"sim"},
     "daqp": {"sim"},
     "pinocchio": {"kinematics"},
