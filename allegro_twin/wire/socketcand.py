@@ -19,7 +19,7 @@ from allegro_twin.errors import LinkError
 
 DEFAULT_PORT = 29536
 """socketcand's own."""
-_GRACE = 0.1
+GRACE = 0.1
 """s from `rawmode` to the first frame: python-can takes an answer for wrong that comes together with a frame."""
 
 
@@ -88,7 +88,7 @@ class SocketcandServer(can.BusABC):
             case ["open", channel]:
                 return b"< ok >" if channel == self._channel else b"< error no such bus >"
             case ["rawmode"]:
-                client.raw_from = time.monotonic() + _GRACE
+                client.raw_from = time.monotonic() + GRACE
                 return b"< ok >"
             case ["echo"]:
                 return b"< echo >"

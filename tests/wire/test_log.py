@@ -135,13 +135,15 @@ def test_what_a_hand_reports_with_its_joints_is_of_that_state_and_what_comes_lat
         assert second.state.temperature[:4].tolist() == [30.0, 31.0, 32.0, 33.0]
 
 
-def test_a_lost_report_costs_a_state_and_shows_in_the_tick(tmp_path: Path) -> None:
-    frames = [*reports(0.0), *reports(0.003, bend=0.2)[:3], *reports(0.006, bend=0.3)]
+def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) -> None:
+    """The moment that lacks it, and the next, which might hold it late."""
+    whole = [frame for k in (0, 2, 3) for frame in reports(0.003 * k, bend=0.1 * k)]
+    frames = sorted([*whole, *reports(0.003, bend=0.1)[:3]], key=lambda frame: frame[0])
     told = Told()
     samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, Terms(), told))
-    assert [sample.state.tick for sample in samples] == [0, 2]
-    assert (told.missed, told.incomplete) == (1, 1)
-    assert "1 periods without a state, 1 moments in which a finger's report was lost" in told.words()
+    assert [sample.state.tick for sample in samples] == [0, 3]
+    assert told.missed == 2
+    assert "2 periods without a state" in told.words()
 
 
 def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from allegro_twin.config import CanSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import LinkError
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.socketcand import SocketcandServer
+from allegro_twin.wire.socketcand import GRACE, SocketcandServer
 from tests.conftest import can_config
 from tests.wire.rigs import Serving, driven, soon_limp
 
@@ -30,7 +30,7 @@ def server() -> Iterator[SocketcandServer]:
 
 
 def dial(server: SocketcandServer) -> socket.socket:
-    return socket.create_connection(server.address)
+    return socket.create_connection(server.address, timeout=5.0)
 
 
 def spoken(server: SocketcandServer, client: socket.socket, *pieces: bytes) -> tuple[list[can.Message], bytes]:
@@ -87,6 +87,7 @@ def test_clients_hear_each_other_and_the_hand(server: SocketcandServer) -> None:
     with dial(server) as one, dial(server) as other:
         for client in (one, other):
             spoken(server, client, b"< open can0 >< rawmode >")
+        time.sleep(2 * GRACE)  # A driver that has just been told `ok` is not spoken to at once.
         spoken(server, one, b"< send 123 1 AB >")
         assert b"< frame 123 " in other.recv(4096)
         server.send(can.Message(arbitration_id=0x80, data=bytes(8), is_extended_id=False))
