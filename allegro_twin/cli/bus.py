@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from allegro_twin.errors import ConfigError
+
+if TYPE_CHECKING:
+    from allegro_twin.build.wired import Scene
+    from allegro_twin.evaluate.held import Report
+    from allegro_twin.wire.hands import VirtualHands
+    from allegro_twin.wire.link import Bus
+    from allegro_twin.wire.serve import Served
 
 
 def register(app: typer.Typer) -> None:
@@ -77,14 +84,12 @@ def firmware(
     wire_log: Annotated[Path | None, typer.Option(help="Log every frame to this .blf, .log or .asc.")] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
-    from allegro_twin.build.served import far_end, judged, virtual_hands
-    from allegro_twin.build.wired import Scene
+    from allegro_twin.build.served import far_end, virtual_hands
     from allegro_twin.cli import console
     from allegro_twin.config import CanSettings, load_config
     from allegro_twin.session import write_reports
     from allegro_twin.wire import realtime
     from allegro_twin.wire.log import LoggedBus, WireLog
-    from allegro_twin.wire.serve import serve
 
     loaded = [load_config(name) for name in configs]
     settings = loaded[0].backend
@@ -100,17 +105,8 @@ def firmware(
         realtime.ask()
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
     console.console.print(f"{names} hand on {bus.channel_info}; Ctrl-C ends it", highlight=False, soft_wrap=True)
-    served, verdicts = None, {}
     try:
-        for served in serve(hands, bus):
-            for scene, hand in zip(scenes, hands.firmwares, strict=True):
-                if (verdict := judged(scene, hand)) is not None:
-                    verdicts[hand.backend.spec.name] = verdict
-                    console.console.print(console.phases(hand.backend.spec.name, verdict))
-            if seconds is not None and served.ticks * hands.step >= seconds:
-                break
-    except KeyboardInterrupt:
-        pass
+        served, verdicts = _be(hands, bus, scenes, seconds)
     finally:
         bus.shutdown()
         hands.close()
@@ -123,3 +119,23 @@ def firmware(
         )  # fmt: skip
     if report is not None:
         write_reports(report, verdicts)
+
+
+def _be(
+    hands: VirtualHands, bus: Bus, scenes: list[Scene], seconds: float | None
+) -> tuple[Served | None, dict[str, Report]]:
+    """Serve until the time is over or Ctrl-C; what happened, and the verdicts on scenarios."""
+    from allegro_twin.build.served import judged
+    from allegro_twin.cli import console
+    from allegro_twin.wire.serve import serve
+
+    served, verdicts = None, dict[str, "Report"]()
+    with suppress(KeyboardInterrupt):
+        for served in serve(hands, bus):
+            for scene, hand in zip(scenes, hands.firmwares, strict=True):
+                if (verdict := judged(scene, hand)) is not None:
+                    verdicts[hand.backend.spec.name] = verdict
+                    console.console.print(console.phases(hand.backend.spec.name, verdict))
+            if seconds is not None and served.ticks * hands.step >= seconds:
+                break
+    return served, verdicts

@@ -19,7 +19,7 @@ from allegro_twin.errors import LinkError
 
 DEFAULT_PORT = 29536
 """socketcand's own."""
-GRACE = 0.1
+GRACE = 0.05
 """s from `rawmode` to the first frame: python-can takes an answer for wrong that comes together with a frame."""
 
 
