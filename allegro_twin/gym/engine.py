@@ -105,7 +105,7 @@ class Engine:
         position = self.worlds.position
         if _finite(position):
             return outcome, np.zeros(self.n, bool)
-        diverged: Flags = ~np.isfinite(position).all(axis=-1)
+        diverged = np.asarray(~np.isfinite(position).all(axis=-1))
         if diverged.any():
             outcome = outcome._replace(
                 reward=np.where(diverged, 0.0, outcome.reward),

@@ -27,7 +27,7 @@ class Fingertips:
         flips = np.isin(np.arange(spec.n_joints), spec.mirror_flips)
         self._signs = np.where(left & flips, -1.0, 1.0)[self._joints]
         self._links = np.array([[*(0.0,) * (4 - len(part.links)), *part.links] for part in parts])
-        self._offset = np.array([part.offset + (0.0, 0.0, part.rise if part.is_thumb else 0.0) for part in parts])
+        self._offset = np.array([part.offset + np.array([0.0, 0.0, part.rise]) for part in parts])
         self._bends = ~self._thumbs
         reflect = np.array([1.0, -1.0 if left else 1.0, 1.0])
         self._axes = [np.array([part.base[:, k] * reflect for part in parts]) for k in range(3)]

@@ -113,13 +113,9 @@ class Interface:
         return np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
 
     @cached_property
-    def _periods(self) -> NDArray[np.int64]:
-        return np.arange(self.decimation)
-
-    @cached_property
     def _parts(self) -> Vector:
         """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
-        return (self._periods + 1) / self.decimation
+        return np.arange(1, self.decimation + 1) / self.decimation
 
     @property
     def n_observation(self) -> int:
@@ -156,7 +152,7 @@ class Interface:
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
             return Course(None, push)
-        base, speed = self._base(memory, self._periods.reshape(-1, *(1,) * memory.tick.ndim))
+        base, speed = self._base(memory, np.arange(self.decimation).reshape(-1, *(1,) * memory.tick.ndim))
         travel = memory.end - memory.begin
         wish = np.empty((self.decimation, 2, *travel.shape))
         target = wish[:, 0]
