@@ -22,6 +22,7 @@ window = env.unwrapped._pictures._look._window
 assert window.is_running()
 assert env.render() is None
 env.close()
+assert not window.is_running()
 print("shown")
 """
 
