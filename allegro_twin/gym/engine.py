@@ -124,7 +124,7 @@ class Engine:
         wanted = (self.n, self.task.spec.n_joints)
         if action.shape != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {action.shape}")
-        if not np.isfinite(action).all():
+        if not _finite(action):
             row, joint = (int(index[0]) for index in np.nonzero(~np.isfinite(action)))
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "

@@ -24,8 +24,9 @@ def test_the_torque_without_new_arrays_is_the_torque_to_the_bit(mode: Mode, scri
     course, both = interface.course(memory), np.stack([gains.kp, gains.kd])[:, None]
     for k in range(interface.decimation):
         out = np.full((7, spec.n_joints), np.nan)
+        torque = interface.torque(motion[0], motion[1], course, k)
         interface.pull(motion, course, k, both, out)
-        np.testing.assert_array_equal(out, interface.torque(motion[0], motion[1], course, k))
+        np.testing.assert_array_equal(out, torque)
         alone = np.array(
             [interface.torque(motion[0, row], motion[1, row], one, k) for row, one in each(interface, memory)]
         )
