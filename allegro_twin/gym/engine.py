@@ -131,6 +131,6 @@ class Engine:
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
 
 
-def _finite(x: Array) -> bool:
+def _finite(x: NDArray[np.floating[Any]]) -> bool:
     """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at."""
     return math.isfinite(np.add.reduce(x, axis=None))
