@@ -67,14 +67,15 @@ class Engine:
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
         gains = sensing.gains(self._gains)
+        pull, motion, torque, step = interface.pull, worlds.motion, worlds.torque, worlds.step
         for k in range(interface.decimation):
             if sensing.ideal:
-                interface.pull(worlds.motion, course, k, gains, worlds.torque)
+                pull(motion, course, k, gains, torque)
             else:
                 tick = memory.tick + k
                 sensing.drive(interface.torque(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
             drive(k)
-            worlds.step(rows, substeps)
+            step(rows, substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1
 

@@ -44,7 +44,8 @@ class Fingertips:
         x = self._offset[:, 0] + r * cosine[..., 0]
         y = self._offset[:, 1] + r * sine[..., 0]
         z = self._offset[:, 2] + h
-        s, c = np.where(self._thumbs, sine[..., 1], 0.0), np.where(self._thumbs, cosine[..., 1], 1.0)
+        # Fingers do not turn once more: sine 0, cosine 1.
+        s, c = sine[..., 1] * self._thumbs, cosine[..., 1] * self._thumbs + self._bends
         y, z = c * y + s * z, c * z - s * y
         first, second, third = self._axes
         tips: Array = x[..., None] * first + y[..., None] * second + z[..., None] * third + self._origin
