@@ -90,7 +90,7 @@ def test_friction_is_that_of_every_contact() -> None:
 
 @pytest.mark.parametrize(("name", "where"), [("armature", "dof_armature"), ("frictionloss", "dof_frictionloss")])
 def test_what_the_joints_have_is_that_of_every_joint(name: str, where: str) -> None:
-    env, drawn = made(**{name: (0.01, 0.02)})
+    env, drawn = made("Reach", **{name: (0.01, 0.02)})
     np.testing.assert_array_equal(field(env, where)[:, dofs(env)], np.tile(drawn[name][:, None], 16))
 
 
@@ -173,7 +173,7 @@ def test_a_measurement_arrives_as_many_periods_late_as_was_drawn() -> None:
 
 @pytest.mark.parametrize(("name", "which"), [("encoder_noise", 0), ("velocity_noise", 1)])
 def test_noise_is_as_wide_as_was_drawn_and_other_at_every_period(name: str, which: int) -> None:
-    env, drawn = made(**{name: (0.01, 0.1)})
+    env, drawn = made("Reach", **{name: (0.01, 0.1)})
     engine = env.engine
     true = (engine.worlds.position, engine.worlds.velocity)
     errors = np.array([engine._sensing.measured(np.full(N, tick))[which] - true[which] for tick in range(200)])

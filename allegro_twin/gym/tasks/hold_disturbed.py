@@ -12,7 +12,7 @@ from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.grasp import HELD, LOST, WIDTH, Grasp
 from allegro_twin.gym.tasks.scenes import THING, Scene
 from allegro_twin.gym.tasks.starts import played
-from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.interface import Observation
 from allegro_twin.policy.script import Script, holding, table
@@ -76,7 +76,7 @@ class HoldDisturbed(Grasp):
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
         drift = length(self.thing.pose[:, :3] - self.place)
-        hold, effort = np.exp(-((drift / WIDTH) ** 2)), -0.02 * np.square(action).mean(axis=-1)
+        hold, effort = np.exp(-((drift / WIDTH) ** 2)), effort_of(action)
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
         return Outcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
 
