@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
 from allegro_twin.spec import Side
+from allegro_twin.wire.codec import Version
 
 PerJoint = float | list[float]
 """One value for every joint, or one each."""
@@ -40,6 +41,68 @@ class SimSettings(Settings):
     """Without a scenario: where stretched fingers point."""
     posture: str | PerJoint | None = None
     """Joint positions at reset; default: the scenario's pre-shape, else the nearest to zero inside the limits."""
+
+
+class FaultEvent(Settings):
+    """Something that goes wrong on a virtual hand's bus at a given moment."""
+
+    at: Annotated[float, Field(ge=0)]
+    """s since the hand was switched on."""
+    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"]
+    which: Annotated[int, Field(ge=0, le=15)] = 0
+    """`silence`: the finger, 0 … 3; `overheat`: the joint, 0 … 15."""
+
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+
+class FaultSettings(Settings):
+    """What to do to the frames of a virtual hand, by chance (per frame) and by script."""
+
+    drop: Probability = 0.0
+    duplicate: Probability = 0.0
+    corrupt: Probability = 0.0
+    delay: Probability = 0.0
+    delay_by: Positive = 0.001
+    """s."""
+    reorder: Probability = 0.0
+    seed: int = 0
+    script: tuple[FaultEvent, ...] = ()
+
+
+class CanSettings(Settings):
+    """A hand on a CAN bus, real or virtual."""
+
+    kind: Literal["can"]
+    version: Version | None = None
+    """Of the hand; default: what its own file says."""
+    interface: str = "socketcan"
+    """python-can's name of the adapter; `allegro-virtual` puts a simulated hand on a bus inside this program."""
+    channel: str = "can0"
+    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
+    """bit/s. Every hand's: manual v4.0, Baud-Rate."""
+    device: Annotated[int, Field(ge=0, le=3)] = 0
+    """v4: the hand's id on a shared bus."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Further arguments of the python-can interface."""
+    identify: bool = True
+    """Ask the hand who it is and refuse the wrong one; `false` for a hand that does not answer."""
+    timeout: Positive = 0.05
+    """s without a whole report after which the hand counts as silent."""
+    deadman: Positive | None = 0.1
+    """s without a call from the program after which the hand is cut off; null: never."""
+    velocity_cutoff: Positive = 30.0
+    """Hz, of the low-pass behind joint velocities."""
+    gravity: Vector3 | None = None
+    """In the palm frame, m/s²: how the hand is mounted, where its IMU is not to be used."""
+    imu: Annotated[float, Field(ge=0)] = 0.0
+    """s between reports of the IMU, which then tells gravity; 0: off. No source confirms its layout."""
+    realtime: bool = False
+    """Ask the kernel for real-time scheduling (Linux; needs permission), so that a busy machine misses no period."""
+    scene: SimSettings | None = None
+    """Where a virtual hand is; only `interface: allegro-virtual` and `allegro-twin firmware` look at it."""
+    faults: FaultSettings | None = None
+    """What goes wrong on a virtual hand's bus."""
 
 
 class ReplaySettings(Settings):
@@ -82,6 +145,8 @@ class PositionSettings(Settings):
     """Carry the hand's weight by feed-forward."""
     gravity: Vector3 | None = None
     """m/s² in the palm frame; default: what the hand reports."""
+    scenario: str | None = None
+    """For a hand that is not simulated here: perform the grasp of this scenario, on its timeline."""
 
 
 class LimitSettings(Settings):
@@ -99,7 +164,7 @@ class RunConfig(Settings):
     """Everything that `allegro-twin run` needs."""
 
     hand: HandSettings = HandSettings()
-    backend: Annotated[SimSettings | ReplaySettings, Field(discriminator="kind")]
+    backend: Annotated[SimSettings | CanSettings | ReplaySettings, Field(discriminator="kind")]
     controller: Annotated[TorqueSettings | GravitySettings | PositionSettings, Field(discriminator="kind")]
     limits: LimitSettings = LimitSettings()
     period: Positive = 0.003

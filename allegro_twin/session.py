@@ -74,6 +74,8 @@ def perform(
             advance(last.t)
         assert last is not None  # The loop yields at least the state after reset.
         report = rig.trial.report() if rig.trial is not None else None
+        if rig.wire is not None:
+            notes += rig.wire.warnings()
         return Outcome(last, report, tuple(notes))
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from allegro_twin.build.wired import Scene, make_can
+from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
@@ -20,6 +23,8 @@ from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.codec import Version
 
 MakeSim = Callable[..., SimBackend]
 
@@ -65,3 +70,23 @@ def recording_path(tmp_path: Path, spec: HandSpec, home: Vector, make_sim: MakeS
     for _ in recorded(until(0.75, run(make_sim(spec), controller)), path, spec, 0.003, meta={"note": "test"}):
         pass
     return path
+
+
+def can_config(version: Version, *, side: Side = "right", period: float = 0.003, **backend: Any) -> RunConfig:
+    """A virtual hand of some version on a bus of this program. v1 to v3 have no IMU, so their gravity is given."""
+    down = {"imu": 0.03} if version in ("v4", "v5", "v5plus") else {"gravity": (0.0, 0.0, -9.81)}
+    return RunConfig.model_validate(
+        {
+            "hand": {"side": side},
+            "backend": {"kind": "can", "version": version, "interface": "allegro-virtual", **down, **backend},
+            "controller": {"kind": "pid", "posture": "home"},
+            "period": period,
+        }
+    )
+
+
+def on_a_bus(version: Version, **settings: Any) -> CanBackend:
+    """A CAN backend with a virtual hand at the other end of its bus, without a guard."""
+    config = can_config(version, **settings)
+    assert isinstance(config.backend, CanSettings)
+    return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())

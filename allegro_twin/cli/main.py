@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import live
+from allegro_twin.cli import bus, live
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
 
 if TYPE_CHECKING:
@@ -184,8 +186,6 @@ def export(
 
 
 def _wait() -> None:
-    import signal
-
     try:
         signal.pause()
     except KeyboardInterrupt:
@@ -205,10 +205,12 @@ def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its
 
 
 live.register(app)
+bus.register(app)
 
 
 def main() -> None:
     """Run the command line; every HandError is one line on standard error."""
+    signal.signal(signal.SIGTERM, _stop)
     try:
         app()
     except HandError as error:
@@ -216,6 +218,11 @@ def main() -> None:
         sys.exit(_exit_code(error))
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End as Ctrl-C does, so that the hand is left limp."""
+    raise KeyboardInterrupt
 
 
 def _exit_code(error: HandError) -> int:

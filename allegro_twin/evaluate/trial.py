@@ -21,7 +21,7 @@ from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.probe import Probe
 from allegro_twin.sim.scene import TIMESTEP, compile_scene
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Sample, Vector
+from allegro_twin.types import Array, HandState, Sample, Vector
 
 STANDARD_GRAVITY = 9.81  # m/s², as in every scene.
 
@@ -80,10 +80,15 @@ class Trial:
 
     def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """A stage that keeps what the verdict needs."""
-        self._rows.clear()
         for sample in samples:
-            self._rows.append((sample.state.t, sample.state.torque, self._probe()))
+            self.see(sample.state)
             yield sample
+
+    def see(self, state: HandState) -> None:
+        """Keep what the verdict needs of one moment; a session's first state begins anew."""
+        if state.tick == 0:
+            self._rows.clear()
+        self._rows.append((state.t, state.torque, self._probe()))
 
     def report(self) -> Report:
         """The verdict. Raises HandError when the trial was not run to its end."""

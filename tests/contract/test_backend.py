@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,15 @@ import pytest
 from allegro_twin.backend import HandBackend
 from allegro_twin.build import make_trial
 from allegro_twin.description.hands import load_spec
-from allegro_twin.errors import CommandError, EndOfRecording
+from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand
-from tests.conftest import MakeSim
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.codec import Version
+from tests.conftest import MakeSim, on_a_bus
 
 Make = Callable[[], HandBackend]
 
@@ -30,7 +33,11 @@ def guarded(backend: HandBackend) -> Guard:
     return Guard(backend, limits)
 
 
-@pytest.fixture(params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay"])
+VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
+CAN = [f"can-{version}" for version in VERSIONS]
+
+
+@pytest.fixture(params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left"])
 def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path) -> Make:
     makers: dict[str, Make] = {
         "sim": lambda: make_sim(load_spec()),
@@ -38,7 +45,9 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
         "sim-scenario": lambda: make_trial("rubiks_cube", load_spec()).backend,
         "sim-guarded": lambda: guarded(make_sim(load_spec())),
         "replay": lambda: ReplayBackend(load(recording_path)),
+        "can-v4-left": lambda: on_a_bus("v4", side="left"),
     }
+    makers |= {name: partial(on_a_bus, version) for name, version in zip(CAN, VERSIONS, strict=True)}
     return makers[request.param]
 
 
@@ -138,6 +147,17 @@ def test_close_may_be_called_twice(backend: HandBackend) -> None:
     backend.close()
     backend.close()
     assert backend.spec.n_joints == 16  # It still says which hand it was.
+
+
+def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(backend: HandBackend) -> None:
+    backend.reset()
+    backend.close()
+    if isinstance(backend, CanBackend):
+        with pytest.raises(HandFault, match="closed"):
+            backend.write(limp(backend.spec))
+        with pytest.raises(HandFault, match="closed"):
+            backend.read()
+    assert backend.reset().tick == 0  # Reset leads out.
 
 
 def test_only_a_recording_ends(backend: HandBackend) -> None:

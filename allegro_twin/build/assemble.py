@@ -1,0 +1,65 @@
+"""From a config to a rig: a simulated hand, a hand on a bus, or a recording."""
+
+from __future__ import annotations
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.build.controllers import make_controller
+from allegro_twin.build.rig import Rig, guarded
+from allegro_twin.build.simulated import simulated
+from allegro_twin.config import CanSettings, ReplaySettings, RunConfig, SimSettings
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find
+
+
+def make_backend(config: RunConfig) -> HandBackend:
+    """The hand that the config describes, behind its guard. Raises HandError."""
+    return assemble(config).backend
+
+
+def assemble(config: RunConfig) -> Rig:
+    """The hand, its controller and the scenario. Raises ConfigError, LinkError or RecordingError."""
+    match config.backend:
+        case SimSettings() as settings:
+            return _simulated(config, settings)
+        case CanSettings() as settings:
+            return _wired(config, settings)
+        case ReplaySettings() as settings:
+            return _replayed(config, settings)
+
+
+def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
+    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    sim, trial = simulated(settings, spec, config.period)
+    controller, motion = make_controller(config, spec, trial)
+    seconds = motion if trial is None else trial.seconds
+    return Rig(spec, guarded(config, spec, sim), controller, config.seconds or seconds, trial, sim)
+
+
+def _wired(config: RunConfig, settings: CanSettings) -> Rig:
+    from allegro_twin.build.wired import Scene, make_can, rehearsal
+
+    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    scene = Scene()
+    backend = make_can(config, settings, spec, scene)
+    trial = scene.trial or rehearsal(config, spec)
+    controller, motion = make_controller(config, spec, trial)
+    seconds = config.seconds or (motion if trial is None else trial.seconds)
+    return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim, backend)
+
+
+def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:
+    from allegro_twin.replay.backend import ReplayBackend
+    from allegro_twin.replay.recording import load
+
+    path = find(settings.file, "recording", "out", ".arrow")
+    recording = load(path, partial=settings.partial)
+    backend = ReplayBackend(recording)
+    if backend.spec.side != config.hand.side or backend.spec.model != config.hand.model:
+        wanted = f"{config.hand.model}_{config.hand.side}"
+        raise ConfigError(f"{path} is of the hand {backend.spec.name}; the config says {wanted}: change `hand`")
+    if abs(backend.period - config.period) > 1e-9:
+        raise ConfigError(f"{path} has a period of {backend.period} s; the config says {config.period} s")
+    controller, _ = make_controller(config, backend.spec, None)
+    # A recording is not limited: what happened, happened.
+    return Rig(backend.spec, backend, controller, config.seconds)

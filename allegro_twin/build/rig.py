@@ -1,0 +1,55 @@
+"""What a run needs, joined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.config import RunConfig
+from allegro_twin.errors import ConfigError
+from allegro_twin.loop import Controller
+from allegro_twin.safety import Guard, Limits
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import frozen
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.wire.backend import CanBackend
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """Everything a run needs, ready for `run(rig.backend, rig.controller)`."""
+
+    spec: HandSpec
+    backend: HandBackend
+    """Behind its guard."""
+    controller: Controller[Any]
+    seconds: float | None
+    """When it is over; None: when the backend ends."""
+    trial: Trial | None = None
+    """The scenario, where there is one that can be watched."""
+    sim: SimBackend | None = None
+    """The simulation behind the guard, where there is one: for pictures."""
+    wire: CanBackend | None = None
+    """The hand on its bus, where there is one: for what its link went through."""
+
+
+def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
+    """A backend behind the config's limits. Raises ConfigError."""
+    settings = config.limits
+    torque = spec.actuation.torque_limit
+    if settings.torque is not None:
+        torque = np.minimum(torque, spec.vector(settings.torque, "limits.torque"))
+    velocity = spec.vector(settings.velocity, "limits.velocity")
+    for name, values in (("torque", torque), ("velocity", velocity)):
+        if not (values > 0).all():
+            raise ConfigError(f"limits.{name} must be positive; it is {values.min()}")
+    if settings.margin * 2 >= float((spec.upper - spec.lower).min()):
+        raise ConfigError(f"limits.margin {settings.margin} rad leaves some joint no range")
+    lower, upper = spec.lower + settings.margin, spec.upper - settings.margin
+    return Guard(backend, Limits(frozen(torque), velocity, frozen(lower), frozen(upper)))

@@ -1,0 +1,69 @@
+"""The other end of a config's bus, where a virtual hand can be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from allegro_twin.build.wired import VIRTUAL, Scene, fault_plan, firmware_of
+from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.errors import ConfigError
+from allegro_twin.wire.firmware import Firmware
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import Bus, open_bus
+from allegro_twin.wire.virtual import LockstepBus
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.held import Report
+
+
+def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
+    """The hands of some configs on one bus. `step`: s; default: the configs' period. Raises ConfigError."""
+    firmwares = []
+    for config in configs:
+        scene = Scene()
+        firmwares.append(firmware_of(config, scene, step=step or config.period, restart=restart))
+        scenes.append(scene)
+    first = configs[0].backend
+    assert isinstance(first, CanSettings)
+    return VirtualHands(firmwares, fault_plan(first.faults))
+
+
+def far_end(settings: CanSettings) -> Bus:
+    """What is at the hand's end of a config's bus: a serial adapter on a pseudo-terminal for slcan, a daemon for
+    socketcand, the same bus for everything else. Raises LinkError or ConfigError."""
+    if settings.interface == "slcan":
+        from allegro_twin.wire.slcan import SlcanDevice
+
+        return SlcanDevice(Path(settings.channel), settings.bitrate)
+    if settings.interface == "socketcand":
+        from allegro_twin.wire.socketcand import DEFAULT_PORT, SocketcandServer
+
+        host, port = settings.options.get("host", "127.0.0.1"), settings.options.get("port", DEFAULT_PORT)
+        return SocketcandServer(settings.channel, str(host), int(port))
+    if settings.interface == VIRTUAL:
+        raise ConfigError(f"{VIRTUAL} is a bus inside one program; serve on slcan, socketcand or a real interface")
+    return open_bus(settings.interface, settings.channel, settings.bitrate, settings.options)
+
+
+def judged(scene: Scene, hand: Firmware) -> Report | None:
+    """Watch the scenario of a served hand; its verdict at the moment when it is over."""
+    trial, state = scene.trial, hand.state
+    if trial is None or not hand.serving or state.t > trial.seconds + hand.step / 2:
+        return None
+    trial.see(state)
+    return trial.report() if state.t >= trial.seconds - hand.step / 2 else None
+
+
+class VirtualBus(LockstepBus):
+    """python-can's own door to a virtual hand: `can.Bus(interface="allegro-virtual", channel="can_virtual")`.
+
+    `channel` is a config, or several with commas between them for several hands on one bus.
+    """
+
+    def __init__(self, channel: Any = "can_virtual", **ignored: Any) -> None:
+        from allegro_twin.config import load_config
+
+        self.scenes: list[Scene] = []
+        configs = [load_config(name.strip()) for name in str(channel).split(",")]
+        super().__init__(virtual_hands(configs, step=None, scenes=self.scenes, restart=False), channel)

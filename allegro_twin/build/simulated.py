@@ -1,0 +1,82 @@
+"""Simulated hands: alone, or at a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from allegro_twin.build.controllers import posture_of
+from allegro_twin.config import RunConfig, SimSettings
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.sim.backend import SimBackend
+
+
+class Simulated(NamedTuple):
+    """A simulated hand, and the scenario that it is at, if any."""
+
+    backend: SimBackend
+    trial: Trial | None
+
+
+def simulated(settings: SimSettings, spec: HandSpec, period: float) -> Simulated:
+    """The hand in MuJoCo that a config describes. Raises ConfigError."""
+    start = None if settings.posture is None else posture_of(settings.posture, spec)
+    if settings.scenario is None:
+        return Simulated(_alone(settings, spec, period, start), None)
+    trial = make_trial(settings.scenario, spec, period, start, grasp=settings.grasp, thing=settings.thing)
+    return Simulated(trial.backend, trial)
+
+
+def make_trial(
+    scenario: str,
+    spec: HandSpec,
+    period: float = 0.003,
+    start: Vector | None = None,
+    *,
+    grasp: str | None = None,
+    thing: str | None = None,
+) -> Trial:
+    """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
+    in place of its first, if they are named. Raises ConfigError."""
+    from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
+    from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.library.named import load_grasp
+
+    settings, path = load_scenario(scenario)
+    if thing is not None:
+        others = settings.objects[1:]
+        settings = settings.model_copy(update={"objects": (ObjectSettings(name=thing), *others)})
+    chosen = load_grasp(grasp or settings.grasp, spec)
+    return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)
+
+
+def scenario_config(
+    scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
+) -> RunConfig:
+    """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD, with the nominal
+    hand."""
+    from allegro_twin.evaluate.scenario import load_scenario
+
+    settings, path = load_scenario(scenario)
+    return RunConfig.model_validate(
+        {
+            "hand": {"side": side or settings.side},
+            "backend": {"kind": "sim", "scenario": str(path), "grasp": grasp, "thing": thing},
+            "controller": {"kind": "pd"},
+        }
+    )
+
+
+def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
+    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.pose import orientation
+    from allegro_twin.sim.scene import Stage, compile_scene
+
+    stage = Stage(np.zeros(3), orientation(settings.facing, settings.fingers))
+    return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)

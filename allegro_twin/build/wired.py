@@ -1,0 +1,124 @@
+"""Hands on a CAN bus, and virtual hands to put on one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from allegro_twin.build.simulated import make_trial, simulated
+from allegro_twin.config import CanSettings, FaultSettings, PositionSettings, RunConfig, SimSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import HandSpec
+from allegro_twin.wire import realtime
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.calibration import load_wiring
+from allegro_twin.wire.codec import Codec
+from allegro_twin.wire.faults import Event, FaultPlan
+from allegro_twin.wire.firmware import Firmware, Identity
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import Link, Port, shared
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.virtual import LockstepBus
+
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.sim.backend import SimBackend
+
+VIRTUAL = "allegro-virtual"
+_HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
+
+
+@dataclass(slots=True)
+class Scene:
+    """What is behind a virtual hand in this program; nothing behind a real one."""
+
+    sim: SimBackend | None = None
+    trial: Trial | None = None
+
+
+def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Scene) -> CanBackend:
+    """The hand on its bus; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
+    codec = codec_of(config, settings)
+    if settings.realtime:
+        realtime.ask()
+    terms = Terms(
+        period=config.period,
+        timeout=settings.timeout,
+        deadman=settings.deadman,
+        velocity_cutoff=settings.velocity_cutoff,
+        identify=settings.identify,
+        gravity=settings.gravity,
+        imu_period=settings.imu,
+    )
+    return CanBackend(spec, codec, _opener(config, settings, spec, codec, scene), terms)
+
+
+def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
+    """The codec of the hand that a config describes. Raises ConfigError."""
+    wiring = load_wiring(config.hand.model, config.hand.serial)
+    version = settings.version or wiring.version
+    if version is None:
+        raise ConfigError("backend.version is missing, and no hand's own file gives it: v1, v2, v3, v4, v5 or v5plus")
+    if settings.version and wiring.version and settings.version != wiring.version:
+        raise ConfigError(f"backend.version is {settings.version}; {config.hand.serial} is a {wiring.version} hand")
+    if wiring.side is not None and wiring.side != config.hand.side:
+        raise ConfigError(f"hand.side is {config.hand.side}; {config.hand.serial} is a {wiring.side} hand")
+    return make_codec(version, wiring.calibration, settings.device)
+
+
+def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) -> Firmware:
+    """A virtual hand as the config describes it, stepping by `step` seconds; its simulation goes into `scene`."""
+    settings = config.backend
+    if not isinstance(settings, CanSettings):
+        raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {settings.kind}")
+    from allegro_twin.description.hands import load_spec
+
+    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    codec = codec_of(config, settings)
+    scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), spec, step)
+    who = Identity(serial=_serial(config, codec), hardware=_HARDWARE[codec.version])
+    pressures = _pressures(scene.sim) if codec.version.startswith("v5") else None
+    return Firmware(scene.sim, codec, who, pressures=pressures, restart=restart)
+
+
+def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
+    """The faults block of a config."""
+    if settings is None:
+        return None
+    values = settings.model_dump(exclude={"script"})
+    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which) for e in settings.script))
+
+
+def rehearsal(config: RunConfig, spec: HandSpec) -> Trial | None:
+    """The scenario whose timeline a hand on a real bus follows with its fingers, if the controller names one."""
+    controller = config.controller
+    if not isinstance(controller, PositionSettings) or controller.scenario is None:
+        return None
+    return make_trial(controller.scenario, spec, config.period)
+
+
+def _opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:
+    if settings.interface != VIRTUAL:
+        load = (codec, config.period)
+        return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)
+    firmware = firmware_of(config, scene, step=config.period, restart=True)
+    hands = VirtualHands([firmware], fault_plan(settings.faults))
+    return lambda: Link(LockstepBus(hands, spec.name)).port()
+
+
+def _serial(config: RunConfig, codec: Codec) -> str:
+    """Eight characters. v5 says type and side in the third and fourth (V5R :344)."""
+    if codec.version.startswith("v5"):
+        kind, side = "B" if codec.version == "v5plus" else "A", config.hand.side[0].upper()
+        return f"5T{kind}{side}0001"
+    return (config.hand.serial or "VIRTUAL1")[-8:]
+
+
+def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    from allegro_twin.sim.touch import FingertipPressure
+
+    return FingertipPressure(sim)

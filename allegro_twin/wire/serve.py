@@ -1,0 +1,70 @@
+"""A virtual hand in real time on any bus: for a driver in another program, ours or somebody else's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import can
+
+from allegro_twin.wire.frames import Frame
+from allegro_twin.wire.hands import VirtualHands
+
+BEHIND = 0.1
+"""s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
+
+
+@dataclass(slots=True)
+class Served:
+    """What has happened so far."""
+
+    ticks: int = 0
+    heard: int = 0
+    """Frames from the host."""
+    said: int = 0
+    """Frames to the host."""
+    late: int = 0
+    """Steps that ended more than a step late."""
+    lost: int = 0
+    """Steps that were left out to catch up."""
+
+
+def serve(hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
+    """Be these hands on this bus; yields after every step, until nobody consumes.
+
+    Deadlines are absolute, so that lateness does not add up. Raises can.CanError when the bus fails.
+    """
+    served, begin, skipped = Served(), clock(), 0
+    while True:
+        due = begin + (served.ticks + skipped + 1) * hands.step
+        _listen(hands, bus, due, served, clock)
+        late = clock() - due
+        if late > BEHIND:
+            lost = int(late / hands.step)
+            skipped += lost
+            served.lost += lost
+        served.late += late > hands.step
+        served.ticks += 1
+        _say(bus, hands.tick(), served)
+        yield served
+
+
+def _listen(hands: VirtualHands, bus: can.BusABC, due: float, served: Served, clock: Callable[[], float]) -> None:
+    """Take what comes until the step is over."""
+    while (left := due - clock()) > 0.0:
+        message = bus.recv(left)
+        if message is None:
+            continue
+        if message.is_error_frame or message.is_extended_id or not message.is_rx:
+            continue
+        served.heard += 1
+        _say(bus, hands.receive(Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)), served)
+
+
+def _say(bus: can.BusABC, frames: list[Frame], served: Served) -> None:
+    for frame in frames:
+        bus.send(
+            can.Message(arbitration_id=frame.id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data)
+        )
+        served.said += 1
