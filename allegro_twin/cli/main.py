@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, live
+from allegro_twin.cli import bus, live, training
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
 
 if TYPE_CHECKING:
@@ -206,6 +206,7 @@ def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its
 
 live.register(app)
 bus.register(app)
+training.register(app)
 
 
 def main() -> None:
