@@ -63,12 +63,15 @@ class Engine:
         course = interface.course(memory)
         self.task.plan(memory.tick)
         gains = self._sensing.gains(interface.gains.kp, interface.gains.kd)
+        torque, worlds, sensing, drive = interface.torque, self.worlds, self._sensing, self.task.drive
         for k in range(interface.decimation):
-            tick = memory.tick + k
-            position, velocity = self._sensing.measured(tick)
-            self._sensing.drive(interface.torque(position, velocity, course, k, gains), tick)
-            self.task.drive(k)
-            self.worlds.step(rows, self._substeps)
+            if sensing.ideal:
+                worlds.torque[...] = torque(worlds.position, worlds.velocity, course, k, gains)
+            else:
+                tick = memory.tick + k
+                sensing.drive(torque(*sensing.measured(tick), course, k, gains), tick)
+            drive(k)
+            worlds.step(rows, self._substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1
 

@@ -31,6 +31,8 @@ class Sensing:
             if getattr(settings, name) is not None
         }
         self._past = {name: np.zeros((LONGEST_DELAY + 1, n, 2 * joints)) for name in self._late}
+        self.ideal = not self._noise and not self._late and self._strength is None
+        """Measurements are exact and at once, and so are torques."""
         self._limit = worlds.spec.actuation.torque_limit
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:

@@ -152,12 +152,13 @@ class Interface:
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
-        if course.target is None or course.rate is None:
-            assert course.push is not None
-            return course.push
+        target, rate, push = course
+        if target is None or rate is None:
+            assert push is not None
+            return push
         kp, kd = (self.gains.kp, self.gains.kd) if gains is None else gains
-        pull = laws.pd(course.target[k] - position, course.rate[k] - velocity, kp, kd)
-        return pull if course.push is None else pull + course.push
+        pull = laws.pd(target[k] - position, rate[k] - velocity, kp, kd)
+        return pull if push is None else pull + push
 
     def elapsed(self, memory: Memory) -> Memory:
         """The memory when the set-points of a decision have run out and the next is due."""

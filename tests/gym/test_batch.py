@@ -14,7 +14,7 @@ from allegro_twin.gym.vector import HandVectorEnv
 EASY: dict[str, dict[str, Any]] = {
     "Grasp": {"objects": ("tennis_ball", "mug")},
     "Lift": {"objects": ("lemon", "apple")},
-    "Pinch": {"objects": ("ball_20", "golf_ball")},
+    "Pinch": {"objects": ("ball_30", "golf_ball")},
     "HoldDisturbed": {"objects": ("lemon", "apple")},
 }
 

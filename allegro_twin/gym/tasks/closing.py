@@ -33,6 +33,8 @@ class Closing(Task):
     """s in the pre-shape while object and hand come together."""
     squeeze: ClassVar[float] = 0.4
     """s from closed to squeezed."""
+    after: ClassVar[float] = 0.0
+    """s that an episode needs from there to its verdict."""
     noise: ClassVar[float] = 0.010
     """m, where the settings name no other."""
 
@@ -115,6 +117,12 @@ class Closing(Task):
         return self._numbers[name, grasp]
 
     def _learn(self, scene: Scene, grasp: str | None) -> None:
+        end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
+        if end > self.seconds - self.settings.period * self.settings.decimation:
+            raise ConfigError(
+                f"{self.name}: {scene.grasp.name} closes too slowly: its verdict would come after {end:.2f} s, and an "
+                f"episode takes {self.seconds:g} s"
+            )
         if self.scenes:
             self.worlds.add(scene.model)
         self._numbers[scene.thing, grasp] = len(self.scenes)

@@ -33,7 +33,8 @@ class Grasp(Closing):
 
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
-    seconds = 4.2
+    seconds = 4.3
+    after = GRACE + CALM + PUSHED
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:

@@ -34,6 +34,7 @@ class HoldDisturbed(Grasp):
     seconds = 4.0
     options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
     noise = 0.0
+    after = 0.0
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)

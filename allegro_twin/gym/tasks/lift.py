@@ -26,7 +26,8 @@ class Lift(Closing):
 
     name = "Lift"
     purpose = "lift an object from a table; the wrist on a slide follows a timeline"
-    seconds = 4.0
+    seconds = 4.5
+    after = UP + HOLD
     options = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:

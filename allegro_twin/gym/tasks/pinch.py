@@ -8,7 +8,7 @@ from allegro_twin.gym.tasks.grasp import Grasp
 from allegro_twin.gym.tasks.scenes import Scene, presented
 
 # A scenario of the taxonomy for each: where the palm goes, and the grasp.
-_SCENARIOS = {"ball_20": "tip_pinch", "ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
+_SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
 
 
 class Pinch(Grasp):
