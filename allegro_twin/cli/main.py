@@ -38,6 +38,8 @@ def run(
     side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
     grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.")] = None,
     thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.")] = None,
+    policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.")] = None,
+    goal: Annotated[str | None, typer.Option(help="For a policy that reaches goals: a posture.")] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for a recording, a picture and a report of each run.")
     ] = None,
@@ -56,7 +58,7 @@ def run(
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None)
     from allegro_twin.cli.runs import configs_of
 
-    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing)
+    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
     if len(jobs) > 1 and any((record, image, video, rrd, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)

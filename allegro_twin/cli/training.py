@@ -24,7 +24,9 @@ def register(app: typer.Typer) -> None:
 
 def train(
     task: Annotated[str, typer.Argument(help="A task, or a recipe by path or by its name in conf/training.")],
-    out: Annotated[Path | None, typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.")
+    ] = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     steps: Annotated[int | None, typer.Option(help="Actions in all.")] = None,
     envs: Annotated[int | None, typer.Option(help="Simulations side by side.")] = None,

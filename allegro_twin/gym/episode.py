@@ -31,6 +31,8 @@ class Episode:
         self._decimation = self.engine.task.interface.decimation
         self.success, self.over = False, False
         """Of the episode so far, as the environment would tell it after its last step."""
+        self.reward = 0.0
+        """Of the period that just ended: a step's where a step ended with it, but for what actions cost."""
         self.report: dict[str, Any] = {}
         """What was drawn at the last reset, a row each."""
 
@@ -55,7 +57,7 @@ class Episode:
 
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
-        self._tick, self.success, self.over = 0, False, False
+        self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
         self._torque = frozen(np.zeros(self.spec.n_actuators))
         return self._state()
 
@@ -68,6 +70,7 @@ class Episode:
             self.engine.task.plan(np.array([self._tick]))
         self.engine.pass_period(self._torque[None], np.array([self._tick]), k)
         self._tick += 1
+        self.reward = 0.0
         if self._tick % self._decimation == 0 and not self.over:
             self._judge()
         return self._state()
@@ -81,7 +84,7 @@ class Episode:
         engine.memory = engine.task.interface.elapsed(engine.memory)
         engine.count += 1
         outcome, _ = engine.outcome(np.zeros((1, self.spec.n_joints)), engine.observe())
-        self.success = bool(outcome.success[0])
+        self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
         self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
 
     def _state(self) -> HandState:

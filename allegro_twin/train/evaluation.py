@@ -37,9 +37,8 @@ class Evaluation:
     def by_thing(self) -> dict[str, tuple[int, int]]:
         """Successes and episodes of every object."""
         names = np.array(self.things)
-        return {
-            name: (int(self.success[names == name].sum()), int((names == name).sum())) for name in sorted({*self.things})
-        }
+        found = {name: self.success[names == name] for name in sorted({*self.things})}
+        return {name: (int(success.sum()), len(success)) for name, success in found.items()}
 
 
 def evaluate(

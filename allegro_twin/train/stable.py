@@ -30,7 +30,7 @@ class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         self._actions = np.zeros(0, np.float32)
         self._return = np.zeros(env.num_envs)
         self._age = np.zeros(env.num_envs, np.int64)
-        self._cut = np.full(env.num_envs, env.limit)
+        self._cut: NDArray[np.int64] = np.full(env.num_envs, env.limit, np.int64)
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -42,7 +42,7 @@ class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         observation, _ = self.env.reset(seed=self._seed)
         self._generator, self._seed = np.random.default_rng(self._seed), None
         self._return[:], self._age[:] = 0.0, 0
-        self._cut = self._generator.integers(1, self.env.limit + 1, self.num_envs)
+        self._cut[:] = self._generator.integers(1, self.env.limit + 1, self.num_envs)
         return observation
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
@@ -55,7 +55,7 @@ class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped h
         ended = terminated | truncated | (self._age >= self._cut)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         rows = np.flatnonzero(ended)
-        for row in rows:
+        for row in rows.tolist():
             infos[row] = self._last(row, observation, bool(terminated[row]), bool(more["is_success"][row]))
         if len(rows):
             observation, _ = self.env.reset(options={"reset_mask": ended})
