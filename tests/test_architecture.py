@@ -31,6 +31,7 @@ HOMES = {
     "daqp": {"sim"},
     "pinocchio": {"kinematics"},
     "pyarrow": {"replay"},
+    "h5py": {"replay"},
     "rerun": {"view"},
     "yaml": {"files"},
     "ruamel": {"files"},

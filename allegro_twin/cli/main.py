@@ -175,15 +175,24 @@ def view(
 
 @app.command()
 def export(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
-    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd.")],
+    recordings: Annotated[list[Path], typer.Argument(help="A .arrow recording; for a data set, several.")],
+    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd; a new folder for a data set.")],
     partial: Annotated[bool, typer.Option(help="Export what is readable of a recording that was cut short.")] = False,
+    kind: Annotated[str | None, typer.Option("--format", help="Of a data set: lerobot or minari.")] = None,
+    episode: Annotated[int, typer.Option(help="Of a data set that becomes a recording again.")] = 0,
 ) -> None:
-    """Convert a recording for other programs."""
-    from allegro_twin.cli import console
+    """Convert recordings for other programs: files, data sets of demonstrations, and these back into recordings."""
+    from allegro_twin.cli import console, demonstrations
     from allegro_twin.cli.runs import convert
 
-    rows = convert(recording, target, partial=partial)
+    if kind is not None:
+        rows = demonstrations.packed(recordings, target, kind, partial=partial)
+    elif len(recordings) != 1:
+        raise ConfigError(f"{len(recordings)} recordings make one data set: give --format lerobot or minari")
+    elif recordings[0].is_dir():
+        rows = demonstrations.unpacked(recordings[0], target, episode)
+    else:
+        rows = convert(recordings[0], target, partial=partial)
     console.console.print(f"{target}: {rows} rows")
 
 
