@@ -54,24 +54,27 @@ def train(
 
 
 def evaluate(
-    policy: Annotated[Path, typer.Argument(help="A policy file, .onnx or .zip.")],
+    policy: Annotated[str, typer.Argument(help="A policy file, .onnx or .zip, or its name in conf/policies.")],
     recipe: Annotated[str, typer.Argument(help="The recipe that it was trained with: task, objects, noise.")],
     episodes: Episodes = 200,
     can: Annotated[int, typer.Option(help="So many of the episodes on a virtual hand on a CAN bus, too.")] = 0,
 ) -> None:
     """Compare a policy with the scripted player in the same episodes."""
     from allegro_twin.cli import console
+    from allegro_twin.files.assets import find
     from allegro_twin.train import load_recipe
-    from allegro_twin.train.report import compare
+    from allegro_twin.train.report import SEED, compare, sets
 
     loaded = load_recipe(recipe)
-    console.console.print(_table(compare(policy, loaded, episodes)))
+    path = find(policy, "policy", "conf/policies", ".onnx")
+    console.console.print(_table(compare(path, loaded, episodes)))
     if can:
         from allegro_twin.train.deployment import over_can
-        from allegro_twin.train.report import SEED, as_shipped
 
-        driven = over_can(policy, loaded.task, as_shipped(loaded.environment), can, seed=SEED)
-        console.console.print(f"over CAN: {driven.rate:.1%} of {can} episodes (trained on)")
+        for name, settings in sets(loaded).items():
+            driven = over_can(path, loaded.task, settings, can, seed=SEED)
+            share = f"{driven.rate:.1%} ± {driven.error:.1%}"
+            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes")
 
 
 def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bool) -> None:

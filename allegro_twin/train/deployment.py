@@ -14,7 +14,7 @@ from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.loop import run
 from allegro_twin.policy.controller import PolicyController
 from allegro_twin.policy.loading import load_policy
-from allegro_twin.train.evaluation import Evaluation
+from allegro_twin.train.evaluation import Evaluation, fitting
 from allegro_twin.wire.backend import CanBackend
 from allegro_twin.wire.calibration import load_wiring
 from allegro_twin.wire.codec import Version
@@ -30,9 +30,9 @@ def over_can(
     policy: Path, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, version: Version = "v4"
 ) -> Evaluation:
     """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. Raises
-    ConfigError."""
+    ConfigError for a policy of another task."""
     loaded, episode = load_policy(policy), Episode(task, settings)
-    interface = loaded.card.interface(episode.spec)
+    fitting(loaded.card, episode.engine.task.card())
     success: list[bool] = []
     returned: list[float] = []
     things: list[str] = []
@@ -40,6 +40,7 @@ def over_can(
         for each in range(episodes):
             episode.seed = seed + each
             episode.reset()
+            interface = episode.engine.task.interface  # With the scripts of these very objects.
             controller = PolicyController(loaded.policy, interface, episode.goal, episode.script)
             returned.append(sum(_rewards(hand, controller, episode)))
             success.append(episode.success)

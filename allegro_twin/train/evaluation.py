@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.policy.card import Card
 from allegro_twin.policy.controller import Policy
 
 
@@ -59,6 +60,18 @@ def evaluate(
         going &= ~ended
     env.close()
     return Evaluation(success, returned, tuple(report.get("object", ())))
+
+
+def fitting(card: Card, task: Card) -> None:
+    """Raise ConfigError unless a policy's card is one that this task would write, whatever its objects are."""
+    for name in Card.model_fields:
+        if name in ("scripts", "periods", "note", "algorithm"):
+            continue
+        if getattr(card, name) != getattr(task, name):
+            raise ConfigError(
+                f"the policy has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: "
+                "give the recipe that it was trained with"
+            )
 
 
 def keywords(settings: EnvSettings) -> dict[str, Any]:

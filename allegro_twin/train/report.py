@@ -13,10 +13,11 @@ import numpy as np
 from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.env import HandEnv
 from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.gym.tasks import make_task
 from allegro_twin.policy.controller import Policy, Still
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.sim.render import Picture, film
-from allegro_twin.train.evaluation import Evaluation, evaluate, keywords
+from allegro_twin.train.evaluation import Evaluation, evaluate, fitting, keywords
 from allegro_twin.train.settings import Recipe
 
 SEED = 2_000_000_000  # Far from those of training and of the evaluations during it.
@@ -33,22 +34,27 @@ class Compared:
 
 
 def compare(path: Path, recipe: Recipe, episodes: int) -> list[Compared]:
-    """A policy file on the objects that it was trained on, and on those that were kept from it. The physics is that of
-    the environments as they ship, whatever the training used. Raises ConfigError."""
+    """A policy file in all `sets`. Raises ConfigError for a policy of another task."""
     loaded = load_policy(path)
     still = Still(loaded.card.action)
-    seen = as_shipped(recipe.environment)
-    sets = {"trained on": seen}
-    if recipe.held_out:
-        sets["held out"] = seen.model_copy(update={"objects": recipe.held_out})
+    fitting(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
     return [
         Compared(
             name,
             evaluate(loaded.policy, recipe.task, settings, episodes, seed=SEED),
             evaluate(still, recipe.task, settings, episodes, seed=SEED),
         )
-        for name, settings in sets.items()
+        for name, settings in sets(recipe).items()
     ]
+
+
+def sets(recipe: Recipe) -> dict[str, EnvSettings]:
+    """The environments of an evaluation: with the objects that were trained on, and with those that were kept from it.
+    The physics is that of the environments as they ship, whatever the training used."""
+    seen = as_shipped(recipe.environment)
+    if not recipe.held_out:
+        return {"trained on": seen}
+    return {"trained on": seen, "held out": seen.model_copy(update={"objects": recipe.held_out})}
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
@@ -66,9 +72,7 @@ def write(compared: list[Compared], path: Path) -> None:
 
 def filmed(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3) -> None:
     """A film of some episodes on what was held out, or else trained on. Raises ConfigError where nothing renders."""
-    settings = as_shipped(recipe.environment)
-    if recipe.held_out:
-        settings = settings.model_copy(update={"objects": recipe.held_out})
+    settings = list(sets(recipe).values())[-1]
     env = HandEnv(recipe.task, render_mode="rgb_array", **keywords(settings))
     film(_pictures(env, policy, episodes), path, round(1.0 / env.engine.task.interface.seconds))
     env.close()

@@ -73,7 +73,7 @@ class Recipe(Settings):
     @property
     def round_steps(self) -> int:
         """Actions in a round: whole updates."""
-        return -(-self.round // self.update) * self.update
+        return -(-min(self.round, self.steps) // self.update) * self.update
 
 
 def load_recipe(name: str, **changes: Any) -> Recipe:

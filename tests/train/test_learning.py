@@ -179,7 +179,7 @@ def test_a_checkpoint_from_another_version_is_refused_in_one_line(whole: Path, t
 def test_rounds_are_whole_updates() -> None:
     assert (recipe().update, recipe().round_steps, recipe().rounds) == (128, 256, 3)
     assert recipe(round=200).round_steps == 256
-    assert recipe(steps=1).rounds == 1
+    assert (recipe(steps=1).rounds, recipe(steps=1).round_steps) == (1, 128)
 
 
 def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() -> None:

@@ -31,7 +31,7 @@ def uncut(env: StableEnv) -> StableEnv:
 def test_every_step_is_the_one_of_the_single_environment_until_the_first_episode_ends() -> None:
     env = adapted(position_noise=0.03)
     env.seed(3)
-    seen = env.reset()
+    seen: Any = env.reset()
     uncut(env)
     singles = [HandEnv("Grasp", position_noise=0.03, **FEW) for _ in range(N)]
     for row, single in enumerate(singles):
@@ -42,6 +42,7 @@ def test_every_step_is_the_one_of_the_single_environment_until_the_first_episode
     for _ in range(env.env.limit):
         seen, reward, done, infos = env.step(actions)
         for row in np.flatnonzero(going).tolist():
+            own: Any
             own, its, failed, over, told = singles[row].step(actions[row])
             returned[row] += its
             assert reward[row] == np.float32(its)
@@ -89,8 +90,11 @@ def test_the_same_seed_gives_the_same_episodes_again() -> None:
     runs = []
     for _ in range(2):
         env.seed(5)
-        seen = [env.reset()["desired_goal"]]
-        seen += [env.step(np.full((N, 16), 0.1, np.float32))[0]["achieved_goal"] for _ in range(60)]
+        first: Any = env.reset()
+        seen = [first["desired_goal"]]
+        for _ in range(60):
+            after: Any = env.step(np.full((N, 16), 0.1, np.float32))[0]
+            seen.append(after["achieved_goal"])
         runs.append(np.array(seen))
     np.testing.assert_array_equal(runs[0], runs[1])
     assert np.ptp(runs[0][1:], axis=0).max() > 0.01
