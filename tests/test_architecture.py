@@ -27,6 +27,8 @@ LAYERS = [
 HOMES = {
     "can": {"wire"},
     "mujoco": {"sim"},
+    "mujoco_warp": {"sim"},
+    "warp": {"sim"},
     "mink": {"sim"},
     "daqp": {"sim"},
     "pinocchio": {"kinematics"},

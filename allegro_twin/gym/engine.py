@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ class Engine:
         self.memory: Memory = self.task.interface.start(np.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
         """Actions an episode."""
+        gains = self.task.interface.gains
+        self._gains = np.stack([gains.kp, gains.kd])[:, None]
         self.count = np.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
@@ -63,16 +66,16 @@ class Engine:
         memory = interface.act(action, self.memory)
         course = interface.course(memory)
         self.task.plan(memory.tick)
-        gains = self._sensing.gains(interface.gains.kp, interface.gains.kd)
-        torque, worlds, sensing, drive = interface.torque, self.worlds, self._sensing, self.task.drive
+        worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
+        gains = sensing.gains(self._gains)
         for k in range(interface.decimation):
             if sensing.ideal:
-                worlds.torque[...] = torque(worlds.position, worlds.velocity, course, k, gains)
+                interface.pull(worlds.motion, course, k, gains, worlds.torque)
             else:
                 tick = memory.tick + k
-                sensing.drive(torque(*sensing.measured(tick), course, k, gains), tick)
+                sensing.drive(interface.torque(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
             drive(k)
-            worlds.step(rows, self._substeps)
+            worlds.step(rows, substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1
 
@@ -89,29 +92,30 @@ class Engine:
     def observe(self) -> Observation:
         """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
         position, velocity = self._sensing.measured(self.memory.tick)
-        if not np.isfinite(position).all():
+        if not _finite(position):
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         achieved, goal = self.task.achieved(), self.task.goal()
-        mine = goal if achieved is None else None
-        seen = self.task.interface.observe(position, velocity, self.memory, mine)
-        if achieved is not None and goal is not None and not isinstance(seen, dict):
-            places = {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
-            seen = {"observation": seen} | places
+        seen = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
         extra = self.task.seen()
-        if extra is None:
+        if extra is not None:
+            assert not isinstance(seen, dict)
+            extra = extra if _finite(extra) else np.nan_to_num(extra)
+            more = np.minimum(np.maximum(extra, -BOUND), BOUND)
+            seen = np.concatenate([seen, more], axis=-1, dtype=np.float32, casting="same_kind")
+        if achieved is None or goal is None:
             return seen
-        extra = extra if np.isfinite(extra).all() else np.nan_to_num(extra)
-        more = np.minimum(np.maximum(extra, -BOUND), BOUND).astype(np.float32)
-        if isinstance(seen, dict):
-            return seen | {"observation": np.concatenate([seen["observation"], more], axis=-1)}
-        return np.concatenate([seen, more], axis=-1)
+        assert not isinstance(seen, dict)
+        places = {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
+        return {"observation": seen} | places
 
     def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
         """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
-        outcome = self.task.outcome(
-            self.memory.tick, np.minimum(np.maximum(action, -1.0), 1.0).astype(np.float64), observation
-        )
-        diverged = np.asarray(~np.isfinite(self.worlds.position).all(axis=-1))
+        taken = np.minimum(np.maximum(action, -1.0), 1.0).astype(np.float64)
+        outcome = self.task.outcome(self.memory.tick, taken, observation)
+        position = self.worlds.position
+        if _finite(position):
+            return outcome, np.zeros(self.n, bool)
+        diverged: Flags = ~np.isfinite(position).all(axis=-1)
         if diverged.any():
             outcome = outcome._replace(
                 reward=np.where(diverged, 0.0, outcome.reward),
@@ -135,3 +139,8 @@ class Engine:
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
+
+
+def _finite(x: Array) -> bool:
+    """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at."""
+    return math.isfinite(np.add.reduce(x, axis=None))

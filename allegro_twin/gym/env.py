@@ -95,9 +95,10 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
 
 
 def _first(observation: Observation) -> Observation:
+    """The only row; nobody else has the array."""
     if isinstance(observation, dict):
-        return {name: np.array(rows[0]) for name, rows in observation.items()}
-    return np.array(observation[0])
+        return {name: rows[0] for name, rows in observation.items()}
+    return observation[0]  # type: ignore[no-any-return]  # A row of an array.
 
 
 def _of_one(report: dict[str, Any]) -> dict[str, Any]:

@@ -54,6 +54,8 @@ class Sensing:
     def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
         position, velocity = self._worlds.position, self._worlds.velocity
+        if self.ideal:
+            return position, velocity
         joints = position.shape[1]
         if (late := self._late.get("sensor_delay")) is not None:
             both = self._delayed("sensor_delay", late, np.concatenate([position, velocity], axis=-1), tick)
@@ -66,11 +68,9 @@ class Sensing:
             velocity = velocity + width * jitter(self._key, tick, 1, joints)
         return position, velocity
 
-    def gains(self, kp: Array, kd: Array) -> tuple[Array, Array]:
-        """The law's gains as these hands have them."""
-        if self._gains is None:
-            return kp, kd
-        return kp * self._gains[:, :1], kd * self._gains[:, 1:]
+    def gains(self, nominal: Array) -> Array:
+        """The law's gains, kp and kd (2, 1, joints), as these hands have them, (2, n, joints) where they differ."""
+        return nominal if self._gains is None else nominal * self._gains.T[:, :, None]
 
     def drive(self, torque: Array, tick: NDArray[np.int64]) -> None:
         """Tell the motors, (n, joints), N·m."""

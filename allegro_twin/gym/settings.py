@@ -10,6 +10,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.randomise import Randomise, preset
 from allegro_twin.policy.interface import Mode
+from allegro_twin.sim.warp import Device
 from allegro_twin.spec import Side
 
 Positive = Annotated[float, Field(gt=0)]
@@ -41,6 +42,12 @@ class EnvSettings(Settings):
     """Name in conf/gains."""
     step: Positive | None = None
     """rad an action, in the mode `delta`. None: the task's own."""
+    device: Device = "cpu"
+    """Who simulates: `cpu`, MuJoCo; `warp`, MuJoCo Warp on an NVIDIA GPU; `warp:cpu`, its kernels on one processor."""
+    contacts: Annotated[int, Field(ge=1)] = 64
+    """Room for contacts on a Warp device, for each simulation; twice what the busiest task has (docs/rl.md#gpu)."""
+    constraints: Annotated[int, Field(ge=1)] = 256
+    """Room for constraints, likewise."""
     reach: Positive = 0.3
     """How far an action may lead from the scripted motion, rad, where a task has one."""
 

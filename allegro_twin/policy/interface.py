@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.script import Scripts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -52,10 +52,8 @@ class Memory(NamedTuple):
 class Course(NamedTuple):
     """Set-points of every control period from one decision to the next."""
 
-    target: Array | None
-    """Shape (decimation, ..., n), rad; None: torque alone."""
-    rate: Array | None
-    """Shape (decimation, ..., n), rad/s."""
+    wish: Array | None
+    """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
     push: Array | None
     """Torque on top, shape (..., n), N·m."""
 
@@ -108,6 +106,21 @@ class Interface:
     def _rest(self) -> Vector:
         return np.zeros_like(self.middle)
 
+    @cached_property
+    def _scale(self) -> Vector:
+        """What the numbers of an observation are divided by, (n_observation,)."""
+        parts = [self.half, np.full_like(self.half, SPEED), self.spec.actuation.torque_limit * np.ones_like(self.half)]
+        return np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
+
+    @cached_property
+    def _periods(self) -> NDArray[np.int64]:
+        return np.arange(self.decimation)
+
+    @cached_property
+    def _parts(self) -> Vector:
+        """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
+        return (self._periods + 1) / self.decimation
+
     @property
     def n_observation(self) -> int:
         return 4 * self.spec.n_joints + (0 if self.scripts is None else 1)
@@ -140,25 +153,44 @@ class Interface:
 
     def course(self, memory: Memory) -> Course:
         """The set-points from a decision to the next."""
-        if self.mode == "torque" and self.scripts is None:
-            return Course(None, None, memory.push)
-        k = np.arange(self.decimation).reshape(-1, *(1,) * memory.tick.ndim)
-        base, speed = self._base(memory, k)
+        push = memory.push if self.mode == "torque" else None
+        if push is not None and self.scripts is None:
+            return Course(None, push)
+        base, speed = self._base(memory, self._periods.reshape(-1, *(1,) * memory.tick.ndim))
         travel = memory.end - memory.begin
-        part = ((k + 1) / self.decimation)[..., None]
-        target = _within(base + (memory.begin + travel * part), self.spec.lower, self.spec.upper)
-        rate = np.broadcast_to(speed + travel / self.seconds, target.shape)
-        return Course(target, rate, memory.push if self.mode == "torque" else None)
+        wish = np.empty((self.decimation, 2, *travel.shape))
+        target = wish[:, 0]
+        np.multiply(travel, self._parts.reshape(-1, *(1,) * travel.ndim), out=target)
+        np.add(target, memory.begin, out=target)
+        np.add(target, base, out=target)
+        np.maximum(target, self.spec.lower, out=target)
+        np.minimum(target, self.spec.upper, out=target)
+        np.add(speed, travel / self.seconds, out=wish[:, 1])
+        return Course(wish, push)
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
-        target, rate, push = course
-        if target is None or rate is None:
+        wish, push = course
+        if wish is None:
             assert push is not None
             return push
         kp, kd = (self.gains.kp, self.gains.kd) if gains is None else gains
-        pull = laws.pd(target[k] - position, rate[k] - velocity, kp, kd)
+        pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
+
+    def pull(self, motion: Array, course: Course, k: int, gains: Array, out: Array) -> None:
+        """As `torque`, to the bit, into an array (..., n) that is there: positions and speeds are one array
+        (2, ..., n), as kp and kd are, and the three operations make no new ones but the first."""
+        wish, push = course
+        if wish is None:
+            assert push is not None
+            out[...] = push
+            return
+        error = wish[k] - motion
+        np.multiply(error, gains, out=error)
+        np.add(error[0], error[1], out=out)
+        if push is not None:
+            np.add(out, push, out=out)
 
     def elapsed(self, memory: Memory) -> Memory:
         """The memory when the set-points of a decision have run out and the next is due."""
@@ -169,17 +201,23 @@ class Interface:
     ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
-        base, _ = self._base(memory, 0)
-        target = _within(base + memory.end, self.spec.lower, self.spec.upper)
-        parts = [
-            (position - self.middle) / self.half,
-            velocity / SPEED,
-            self.gains.kp * (target - position) / self.spec.actuation.torque_limit,
-            memory.end / self.span,
-        ]
+        n = self.spec.n_joints
+        seen = np.empty((*position.shape[:-1], self.n_observation))
+        np.subtract(position, self.middle, out=seen[..., :n])
+        seen[..., n : 2 * n] = velocity
+        lead = seen[..., 2 * n : 3 * n]
+        np.add(self._base_now(memory), memory.end, out=lead)
+        np.maximum(lead, self.spec.lower, out=lead)
+        np.minimum(lead, self.spec.upper, out=lead)
+        np.subtract(lead, position, out=lead)
+        np.multiply(lead, self.gains.kp, out=lead)
+        seen[..., 3 * n : 4 * n] = memory.end
         if self.scripts is not None:
-            parts.append((memory.tick / self.scripts.periods)[..., None])
-        joints = _within(np.concatenate(parts, axis=-1), -BOUND, BOUND).astype(np.float32)
+            seen[..., -1] = memory.tick
+        np.divide(seen, self._scale, out=seen)
+        np.maximum(seen, -BOUND, out=seen)
+        np.minimum(seen, BOUND, out=seen)
+        joints = seen.astype(np.float32)
         if goal is None:
             return joints
         achieved = self.fingertips(position).astype(np.float32)
@@ -187,20 +225,24 @@ class Interface:
 
     def fingertips(self, position: Array) -> Array:
         """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
-        # One row at a time as far as matrix products are concerned: BLAS rounds differently for different shapes.
-        rows = np.ascontiguousarray(position)[..., None, :]
-        tips = [finger.tip(rows[..., joints])[..., 0, :] for finger, joints in self._fingers]
-        return np.concatenate(tips, axis=-1)
+        tips = self._fingertips(position)
+        return tips.reshape(*tips.shape[:-2], -1)
 
     @cached_property
-    def _fingers(self) -> list[tuple[FingerKinematics, list[int]]]:
-        return [(FingerKinematics(self.spec, finger.name), list(finger.joints)) for finger in self.spec.fingers]
+    def _fingertips(self) -> Fingertips:
+        return Fingertips(self.spec)
 
-    def _base(self, memory: Memory, k: NDArray[np.int64] | int) -> tuple[Array, Array]:
+    def _base(self, memory: Memory, k: NDArray[np.int64]) -> Pair:
+        """What offsets are counted from, and its rate, `k` periods after the decision."""
         if self.scripts is None:
             return self.middle, self._rest
         row = np.minimum(memory.tick + k, self.scripts.periods - 1)
         return self.scripts.position[memory.script, row], self.scripts.velocity[memory.script, row]
+
+    def _base_now(self, memory: Memory) -> Array:
+        if self.scripts is None:
+            return self.middle
+        return self.scripts.position[memory.script, np.minimum(memory.tick, self.scripts.periods - 1)]
 
 
 def _within(x: Array, low: Array | float, high: Array | float) -> Array:

@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco import batch
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
@@ -44,6 +45,8 @@ class Worlds:
         """Of the joints, (n, joints), rad."""
         self.velocity: Array = qvel[:, motion]
         """(n, joints), rad/s."""
+        self.motion: Array = _both(self.position, self.velocity)
+        """Both in one array, (2, n, joints), for reading."""
         self.torque: Array = ctrl[:, motors]
         """What the motors are told, (n, joints), N·m."""
         self._ctrl = ctrl
@@ -170,6 +173,13 @@ class Body:
         """On its centre of mass, world, (n, 3), N."""
         self.moment: Array = push[:, self.id, 3:]
         """World, (n, 3), N·m."""
+
+
+def _both(first: Array, second: Array) -> Array:
+    """Two parts of the same rows as one view, so that one operation reads both."""
+    apart = second.__array_interface__["data"][0] - first.__array_interface__["data"][0]
+    assert first.strides == second.strides
+    return as_strided(first, (2, *first.shape), (apart, *first.strides), writeable=False)
 
 
 def _columns(spec: HandSpec, model: mujoco.MjModel) -> tuple[slice, slice, slice]:

@@ -21,7 +21,7 @@ class Curve:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
         with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(kept)
 
@@ -29,4 +29,4 @@ class Curve:
         row = {name: value if isinstance(value, int) else f"{value:.6g}" for name, value in values.items()
                if value is not None}  # fmt: skip
         with self._path.open("a", newline="") as file:
-            csv.DictWriter(file, COLUMNS).writerow(row)
+            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)

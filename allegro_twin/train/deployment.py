@@ -36,15 +36,15 @@ def over_can(
     success: list[bool] = []
     returned: list[float] = []
     things: list[str] = []
-    with closing(_on_bus(episode, version)) as hand:
-        for each in range(episodes):
-            episode.seed = seed + each
-            episode.reset()
-            interface = episode.engine.task.interface  # With the scripts of these very objects.
-            controller = PolicyController(loaded.policy, interface, episode.goal, episode.script)
+    for each in range(episodes):
+        episode.seed = seed + each
+        episode.reset()
+        interface = episode.engine.task.interface  # With the scripts of these very objects.
+        controller = PolicyController(loaded.policy, interface, episode.goal, episode.script)
+        with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
             returned.append(sum(_rewards(hand, controller, episode)))
-            success.append(episode.success)
-            things.append(*episode.report.get("object", [""]))
+        success.append(episode.success)
+        things.append(*episode.report.get("object", [""]))
     named = tuple(things) if any(things) else ()
     return Evaluation(np.array(success), np.array(returned), named)
 

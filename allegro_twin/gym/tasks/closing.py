@@ -12,11 +12,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Task
-from allegro_twin.gym.tasks.scenes import THING, Scene
+from allegro_twin.gym.tasks.scenes import THING, Scene, worlds
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
-from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.batch import Rows
 from allegro_twin.sim.fit import overlap
 from allegro_twin.types import Array, Vector
 
@@ -47,7 +47,7 @@ class Closing(Task):
         for index, name in enumerate(self.names()):
             scene = self.scene(name, None)
             if index == 0:
-                self.worlds = Worlds(self.spec, scene.model, n, threads)
+                self.worlds = worlds(self.spec, scene.model, n, threads, settings)
             self._learn(scene, None)
         self.thing = self.worlds.free(THING)
         self.offset = np.zeros((n, 3))

@@ -73,19 +73,26 @@ class Grasp(Closing):
         self._holds[rows] = 1.0
 
     def plan(self, tick: Ticks) -> None:
+        """What is the same in every period of the step is set here, once."""
+        assert self.thing is not None
         release, period = self._release[self.script], self.settings.period
-        ticks = tick + np.arange(self.settings.decimation)[:, None]
-        going = ticks - release
+        going = tick + np.arange(self.settings.decimation)[:, None] - release
         self._holding = going < 0
-        self._pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
-        self._path = self._hand_at(slice(None), ticks) if self._holding.any() else None
+        pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
+        self._forces = np.where(pushing[..., None], self.push, 0.0) if pushing.any() else None
+        if self._forces is None:
+            self.thing.force[:] = 0.0
+        self._path = self._hand_at(slice(None), going + release) if self._holding[0].any() else None
+        if self._path is None:
+            self._holds[:] = 0.0
 
     def drive(self, k: int) -> None:
         assert self.thing is not None
         if self._path is not None:
             self._hand[:] = self._path[k]
-        self._holds[:] = self._holding[k]
-        np.multiply(self.push, self._pushing[k][:, None], out=self.thing.force)
+            self._holds[:] = self._holding[k]
+        if self._forces is not None:
+            self.thing.force[:] = self._forces[k]
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None

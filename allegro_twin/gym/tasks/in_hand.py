@@ -11,13 +11,13 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Task
-from allegro_twin.gym.tasks.scenes import THING, compiled
+from allegro_twin.gym.tasks.scenes import THING, compiled, worlds
 from allegro_twin.gym.tasks.starts import played
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.script import Script
 from allegro_twin.sim import objects
-from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.batch import Rows
 from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage
 from allegro_twin.types import Array, frozen
@@ -86,7 +86,7 @@ class InHand(Task):
             stage = Stage(np.zeros(3), orientation((0, 0, 1), (1, 0, 0)), [placed])
             model = compiled(self.spec, stage, self.settings)
             if not self._names:
-                self.worlds = Worlds(self.spec, model, n, threads)
+                self.worlds = worlds(self.spec, model, n, threads, self.settings)
             else:
                 self.worlds.add(model)
             self._numbers[name] = len(self._names)

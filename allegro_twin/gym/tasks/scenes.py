@@ -15,7 +15,9 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
+from allegro_twin.sim.batch import Worlds
 from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.warp import WarpWorlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -91,3 +93,11 @@ def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjM
     model = compile_scene(spec, around)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
     return model
+
+
+def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
+    """`n` simulations that begin as `model`, on the device that the settings name."""
+    if settings.device == "cpu":
+        return Worlds(spec, model, n, threads)
+    room = {"contacts": settings.contacts, "constraints": settings.constraints}
+    return WarpWorlds(spec, model, n, threads, device=settings.device, **room)

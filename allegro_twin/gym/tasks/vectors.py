@@ -1,4 +1,4 @@
-"""Small vector algebra on rows, written out so that a row's result does not depend on how many there are."""
+"""Small vector algebra on rows; a row's result does not depend on how many there are (BLAS's products do)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from allegro_twin.types import Array
 
 
 def length(v: Array) -> Array:
-    """Of vectors (..., 3), shape (...)."""
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    return np.sqrt(x * x + y * y + z * z)
+    """Of vectors (..., k), shape (...)."""
+    size: Array = np.sqrt(np.add.reduce(v * v, axis=-1))
+    return size
 
 
 def product(p: Array, q: Array) -> Array:
@@ -29,9 +29,14 @@ def product(p: Array, q: Array) -> Array:
 
 
 def angle(p: Array, q: Array) -> Array:
-    """Between two orientations, (..., 4) unit quaternions or nearly so, shape (...), rad."""
-    between = product(p * (1.0, -1.0, -1.0, -1.0), q)
-    return 2.0 * np.arctan2(length(between[..., 1:]), np.abs(between[..., 0]))
+    """Between two orientations, (..., 4) quaternions of any length, shape (...), rad.
+
+    Kahan's formula for the angle of two vectors, of which the turn is twice; q and -q are one orientation.
+    """
+    p, q = p / length(p)[..., None], q / length(q)[..., None]
+    apart, along = length(p - q), length(p + q)
+    turn: Array = 4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along))
+    return turn
 
 
 def turned_by(q: Array, turn: Array) -> Array:

@@ -1,0 +1,51 @@
+"""All fingertips of a hand at once: what `FingerKinematics.tip` says of each, in a third of the operations.
+
+Every finger turns about one axis and bends in the plane that it turns; the thumb's whole chain turns once more
+(docs/kinematics.md#finger, #thumb). So one table of angles serves them all:
+(x, y, z) = offset + (r cos q_t, r sin q_t, h), r = Σ lₖ sin αₖ, h = Σ lₖ cos αₖ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+
+class Fingertips:
+    """Sums are written out or run over a row, so that a row comes out the same whatever the size of its batch."""
+
+    def __init__(self, spec: HandSpec) -> None:
+        parts = [load_geometry(spec.model, finger.name) for finger in spec.fingers]
+        self._thumbs = np.array([part.is_thumb for part in parts])
+        # Columns of the table of angles: the turn, then what bends. The thumb's first joint takes the second column.
+        order = np.where(self._thumbs[:, None], [1, 0, 2, 3], [0, 1, 2, 3])
+        self._joints = np.take_along_axis(np.array([finger.joints for finger in spec.fingers]), order, axis=1)
+        left = spec.side == "left"
+        flips = np.isin(np.arange(spec.n_joints), spec.mirror_flips)
+        self._signs = np.where(left & flips, -1.0, 1.0)[self._joints]
+        self._links = np.array([[*(0.0,) * (4 - len(part.links)), *part.links] for part in parts])
+        self._offset = np.array([part.offset + (0.0, 0.0, part.rise if part.is_thumb else 0.0) for part in parts])
+        self._bends = ~self._thumbs
+        reflect = np.array([1.0, -1.0 if left else 1.0, 1.0])
+        self._axes = [np.array([part.base[:, k] * reflect for part in parts]) for k in range(3)]
+        self._origin = np.array([part.origin * reflect for part in parts])
+
+    def __call__(self, position: Array) -> Array:
+        """Joints (..., n), rad → fingertips in the palm frame, in the spec's order, (..., fingers, 3), m."""
+        angle = position[..., self._joints] * self._signs
+        bent = angle[..., 1] * self._bends
+        angle[..., 2] += bent
+        angle[..., 3] += angle[..., 2]
+        sine, cosine = np.sin(angle), np.cos(angle)
+        r, h = (np.add.reduce(part * self._links, axis=-1) for part in (sine, cosine))
+        x = self._offset[:, 0] + r * cosine[..., 0]
+        y = self._offset[:, 1] + r * sine[..., 0]
+        z = self._offset[:, 2] + h
+        s, c = np.where(self._thumbs, sine[..., 1], 0.0), np.where(self._thumbs, cosine[..., 1], 1.0)
+        y, z = c * y + s * z, c * z - s * y
+        first, second, third = self._axes
+        tips: Array = x[..., None] * first + y[..., None] * second + z[..., None] * third + self._origin
+        return tips
