@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import parse
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card, write_card
 from allegro_twin.train.settings import Recipe
@@ -60,7 +61,8 @@ def read(path: Path, recipe: Recipe) -> Progress:
             f"{path} is a checkpoint of version {content['version']}; this package continues {VERSION}: "
             "train anew in another folder"
         )
-    was, now = content["recipe"], recipe.model_dump(mode="json")
+    was = parse(Recipe, content["recipe"], str(path)).model_dump(mode="json")
+    now = recipe.model_dump(mode="json")
     # More steps are a longer training of the same kind; all else would be another training.
     changed = [key for key in sorted(now.keys() | was.keys()) if key != "steps" and was.get(key) != now.get(key)]
     if changed:
