@@ -58,8 +58,9 @@ def sets(recipe: Recipe) -> dict[str, EnvSettings]:
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
-    """The same environments with the physics that they have by default."""
-    given = {name: value for name, value in keywords(settings).items() if name not in ("timestep", "noslip")}
+    """The same environments with the physics that they have by default, and nothing randomised."""
+    own = ("timestep", "noslip", "randomise")
+    given = {name: value for name, value in keywords(settings).items() if name not in own}
     return EnvSettings(**given)
 
 
