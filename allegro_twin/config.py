@@ -149,6 +149,18 @@ class PositionSettings(Settings):
     """For a hand that is not simulated here: perform the grasp of this scenario, on its timeline."""
 
 
+class PolicySettings(Settings):
+    """Let a trained policy decide."""
+
+    kind: Literal["policy"]
+    file: str
+    """.onnx or .zip, by path or by its name in conf/policies."""
+    grasp: str | None = None
+    """Which of the policy's scripts it follows, where it has several; default: its first."""
+    goal: str | PerJoint | None = None
+    """For a policy that reaches goals: a posture, whose fingertips are the goal."""
+
+
 class LimitSettings(Settings):
     """What the guard lets through; docs/safety.md."""
 
@@ -165,7 +177,9 @@ class RunConfig(Settings):
 
     hand: HandSettings = HandSettings()
     backend: Annotated[SimSettings | CanSettings | ReplaySettings, Field(discriminator="kind")]
-    controller: Annotated[TorqueSettings | GravitySettings | PositionSettings, Field(discriminator="kind")]
+    controller: Annotated[
+        TorqueSettings | GravitySettings | PositionSettings | PolicySettings, Field(discriminator="kind")
+    ]
     limits: LimitSettings = LimitSettings()
     period: Positive = 0.003
     """s. The hand reports every 3 ms."""

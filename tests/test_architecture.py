@@ -20,7 +20,7 @@ LAYERS = [
     {"policy"},
     {"config", "view", "evaluate", "identify", "grasping"},
     {"build", "gym"},
-    {"session"},
+    {"session", "train"},
     {"hand"},
     {"cli"},
 ]
@@ -33,13 +33,16 @@ HOMES = {
     "daqp": {"sim"},
     "pinocchio": {"kinematics"},
     "pyarrow": {"replay"},
+    "h5py": {"replay"},
     "rerun": {"view"},
     "yaml": {"files"},
     "ruamel": {"files"},
     "ruckig": {"control"},
-    "gymnasium": {"gym"},
+    "gymnasium": {"gym", "train"},
+    "onnx": {"policy", "train"},
     "onnxruntime": {"policy"},
-    "stable_baselines3": {"policy"},
+    "stable_baselines3": {"policy", "train"},
+    "torch": {"train"},
     "av": {"sim"},
     "PIL": {"sim", "cli"},
     "rich": {"cli"},
@@ -103,9 +106,9 @@ def test_every_library_has_one_home(path: Path) -> None:
         assert homes is None or own_room(path) in homes, f"{path.name} imports {module}, which lives in {homes}"
 
 
-def test_only_paced_sleeps_and_only_the_wire_asks_for_the_time() -> None:
+def test_only_paced_sleeps_and_only_the_wire_and_the_trainer_ask_for_the_time() -> None:
     users = {p.relative_to(PACKAGE) for p in MODULES if "time" in imports(p) or "datetime" in imports(p)}
-    assert {str(p) for p in users if p.parts[0] != "wire"} == {"loop.py"}
+    assert {str(p) for p in users if p.parts[0] not in ("wire", "train")} == {"loop.py"}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}
     assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1
 

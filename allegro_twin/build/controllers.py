@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from allegro_twin.config import GravitySettings, PerJoint, PositionSettings, RunConfig, TorqueSettings
+from allegro_twin.config import (
+    GravitySettings,
+    PerJoint,
+    PolicySettings,
+    PositionSettings,
+    RunConfig,
+    TorqueSettings,
+)
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
@@ -24,6 +33,8 @@ def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> t
             return Torque(spec.vector(torque, "controller.torque")), None
         case GravitySettings(gravity=vector):
             return GravityCompensation(_gravity(spec, vector)), None
+        case PolicySettings() as settings:
+            return _deciding(settings, config, spec, trial)
         case PositionSettings() as settings:
             from allegro_twin.library.gains import load_gains
 
@@ -42,6 +53,33 @@ def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
     from allegro_twin.library.named import load_posture
 
     return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
+
+
+def _deciding(
+    settings: PolicySettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """A policy, and how long its script takes."""
+    from allegro_twin.policy.controller import PolicyController
+    from allegro_twin.policy.loading import load_policy
+
+    path = find(settings.file, "policy", "conf/policies", ".onnx")
+    loaded = load_policy(path)
+    interface = loaded.card.interface(spec)
+    if abs(interface.period - config.period) > 1e-9:
+        raise ConfigError(f"{path} decides for a period of {interface.period} s; the config says {config.period} s")
+    if trial is not None and interface.scripts is not None:
+        raise ConfigError(
+            f"{path} closes a grasp on its own timeline, not on a scenario's: run it without a scenario, or see what "
+            "it is worth with `allegro-twin evaluate`"
+        )
+    goal = None
+    if settings.goal is not None:
+        goal = frozen(interface.fingertips(posture_of(settings.goal, spec)))
+    elif interface.n_goal:
+        raise ConfigError(f"{path} reaches goals: name a posture with `goal` or --goal")
+    script = 0 if settings.grasp is None else loaded.card.script(settings.grasp)
+    seconds = None if interface.scripts is None else interface.scripts.periods * interface.period
+    return PolicyController(loaded.policy, interface, goal, script), seconds
 
 
 def _gripping(settings: PositionSettings, spec: HandSpec, trial: Trial, gains: Gains) -> Controller[Any]:

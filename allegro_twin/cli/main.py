@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, live
+from allegro_twin.cli import bus, exchange, live, training
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ def run(
     side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
     grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.")] = None,
     thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.")] = None,
+    policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.")] = None,
+    goal: Annotated[str | None, typer.Option(help="For a policy that reaches goals: a posture.")] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for a recording, a picture and a report of each run.")
     ] = None,
@@ -60,7 +62,7 @@ def run(
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
     from allegro_twin.cli.runs import configs_of
 
-    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing)
+    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)
@@ -175,27 +177,6 @@ def view(
     viewer.close()
 
 
-@app.command()
-def export(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording, or a bus log: .blf, .log (candump), .asc.")],
-    target: Annotated[Path, typer.Argument(help="Where to: .parquet, .csv or .rrd; .arrow for a bus log.")],
-    partial: Annotated[bool, typer.Option(help="Export what is readable of a recording that was cut short.")] = False,
-    config: Annotated[str | None, typer.Option(help="Of the hand in a bus log.")] = None,
-    bus: Annotated[str | None, typer.Option(help="Which bus of a log that holds several.")] = None,
-) -> None:
-    """Convert a recording for other programs, or a bus log to a recording."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.runs import convert, from_log
-
-    if target.suffix == ".arrow":
-        rows, notes = from_log(recording, target, config, bus)
-        if notes:
-            console.errors.print(f"[yellow]{notes}[/]", soft_wrap=True)
-    else:
-        rows = convert(recording, target, partial=partial)
-    console.console.print(f"{target}: {rows} rows")
-
-
 def _wait() -> None:
     try:
         signal.pause()
@@ -216,7 +197,9 @@ def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its
 
 
 live.register(app)
+exchange.register(app)
 bus.register(app)
+training.register(app)
 
 
 def main() -> None:

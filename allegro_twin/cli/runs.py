@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.build import Rig, scenario_config
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.config import PolicySettings, RunConfig, load_config
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.session import Outputs
@@ -24,19 +24,28 @@ class Job:
 
 
 def configs_of(
-    targets: Sequence[str], side: str | None, seconds: float | None, partial: bool, grasp: str | None, thing: str | None
+    targets: Sequence[str],
+    side: str | None,
+    seconds: float | None,
+    partial: bool,
+    grasp: str | None,
+    thing: str | None,
+    policy: str | None = None,
+    goal: str | None = None,
 ) -> list[Job]:
-    """A job for every config, and for every scenario and side. Raises ConfigError."""
+    """A job for every config, and for every scenario and side; under a policy if one is named. Raises ConfigError."""
+    if goal is not None and policy is None:
+        raise ConfigError("--goal is for a policy: give --policy, too")
     jobs = []
     for target in targets:
         for path in _files(target):
             if "backend" in read_yaml(path):
-                jobs.append(Job(path.stem, _with(load_config(path), side, seconds, partial)))
+                config = _with(load_config(path), side, seconds, partial)
+                jobs.append(Job(path.stem, _under(policy, goal, grasp, config)))
                 continue
             for each in SIDES if side == "both" else (side,):
-                jobs.append(
-                    Job(thing or path.stem, _with(scenario_config(path, each, grasp, thing), None, seconds, partial))
-                )
+                config = _with(scenario_config(path, each, grasp, thing), None, seconds, partial)
+                jobs.append(Job(thing or path.stem, _under(policy, goal, None, config)))
     return jobs
 
 
@@ -135,6 +144,13 @@ def _files(target: str) -> list[Path]:
     if path.name not in names:
         raise ConfigError(unknown("config or scenario", path.name, names))
     return [names[path.name]]
+
+
+def _under(policy: str | None, goal: str | None, grasp: str | None, config: RunConfig) -> RunConfig:
+    if policy is None:
+        return config
+    controller = PolicySettings(kind="policy", file=policy, goal=goal, grasp=grasp)
+    return config.model_copy(update={"controller": controller})
 
 
 def _with(config: RunConfig, side: str | None, seconds: float | None, partial: bool) -> RunConfig:

@@ -18,6 +18,7 @@ from allegro_twin.gym.tasks.base import Flags, Outcome
 from allegro_twin.policy.interface import BOUND, Memory, Observation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
+from allegro_twin.types import Array
 
 
 class Engine:
@@ -78,6 +79,16 @@ class Engine:
             step(rows, substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1
+
+    def pass_period(self, torque: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
+        """Let one control period pass, the k-th since `task.plan`, under these torques, (n, joints), N·m."""
+        self._sensing.drive(torque, tick)
+        self.task.drive(k)
+        self.worlds.step(rows, self._substeps)
+
+    def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
+        return self._sensing.measured(tick)
 
     def observe(self) -> Observation:
         """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""

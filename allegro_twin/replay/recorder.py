@@ -19,7 +19,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 
 BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
-_UNITS = {
+UNITS = {
     "t": "s", "tick": "1", "position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C",
     "gravity": "m/s²", "command_torque": "N·m", "command_position": "rad",
 }  # fmt: skip
@@ -95,7 +95,7 @@ class Recorder:
         for name, value in vectors.items():
             fields.append(pa.field(name, pa.list_(pa.float64(), len(value))))
             self._buffers[name] = np.empty((BATCH, len(value)))
-        fields = [field.with_metadata({"unit": _UNITS.get(field.name, "")}) for field in fields]
+        fields = [field.with_metadata({"unit": UNITS.get(field.name, "")}) for field in fields]
         schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
         try:
             self._writer = pa.ipc.new_stream(self._file, schema)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -81,21 +82,42 @@ class Camera:
 
 def filmed(samples: Iterable[Sample], camera: Camera, path: Path, fps: int = 30) -> Iterator[Sample]:
     """A stage that makes an H.264 film in real time of the hand's clock."""
+    with _opened(path, fps) as add:
+        frames = 0
+        for sample in samples:
+            while frames <= sample.state.t * fps:
+                add(camera.take())
+                frames += 1
+            yield sample
+
+
+def film(pictures: Iterable[Picture], path: Path, fps: int) -> None:
+    """An H.264 film of pictures, so many a second. Raises ConfigError without PyAV."""
+    try:
+        with _opened(path, fps) as add:
+            for picture in pictures:
+                add(picture)
+    except ImportError as error:
+        raise ConfigError(f"a film needs PyAV: pip install 'allegro-twin[view]' ({error})") from error
+
+
+@contextmanager
+def _opened(path: Path, fps: int) -> Iterator[Callable[[Picture], None]]:
+    """A film to which pictures of one size are added."""
     import av
 
     with whole_file(path) as temporary, av.open(str(temporary), "w", format=path.suffix[1:]) as container:
         stream: Any = None
-        frames = 0
-        for sample in samples:
-            while frames <= sample.state.t * fps:
-                picture = camera.take()
-                if stream is None:
-                    stream = container.add_stream("libx264", rate=fps, options={"crf": "23"})
-                    stream.height, stream.width = picture.shape[:2]
-                    stream.pix_fmt = "yuv420p"
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-                frames += 1
-            yield sample
+
+        def add(picture: Picture) -> None:
+            nonlocal stream
+            if stream is None:
+                stream = container.add_stream("libx264", rate=fps, options={"crf": "23"})
+                stream.height, stream.width = picture.shape[:2]
+                stream.pix_fmt = "yuv420p"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+
+        yield add
         if stream is not None:
             container.mux(stream.encode())
 

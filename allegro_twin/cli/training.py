@@ -1,0 +1,105 @@
+"""Commands for policies: train one, and see what one is worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+
+if TYPE_CHECKING:
+    from allegro_twin.train.report import Compared
+    from allegro_twin.train.settings import Recipe
+
+Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command()(train)
+    app.command()(evaluate)
+
+
+def train(
+    task: Annotated[str, typer.Argument(help="A task, or a recipe by path or by its name in conf/training.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.")
+    ] = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Actions in all.")] = None,
+    envs: Annotated[int | None, typer.Option(help="Simulations side by side.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
+    episodes: Episodes = 200,
+    video: Annotated[bool, typer.Option(help="Film some episodes in the end.")] = True,
+) -> None:
+    """Train a policy with PPO; the same command again goes on after an interruption."""
+    from allegro_twin.cli import console
+    from allegro_twin.train import load_recipe
+    from allegro_twin.train import train as learn
+
+    recipe = load_recipe(task, side=side, steps=steps, envs=envs, seed=seed)
+    folder = out or Path("runs") / Path(task).stem.lower()
+    with console.progress() as bar:
+        job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
+
+        def advance(done: int, mean: float, rate: float) -> None:
+            bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
+
+        trained = learn(recipe, folder, advance)
+    done = trained.progress
+    console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
+    _judged(trained.policy, recipe, folder, episodes, video)
+
+
+def evaluate(
+    policy: Annotated[str, typer.Argument(help="A policy file, .onnx or .zip, or its name in conf/policies.")],
+    recipe: Annotated[str, typer.Argument(help="The recipe that it was trained with: task, objects, noise.")],
+    episodes: Episodes = 200,
+    can: Annotated[int, typer.Option(help="So many of the episodes on a virtual hand on a CAN bus, too.")] = 0,
+) -> None:
+    """Compare a policy with the scripted player in the same episodes."""
+    from allegro_twin.cli import console
+    from allegro_twin.files.assets import find
+    from allegro_twin.train import load_recipe
+    from allegro_twin.train.report import SEED, compare, sets
+
+    loaded = load_recipe(recipe)
+    path = find(policy, "policy", "conf/policies", ".onnx")
+    console.console.print(_table(compare(path, loaded, episodes)))
+    if can:
+        from allegro_twin.train.deployment import over_can
+
+        for name, settings in sets(loaded).items():
+            driven = over_can(path, loaded.task, settings, can, seed=SEED)
+            share = f"{driven.rate:.1%} ± {driven.error:.1%}"
+            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes")
+
+
+def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bool) -> None:
+    from allegro_twin.cli import console
+    from allegro_twin.policy.loading import load_policy
+    from allegro_twin.train import report
+
+    compared = report.compare(policy, recipe, episodes)
+    report.write(compared, folder / "evaluation.json")
+    console.console.print(_table(compared))
+    if not video:
+        return
+    try:
+        report.filmed(load_policy(policy).policy, recipe, folder / "policy.mp4")
+    except ConfigError as error:
+        console.errors.print(f"[yellow]no film: {error}[/]")  # The policy is what was asked for.
+
+
+def _table(compared: list[Compared]) -> object:
+    from rich.table import Table
+
+    table = Table(title="success, in the same episodes", title_justify="left", title_style="bold")
+    for column in ("objects", "episodes", "policy", "no action"):
+        table.add_column(column, justify="left" if column == "objects" else "right")
+    for each in compared:
+        shares = [f"{e.rate:.1%} ± {e.error:.1%}" for e in (each.policy, each.still)]
+        table.add_row(each.name, str(len(each.policy.success)), *shares)
+    return table

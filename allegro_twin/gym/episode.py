@@ -1,0 +1,98 @@
+"""An episode of an environment as a hand: whoever drives it, its object comes, is let go of and pushed all the same."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+
+from allegro_twin.backend import torque_of
+from allegro_twin.errors import HandFault
+from allegro_twin.gym.engine import Engine
+from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Command, HandState, Vector, frozen
+
+_ROW = np.zeros(1, np.int64)
+
+
+class Episode:
+    """The episode that `HandEnv(task, …).reset(seed=seed)` begins, as a backend: `reset` begins it anew.
+
+    What a hand reports is what the environment measures, noise and delays included. Raises ConfigError.
+    """
+
+    def __init__(self, task: str, settings: EnvSettings, seed: int = 0) -> None:
+        self.engine, self.seed = Engine(task, settings, 1, threads=1), seed
+        self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))
+        self._torque = frozen(np.zeros(self.spec.n_actuators))
+        self._decimation = self.engine.task.interface.decimation
+        self.success, self.over = False, False
+        """Of the episode so far, as the environment would tell it after its last step."""
+        self.reward = 0.0
+        """Of the period that just ended: a step's where a step ended with it, but for what actions cost."""
+        self.report: dict[str, Any] = {}
+        """What was drawn at the last reset, a row each."""
+
+    @property
+    def spec(self) -> HandSpec:
+        return self.engine.task.spec
+
+    @property
+    def period(self) -> float:
+        return self.engine.settings.period
+
+    @property
+    def goal(self) -> Vector | None:
+        """What a policy should reach in this episode, where the task has goals."""
+        goal = self.engine.task.goal()
+        return None if goal is None else frozen(goal[0])
+
+    @property
+    def script(self) -> int:
+        """Which script a policy follows in this episode."""
+        return int(self.engine.task.scripts(_ROW)[0])
+
+    def reset(self) -> HandState:
+        self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
+        self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
+        self._torque = frozen(np.zeros(self.spec.n_actuators))
+        return self._state()
+
+    def write(self, command: Command) -> None:
+        self._torque = frozen(torque_of(command, self.spec))
+
+    def read(self) -> HandState:
+        k = self._tick % self._decimation
+        if k == 0:
+            self.engine.task.plan(np.array([self._tick]))
+        self.engine.pass_period(self._torque[None], np.array([self._tick]), k)
+        self._tick += 1
+        self.reward = 0.0
+        if self._tick % self._decimation == 0 and not self.over:
+            self._judge()
+        return self._state()
+
+    def close(self) -> None:
+        self._torque = frozen(np.zeros(self.spec.n_actuators))
+
+    def _judge(self) -> None:
+        """As after a step of the environment; a policy's action costs nothing here."""
+        engine = self.engine
+        engine.memory = engine.task.interface.elapsed(engine.memory)
+        engine.count += 1
+        outcome, _ = engine.outcome(np.zeros((1, self.spec.n_joints)), engine.observe())
+        self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
+        self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
+
+    def _state(self) -> HandState:
+        position, velocity = (frozen(x[0]) for x in self.engine.measured(np.array([self._tick])))
+        if not np.isfinite(position).all():
+            raise HandFault(f"the simulation diverged at {self._tick * self.period:.3f} s")
+        t = self._tick * self.period
+        return HandState(t, self._tick, position, velocity, self._torque, self._unknown, frozen(self._gravity()))
+
+    def _gravity(self) -> Array:
+        return np.full(3, math.nan)  # The environments' palms do not tell; a policy does not ask.

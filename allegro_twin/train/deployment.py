@@ -1,0 +1,65 @@
+"""A policy on a virtual hand on a CAN bus: every frame is encoded, sent and decoded, and behind the hand's own
+processor runs the episode that the environment would have run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.gym.episode import Episode
+from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.loop import run
+from allegro_twin.policy.controller import PolicyController
+from allegro_twin.policy.loading import load_policy
+from allegro_twin.train.evaluation import Evaluation, fitting
+from allegro_twin.wire.backend import CanBackend
+from allegro_twin.wire.calibration import load_wiring
+from allegro_twin.wire.codec import Version
+from allegro_twin.wire.firmware import Firmware
+from allegro_twin.wire.hands import VirtualHands
+from allegro_twin.wire.link import Link
+from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.virtual import LockstepBus
+
+
+def over_can(
+    policy: Path, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, version: Version = "v4"
+) -> Evaluation:
+    """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. Raises
+    ConfigError for a policy of another task."""
+    loaded, episode = load_policy(policy), Episode(task, settings)
+    fitting(loaded.card, episode.engine.task.card())
+    success: list[bool] = []
+    returned: list[float] = []
+    things: list[str] = []
+    for each in range(episodes):
+        episode.seed = seed + each
+        episode.reset()
+        interface = episode.engine.task.interface  # With the scripts of these very objects.
+        controller = PolicyController(loaded.policy, interface, episode.goal, episode.script)
+        with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
+            returned.append(sum(_rewards(hand, controller, episode)))
+        success.append(episode.success)
+        things.append(*episode.report.get("object", [""]))
+    named = tuple(things) if any(things) else ()
+    return Evaluation(np.array(success), np.array(returned), named)
+
+
+def _rewards(hand: CanBackend, controller: PolicyController, episode: Episode) -> Iterator[float]:
+    for _ in run(hand, controller):
+        yield episode.reward
+        if episode.over:
+            return
+
+
+def _on_bus(episode: Episode, version: Version) -> CanBackend:
+    """A virtual hand whose episode begins with every session."""
+    spec = episode.spec
+    codec = make_codec(version, load_wiring(spec.model, "").calibration)
+    firmware = Firmware(episode, codec, restart=True)
+    bus = Link(LockstepBus(VirtualHands([firmware]), spec.name))
+    return CanBackend(spec, codec, bus.port, Terms(period=episode.period))

@@ -1,0 +1,120 @@
+"""From a recipe to a trained policy in a folder: rounds of PPO, a checkpoint after each, and on after a kill."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
+
+from allegro_twin.files.whole import whole_file
+from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.train import checkpoint
+from allegro_twin.train.checkpoint import Progress
+from allegro_twin.train.curve import Curve
+from allegro_twin.train.evaluation import evaluate, keywords
+from allegro_twin.train.export import to_onnx
+from allegro_twin.train.network import Normalised
+from allegro_twin.train.settings import Recipe
+from allegro_twin.train.stable import StableEnv
+from allegro_twin.train.watching import Advance, Watching
+
+FINAL_RATE = 0.1  # Of the learning rate, at the end.
+ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
+EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """What a training has left behind."""
+
+    policy: Path
+    """The .onnx file."""
+    progress: Progress
+    rate: float
+    """Success rate of the last evaluation, on what was trained on."""
+
+
+def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
+    """Train in `folder`, or go on with what is there. Raises ConfigError for a folder of another training."""
+    path = checkpoint.newest(folder)
+    progress = Progress() if path is None else checkpoint.read(path, recipe)
+    env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **keywords(recipe.environment))
+    card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
+    stable = StableEnv(env, scale=recipe.reward_scale)
+    # No number may depend on how many threads shared the work.
+    torch.set_num_threads(1)
+    set_random_seed(recipe.seed)
+    model = _model(recipe, stable) if path is None else PPO.load(str(path), env=stable, device="cpu")
+    model.set_logger(Logger(str(folder), [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
+    curve = Curve(folder / "curve.csv", progress.steps)
+    rate = float("nan")
+    while progress.rounds < recipe.rounds:
+        watching = Watching(curve, progress.seconds, advance)
+        _round(model, stable, recipe, progress.rounds, watching)
+        policy = _deterministic(model)
+        rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
+        progress = Progress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
+        curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
+        model.logger.record("evaluation/success_rate", rate)
+        model.logger.dump(progress.steps)
+        checkpoint.save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
+    if rate != rate:  # Nothing was left to do.
+        rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
+    to_onnx(model, folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
+    with whole_file(folder / "recipe.json") as temporary:
+        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+    stable.close()
+    return Trained(folder / "policy.onnx", progress, rate)
+
+
+def note(recipe: Recipe, progress: Progress) -> str:
+    """How a policy was trained, for its card."""
+    return f"PPO, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
+
+
+def _model(recipe: Recipe, env: StableEnv) -> Any:
+    layers = list(recipe.hidden)
+    chosen = {
+        "features_extractor_class": Normalised,
+        "net_arch": {"pi": layers, "vf": layers},
+        "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],
+        "log_std_init": recipe.log_spread,
+    }
+    policy = "MultiInputPolicy" if hasattr(env.observation_space, "spaces") else "MlpPolicy"
+    return PPO(
+        policy,
+        env,
+        learning_rate=recipe.learning_rate,
+        n_steps=recipe.rollout,
+        batch_size=recipe.batch,
+        n_epochs=recipe.epochs,
+        gamma=recipe.discount,
+        gae_lambda=recipe.trace,
+        clip_range=recipe.clip,
+        ent_coef=recipe.entropy,
+        policy_kwargs=chosen,
+        seed=recipe.seed,
+        device="cpu",
+    )
+
+
+def _round(model: Any, env: StableEnv, recipe: Recipe, number: int, watching: Watching) -> None:
+    """One round. Everything random in it follows from the recipe's seed and its number, so that a training that was
+    continued cannot be told from one that was not."""
+    part = number / recipe.rounds
+    model.lr_schedule = ConstantSchedule(recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * part))
+    seed = (recipe.seed + number * ROUND_SEEDS) % 2**31
+    set_random_seed(seed)
+    env.seed(seed)
+    model._last_obs = None  # So that `learn` begins with new episodes.
+    model.learn(recipe.round_steps, callback=watching, reset_num_timesteps=False)
+
+
+def _deterministic(model: Any) -> Any:
+    return lambda observation: model.predict(observation, deterministic=True)[0]

@@ -1,0 +1,61 @@
+"""What comes before the network: observations brought to mean 0 and variance 1, and kept so inside the policy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
+BOUND = 5.0
+"""Standard deviations beyond which an observation is clipped."""
+LEAST = 1e-6
+"""Added to every variance: what never changes stays zero instead of becoming noise."""
+
+
+class Normalised(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
+    """All parts of an observation, one after the other, normalised by what was seen so far.
+
+    With a goal there is one part more: how far it is from what is achieved, which is what a policy needs most and a
+    network finds out last. Mean and variance are part of the policy's own state, so that every checkpoint and every
+    export carries them.
+    """
+
+    def __init__(self, observation_space: spaces.Space[Any]) -> None:
+        self.names = list(observation_space) if isinstance(observation_space, spaces.Dict) else []
+        missing = observation_space[GOAL].shape[-1] if self.names else 0  # type: ignore[index]  # A Dict.
+        super().__init__(observation_space, spaces.flatdim(observation_space) + missing)
+        for name, value in (("mean", 0.0), ("variance", 1.0), ("count", 0.0)):
+            size = (self.features_dim,) if name != "count" else ()
+            self.register_buffer(name, torch.full(size, value, dtype=torch.float64))
+
+    def forward(self, observations: Any) -> torch.Tensor:
+        flat = torch.cat(self._parts(observations), dim=-1)
+        scaled = (flat - self.mean.float()) * self.scale
+        return torch.clamp(scaled, -BOUND, BOUND)
+
+    @property
+    def scale(self) -> torch.Tensor:
+        """What an observation's distance from the mean is multiplied with, (features,)."""
+        return torch.rsqrt(self.variance + LEAST).float()
+
+    def learn(self, observations: Any) -> None:
+        """Take many observations into account, (…, features) or a dictionary of such (Chan et al. 1979)."""
+        flat: NDArray[np.float64] = np.concatenate(self._parts(observations), axis=-1)
+        flat = flat.reshape(-1, self.features_dim).astype(np.float64)
+        count, more = float(self.count), len(flat)
+        mean, variance = self.mean.numpy(), self.variance.numpy()
+        apart, total = flat.mean(axis=0) - mean, count + more
+        spread = variance * count + flat.var(axis=0) * more + apart**2 * count * more / total
+        self.mean[:] = torch.from_numpy(mean + apart * more / total)
+        self.variance[:] = torch.from_numpy(spread / total)
+        self.count.fill_(total)
+
+    def _parts(self, observations: Any) -> list[Any]:
+        if not self.names:
+            return [observations]
+        return [*(observations[name] for name in self.names), observations[GOAL] - observations[ACHIEVED]]

@@ -1,0 +1,92 @@
+"""The recipe of a training: the task, its environments, and PPO's numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.files.schema import Settings, parse
+from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.gym.tasks import TASKS
+
+Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Recipe(Settings):
+    """Everything that decides what is learned. The same recipe on the same machine gives the same policy, bit for bit,
+    however often it was killed and continued."""
+
+    task: str
+    environment: EnvSettings = EnvSettings()
+    """Keywords of the environments that are trained in."""
+    held_out: tuple[str, ...] = ()
+    """Objects that are kept from training, for the evaluation."""
+    envs: Count = 256
+    """Simulations side by side."""
+    steps: Count = 1_000_000
+    """Actions in all; whole rounds are trained."""
+    round: Count = 100_000
+    """Actions between two checkpoints, rounded up to whole updates. A round begins with new episodes."""
+    rollout: Count = 16
+    """Actions of each simulation between two updates."""
+    batch: Count = 1024
+    epochs: Count = 5
+    learning_rate: Positive = 5e-4
+    """At the beginning; it falls in a straight line to a tenth."""
+    discount: Share = 0.98
+    trace: Share = 0.95
+    """λ of the advantage estimate."""
+    clip: Positive = 0.2
+    entropy: Annotated[float, Field(ge=0)] = 0.0
+    hidden: tuple[Count, ...] = (128, 128)
+    """Units of each layer, of policy and value alike."""
+    activation: Literal["tanh", "elu"] = "elu"
+    log_spread: float = -1.0
+    """Logarithm of the standard deviation with which actions are tried out at the beginning."""
+    reward_scale: Positive = 1.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    trials: Count = 100
+    """Episodes of the evaluation after every round, without noise on the actions."""
+
+    @field_validator("task")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in TASKS:
+            raise ValueError(unknown("task", value, TASKS))
+        return value
+
+    @property
+    def update(self) -> int:
+        """Actions between two updates of the network."""
+        return self.envs * self.rollout
+
+    @property
+    def rounds(self) -> int:
+        """How many there are."""
+        return max(round(self.steps / self.round_steps), 1)
+
+    @property
+    def round_steps(self) -> int:
+        """Actions in a round: whole updates."""
+        return -(-min(self.round, self.steps) // self.update) * self.update
+
+
+def load_recipe(name: str, **changes: Any) -> Recipe:
+    """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are
+    None are left out. Raises ConfigError with the nearest names."""
+    given = {key: value for key, value in changes.items() if value is not None}
+    shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
+    if name in TASKS and name.lower() not in shipped:
+        return parse(Recipe, {"task": name} | given, "recipe")
+    if "." not in name and "/" not in name and name.lower() not in shipped:
+        raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
+    path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
+    content = read_yaml(path)
+    if "side" in given:
+        content["environment"] = content.get("environment", {}) | {"side": given.pop("side")}
+    return parse(Recipe, content | given, str(path))

@@ -1,0 +1,31 @@
+"""Train a policy with PPO and see what it is worth: `python train_ppo.py Grasp`. The same again goes on after a kill.
+
+It is what `allegro-twin train Grasp` does. Needs pip install 'allegro-twin[rl]'.
+"""
+
+import sys
+from pathlib import Path
+
+from rich.progress import Progress
+
+from allegro_twin.policy.loading import load_policy
+from allegro_twin.train import load_recipe, train
+from allegro_twin.train.report import compare, filmed, write
+
+task = sys.argv[1] if len(sys.argv) > 1 else "Reach"
+steps = int(sys.argv[2]) if len(sys.argv) > 2 else None  # None: as many as the recipe in conf/training says
+recipe, folder = load_recipe(task, steps=steps), Path("runs") / task.lower()
+
+with Progress() as bar:
+    job = bar.add_task(task, total=recipe.rounds * recipe.round_steps)
+
+    def advance(done: int, mean: float, rate: float) -> None:
+        bar.update(job, completed=done, description=f"{task}: return {mean:.2f}, success {rate:.0%}")
+
+    trained = train(recipe, folder, advance)  # Checkpoints, curve.csv, TensorBoard's log and policy.onnx are in folder.
+
+compared = compare(trained.policy, recipe, episodes=50)
+for each in compared:
+    print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.still.rate:.1%}")
+write(compared, folder / "evaluation.json")
+filmed(load_policy(trained.policy).policy, recipe, folder / "policy.mp4")

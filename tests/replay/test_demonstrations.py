@@ -1,0 +1,156 @@
+"""Demonstrations: recordings become data sets that other programs read, and come back as they were, to the bit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from allegro_twin.cli.main import main
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.replay.backend import ReplayBackend, samples_of
+from allegro_twin.replay.episodes import write
+from allegro_twin.replay.lerobot import from_lerobot, to_lerobot
+from allegro_twin.replay.minari import from_minari, to_minari
+from allegro_twin.replay.recording import Recording, load
+
+Pair = tuple[Callable[..., None], Callable[..., Recording]]
+
+
+@pytest.fixture(params=["lerobot", "minari"])
+def there_and_back(request: pytest.FixtureRequest) -> Pair:
+    if request.param == "lerobot":
+        return to_lerobot, from_lerobot
+    pytest.importorskip("h5py", reason="Minari's files are HDF5: extra demos")
+    return to_minari, from_minari
+
+
+@pytest.fixture
+def episodes(recording_path: Path) -> list[Recording]:
+    """Two of different length."""
+    first = load(recording_path)
+    second = Recording(
+        first.path, dict(first.meta) | {"note": "second"}, {k: v[:90] for k, v in first.columns.items()}, complete=True
+    )
+    return [first, second]
+
+
+def same(first: Recording, second: Recording) -> None:
+    assert list(first.columns) == list(second.columns)
+    for name, values in first.columns.items():
+        assert values.dtype == second.columns[name].dtype
+        np.testing.assert_array_equal(values, second.columns[name], err_msg=name)
+    assert dict(first.meta) == dict(second.meta)
+
+
+def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
+    there, back = there_and_back
+    there(episodes, tmp_path / "set")
+    for number, episode in enumerate(episodes):
+        same(episode, back(tmp_path / "set", number))
+
+
+def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
+    there, back = there_and_back
+    there(episodes, tmp_path / "set")
+    write(back(tmp_path / "set", 1), tmp_path / "again.arrow")
+    again = ReplayBackend(load(tmp_path / "again.arrow"))
+    assert again.recording.complete
+    pairs = zip(samples_of(ReplayBackend(episodes[1])), samples_of(again), strict=True)
+    count = 0
+    for (state, command), (its, their) in pairs:
+        np.testing.assert_array_equal(state.position, its.position)
+        np.testing.assert_array_equal(command.torque, their.torque)  # type: ignore[union-attr]  # Torques, both.
+        assert state.tick == its.tick
+        count += 1
+    assert count == 90
+    units = pyarrow.ipc.open_stream(tmp_path / "again.arrow").schema.field("position").metadata
+    assert units == {b"unit": b"rad"}
+
+
+def test_lerobots_layout_is_the_published_one(episodes: list[Recording], tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    to_lerobot(episodes, folder)
+    info = json.loads((folder / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == ("v2.1", 2, 251 + 90)
+    assert (info["fps"], info["splits"]) == (333, {"train": "0:2"})
+    assert info["features"]["observation.state"]["shape"] == [16]
+    assert info["features"]["action"]["names"][15] == "command_torque.thumb_3"
+    table = pyarrow.parquet.read_table(folder / "data/chunk-000/episode_000001.parquet")
+    assert set(table.column_names) == set(info["features"])
+    for name, feature in info["features"].items():
+        kind = table.schema.field(name).type
+        width = kind.list_size if pyarrow.types.is_fixed_size_list(kind) else 1
+        inner = kind.value_type if width > 1 else kind
+        assert ([width], {"float": "float32", "double": "float64"}.get(str(inner), str(inner))) == (
+            feature["shape"], feature["dtype"])  # fmt: skip
+    assert table["index"].to_pylist() == list(range(251, 341))
+    assert table["frame_index"].to_pylist() == list(range(90))
+    assert set(table["episode_index"].to_pylist()) == {1}
+    steps = np.diff(table["timestamp"].to_numpy().astype(np.float64))
+    assert np.abs(steps - 1 / info["fps"]).max() < 1e-4, "LeRobot tolerates 0.1 ms"
+    lines = [json.loads(line) for line in (folder / "meta/episodes.jsonl").read_text().splitlines()]
+    assert [line["length"] for line in lines] == [251, 90]
+    tasks = [json.loads(line) for line in (folder / "meta/tasks.jsonl").read_text().splitlines()]
+    assert lines[0]["tasks"] == [tasks[0]["task"]]
+    stats = [json.loads(line) for line in (folder / "meta/episodes_stats.jsonl").read_text().splitlines()]
+    low = episodes[1].columns["position"].min(axis=0).astype(np.float32)
+    np.testing.assert_array_equal(np.float32(stats[1]["stats"]["observation.state"]["min"]), low)
+    assert stats[1]["stats"]["action"]["count"] == [90]
+
+
+def test_minari_reads_what_is_written_for_it(episodes: list[Recording], tmp_path: Path) -> None:
+    minari = pytest.importorskip("minari", reason="only Minari itself can say whether it reads a data set")
+    to_minari(episodes, tmp_path / "home")
+    found: Any = minari.MinariDataset(tmp_path / "home" / "data")
+    assert (found.total_episodes, found.total_steps) == (2, 250 + 89)
+    assert found.id == "allegro/home-v0"
+    for ours, its in zip(episodes, found.iterate_episodes(), strict=True):
+        columns = ours.columns
+        np.testing.assert_array_equal(its.observations[:, :16], columns["position"])
+        np.testing.assert_array_equal(its.observations[:, 16:], columns["velocity"])
+        np.testing.assert_array_equal(its.actions, columns["command_torque"][:-1])
+        assert its.truncations.tolist() == [False] * (len(ours) - 2) + [True]
+        assert not its.terminations.any()
+        assert found.observation_space.contains(its.observations[0])
+
+
+def test_the_command_line_packs_and_unpacks(
+    recording_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def call(*words: object) -> None:
+        monkeypatch.setattr("sys.argv", ["allegro-twin", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 0
+
+    call("export", recording_path, recording_path, tmp_path / "set", "--format", "lerobot")
+    call("export", tmp_path / "set", tmp_path / "again.arrow", "--episode", 1)
+    same(load(recording_path), load(tmp_path / "again.arrow"))
+
+
+def test_what_does_not_fit_is_named(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
+    there, back = there_and_back
+    there(episodes, tmp_path / "set")
+    with pytest.raises(ConfigError, match="is not empty"):
+        there(episodes, tmp_path / "set")
+    with pytest.raises(RecordingError, match="has no episode 2; there are 2"):
+        back(tmp_path / "set", 2)
+    with pytest.raises(RecordingError):
+        back(tmp_path / "nothing")
+
+
+def test_recordings_that_differ_make_no_common_set(
+    there_and_back: Pair, episodes: list[Recording], tmp_path: Path
+) -> None:
+    there, _ = there_and_back
+    first, second = episodes
+    more = Recording(second.path, second.meta, dict(second.columns) | {"target": np.zeros((90, 16))}, complete=True)
+    with pytest.raises(ConfigError, match="do not both have target: they make two data sets"):
+        there([first, more], tmp_path / "set")
+    assert not (tmp_path / "set").exists()
