@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from allegro_twin.errors import ConfigError
+
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """How to deal with a hand on a bus."""
+    """How to deal with a hand on a bus. Raises ConfigError for times that no hand can keep."""
 
     period: float = 0.003
     """s between two reports; the hand is told."""
@@ -27,3 +29,10 @@ class Terms:
     """s between two reports of the IMU; 0: never, for no source confirms its layout."""
     status_period: float = 1.0
     """s between two questions for the status. R2 v4_sdk.cpp:421."""
+
+    def __post_init__(self) -> None:
+        ms = 1000.0 * self.period
+        if abs(ms - round(ms)) > 1e-6 or not 1 <= round(ms) <= 255:
+            raise ConfigError(f"period {self.period:g} s: a hand counts whole milliseconds, from 0.001 to 0.255 s")
+        if self.timeout < 2 * self.period:
+            raise ConfigError(f"timeout {self.timeout:g} s must be two periods of {self.period:g} s or more")
