@@ -21,25 +21,25 @@ TASKS: tuple[tuple[str, dict[str, Any]], ...] = (("Reach", {}), ("Reorient", {})
 WARM, STEPS = 3, 20
 
 
-def main(device: str = "warp", sizes: tuple[int, ...] = SIZES, steps: int = STEPS) -> None:
+def main(device: str) -> None:
     print(f"{'task':<10}{'simulations':>12}{'env steps/s':>14}{'physics steps/s':>17}{'bare physics/s':>16}  device")
     for task, kwargs in TASKS:
-        for n in sizes:
+        for n in SIZES:
             try:
                 env = HandVectorEnv(task, n, device=device, **kwargs)
             except ConfigError as error:
                 print(f"not measured: {error}")
                 return
-            row(task, n, env, steps)
+            row(task, n, env)
 
 
-def row(task: str, n: int, env: HandVectorEnv, steps: int) -> None:
+def row(task: str, n: int, env: HandVectorEnv) -> None:
     env.reset(seed=0)
     still = np.zeros((n, 16), np.float32)
     worlds: Any = env.engine.worlds
     settings = env.engine.settings
     count = round(settings.period / settings.timestep)
-    seconds = timed(lambda: env.step(still), steps)
+    seconds = timed(lambda: env.step(still))
     with worlds._wp.ScopedDevice(worlds._device):
 
         def bare() -> None:
@@ -47,20 +47,20 @@ def row(task: str, n: int, env: HandVectorEnv, steps: int) -> None:
                 worlds._advance(count)
             worlds._wp.synchronize()
 
-        physics = timed(bare, steps)
+        physics = timed(bare)
     every = n * settings.decimation * count
     print(f"{task:<10}{n:>12,}{n / seconds:>14,.0f}{every / seconds:>17,.0f}{every / physics:>16,.0f}  {worlds.device}")
 
 
-def timed(act: Callable[[], object], steps: int) -> float:
+def timed(act: Callable[[], object]) -> float:
     """Seconds a call, after some that compile and warm up."""
     for _ in range(WARM):
         act()
     start = time.perf_counter()
-    for _ in range(steps):
+    for _ in range(STEPS):
         act()
-    return (time.perf_counter() - start) / steps
+    return (time.perf_counter() - start) / STEPS
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main(sys.argv[1] if len(sys.argv) > 1 else "warp")

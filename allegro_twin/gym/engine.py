@@ -18,7 +18,6 @@ from allegro_twin.gym.tasks.base import Flags, Outcome
 from allegro_twin.policy.interface import BOUND, Memory, Observation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
-from allegro_twin.types import Array
 
 
 class Engine:
@@ -68,14 +67,15 @@ class Engine:
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
         gains = sensing.gains(self._gains)
+        pull, motion, torque, step = interface.pull, worlds.motion, worlds.torque, worlds.step
         for k in range(interface.decimation):
             if sensing.ideal:
-                interface.pull(worlds.motion, course, k, gains, worlds.torque)
+                pull(motion, course, k, gains, torque)
             else:
                 tick = memory.tick + k
                 sensing.drive(interface.torque(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
             drive(k)
-            worlds.step(rows, substeps)
+            step(rows, substeps)
         self.memory = interface.elapsed(memory)
         self.count += 1
 
@@ -115,7 +115,7 @@ class Engine:
         position = self.worlds.position
         if _finite(position):
             return outcome, np.zeros(self.n, bool)
-        diverged: Flags = ~np.isfinite(position).all(axis=-1)
+        diverged = np.asarray(~np.isfinite(position).all(axis=-1))
         if diverged.any():
             outcome = outcome._replace(
                 reward=np.where(diverged, 0.0, outcome.reward),
@@ -134,13 +134,13 @@ class Engine:
         wanted = (self.n, self.task.spec.n_joints)
         if action.shape != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {action.shape}")
-        if not np.isfinite(action).all():
+        if not _finite(action):
             row, joint = (int(index[0]) for index in np.nonzero(~np.isfinite(action)))
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
 
 
-def _finite(x: Array) -> bool:
+def _finite(x: NDArray[np.floating[Any]]) -> bool:
     """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at."""
     return math.isfinite(np.add.reduce(x, axis=None))

@@ -23,7 +23,7 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
 
 Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 Periods = Annotated[tuple[int, int], AfterValidator(_ordered)]
-LONGEST_DELAY = 4  # Periods: 12 ms. The real hand's loop takes 1 to 2 (docs/models.md#actuation).
+LONGEST_DELAY = 4  # Periods: 12 ms, twice what the default draws. Nobody has published a measured one.
 
 
 class Randomise(Settings):

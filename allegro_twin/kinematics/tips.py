@@ -27,7 +27,7 @@ class Fingertips:
         flips = np.isin(np.arange(spec.n_joints), spec.mirror_flips)
         self._signs = np.where(left & flips, -1.0, 1.0)[self._joints]
         self._links = np.array([[*(0.0,) * (4 - len(part.links)), *part.links] for part in parts])
-        self._offset = np.array([part.offset + (0.0, 0.0, part.rise if part.is_thumb else 0.0) for part in parts])
+        self._offset = np.array([part.offset + np.array([0.0, 0.0, part.rise]) for part in parts])
         self._bends = ~self._thumbs
         reflect = np.array([1.0, -1.0 if left else 1.0, 1.0])
         self._axes = [np.array([part.base[:, k] * reflect for part in parts]) for k in range(3)]
@@ -44,7 +44,8 @@ class Fingertips:
         x = self._offset[:, 0] + r * cosine[..., 0]
         y = self._offset[:, 1] + r * sine[..., 0]
         z = self._offset[:, 2] + h
-        s, c = np.where(self._thumbs, sine[..., 1], 0.0), np.where(self._thumbs, cosine[..., 1], 1.0)
+        # Fingers do not turn once more: sine 0, cosine 1.
+        s, c = sine[..., 1] * self._thumbs, cosine[..., 1] * self._thumbs + self._bends
         y, z = c * y + s * z, c * z - s * y
         first, second, third = self._axes
         tips: Array = x[..., None] * first + y[..., None] * second + z[..., None] * third + self._origin

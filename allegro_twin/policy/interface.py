@@ -113,13 +113,9 @@ class Interface:
         return np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
 
     @cached_property
-    def _periods(self) -> NDArray[np.int64]:
-        return np.arange(self.decimation)
-
-    @cached_property
     def _parts(self) -> Vector:
         """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
-        return (self._periods + 1) / self.decimation
+        return np.arange(1, self.decimation + 1) / self.decimation
 
     @property
     def n_observation(self) -> int:
@@ -144,19 +140,21 @@ class Interface:
     def act(self, action: NDArray[np.floating[Any]], memory: Memory) -> Memory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n)."""
         wish = _within(action.astype(np.float64), -1.0, 1.0)
-        if self.mode == "torque":
-            return memory._replace(push=wish * self.spec.actuation.torque_limit)
-        end = wish * self.span
-        if self.mode == "delta":
-            end = _within(memory.end + self.step * wish, -self.span, self.span)
-        return memory._replace(begin=memory.end, end=end)
+        begin, end, push, tick, script = memory
+        match self.mode:
+            case "torque":
+                return Memory(begin, end, wish * self.spec.actuation.torque_limit, tick, script)
+            case "delta":
+                return Memory(end, _within(end + self.step * wish, -self.span, self.span), push, tick, script)
+            case _:
+                return Memory(end, wish * self.span, push, tick, script)
 
     def course(self, memory: Memory) -> Course:
         """The set-points from a decision to the next."""
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
             return Course(None, push)
-        base, speed = self._base(memory, self._periods.reshape(-1, *(1,) * memory.tick.ndim))
+        base, speed = self._base(memory, np.arange(self.decimation).reshape(-1, *(1,) * memory.tick.ndim))
         travel = memory.end - memory.begin
         wish = np.empty((self.decimation, 2, *travel.shape))
         target = wish[:, 0]
@@ -179,14 +177,15 @@ class Interface:
         return pull if push is None else pull + push
 
     def pull(self, motion: Array, course: Course, k: int, gains: Array, out: Array) -> None:
-        """As `torque`, to the bit, into an array (..., n) that is there: positions and speeds are one array
-        (2, ..., n), as kp and kd are, and the three operations make no new ones but the first."""
+        """As `torque`, to the bit, in three operations and into an array (..., n) that is there: positions and speeds
+        are one array (2, ..., n), as kp and kd are. It uses the course's k-th set-points up."""
         wish, push = course
         if wish is None:
             assert push is not None
             out[...] = push
             return
-        error = wish[k] - motion
+        error = wish[k]  # What is left of the way, and then the two torques.
+        np.subtract(error, motion, out=error)
         np.multiply(error, gains, out=error)
         np.add(error[0], error[1], out=out)
         if push is not None:
@@ -194,7 +193,8 @@ class Interface:
 
     def elapsed(self, memory: Memory) -> Memory:
         """The memory when the set-points of a decision have run out and the next is due."""
-        return memory._replace(tick=memory.tick + self.decimation)
+        begin, end, push, tick, script = memory
+        return Memory(begin, end, push, tick + self.decimation, script)
 
     def observe(
         self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
@@ -247,5 +247,4 @@ class Interface:
 
 def _within(x: Array, low: Array | float, high: Array | float) -> Array:
     """What `np.clip` does, without its 5 µs a call."""
-    bounded: Array = np.minimum(np.maximum(x, low), high)
-    return bounded
+    return np.asarray(np.minimum(np.maximum(x, low), high))

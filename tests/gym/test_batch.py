@@ -19,6 +19,14 @@ EASY: dict[str, dict[str, Any]] = {
 }
 
 
+# Every task once before each push; two with both of the engine's ways through a period.
+CASES = [
+    pytest.param(task, randomise, marks=[] if task in ("Reach", "Grasp") or short else [pytest.mark.long])
+    for task in TASKS
+    for randomise, short in (("off", False), ("default", True))
+]
+
+
 def kwargs_of(task: str) -> dict[str, Any]:
     """Few objects, so that a test does not compile them all."""
     return EASY.get(task, {})
@@ -37,8 +45,7 @@ def same(first: Any, second: Any) -> None:
         np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize("randomise", ["off", "default"])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "randomise"), CASES)
 def test_a_simulation_in_a_batch_is_the_single_environment_with_its_seed(task: str, randomise: str) -> None:
     n, steps = 5, 45
     batch = HandVectorEnv(task, n, threads=2, randomise=randomise, **kwargs_of(task))

@@ -17,19 +17,26 @@ from allegro_twin.gym.tasks import TASKS
 from tests.gym.test_batch import kwargs_of
 
 IDS = allegro_twin.gym.ids()
+# One side of every task before each push; the other with the long ones.
+NAMES = [pytest.param(name, marks=[pytest.mark.long] if "Left" in name else []) for name in IDS if "Right" not in name]
+MODES = [
+    pytest.param(task, mode, marks=[] if task in ("Reach", "Grasp") else [pytest.mark.long])
+    for task in TASKS
+    for mode in ("delta", "absolute", "torque")
+]
 
 
 def make(name: str, **more: Any) -> gymnasium.Env[Any, Any]:
     return gymnasium.make(name, **(kwargs_of(IDS[name][0]) | more))
 
 
-@pytest.mark.parametrize("name", [name for name in IDS if "Right" not in name])
+@pytest.mark.parametrize("name", NAMES)
 def test_every_id_passes_the_checker_without_a_warning(name: str) -> None:
     with gymnasium.make(name, render_mode="rgb_array", **kwargs_of(IDS[name][0])) as env:
         check_env(env.unwrapped)
 
 
-@pytest.mark.parametrize("name", [name for name in IDS if "Right" not in name])
+@pytest.mark.parametrize("name", NAMES)
 def test_two_copies_with_the_same_seed_and_actions_agree_exactly(name: str) -> None:
     first, second = make(name, randomise="default"), make(name, randomise="default")
     first.action_space.seed(0)
@@ -80,8 +87,7 @@ def test_make_vec_takes_the_batch_and_declares_how_it_resets() -> None:
     assert rewards.shape == terminated.shape == (3,)
 
 
-@pytest.mark.parametrize("control", ["delta", "absolute", "torque"])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "control"), MODES)
 def test_every_control_mode_keeps_observations_in_their_space(task: str, control: str) -> None:
     env = make(f"AllegroTwin/{task}-v0", control=control)
     env.action_space.seed(1)

@@ -11,7 +11,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
 from allegro_twin.gym.tasks.scenes import Scene, presented, scenarios
-from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array, Vector
@@ -44,6 +44,7 @@ class Grasp(Closing):
         self.place = np.zeros((n, 3))
         """Where the object was at the first observation after it was let go, m, world."""
         self._hand, self._holds = self.worlds.presenter()
+        self._periods = np.arange(settings.decimation)[:, None]
 
     def names(self) -> tuple[str, ...]:
         return self.settings.objects or tuple(scenarios())[:12]
@@ -76,15 +77,19 @@ class Grasp(Closing):
         """What is the same in every period of the step is set here, once."""
         assert self.thing is not None
         release, period = self._release[self.script], self.settings.period
-        going = tick + np.arange(self.settings.decimation)[:, None] - release
-        self._holding = going < 0
-        pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
-        self._forces = np.where(pushing[..., None], self.push, 0.0) if pushing.any() else None
-        if self._forces is None:
-            self.thing.force[:] = 0.0
-        self._path = self._hand_at(slice(None), going + release) if self._holding[0].any() else None
-        if self._path is None:
+        first = tick - release
+        going = first + self._periods
+        self._path = self._forces = None
+        if first.min() < 0:
+            self._holding = going < 0
+            self._path = self._hand_at(slice(None), going + release)
+        else:
             self._holds[:] = 0.0
+        if going[-1].max() >= CALM / period:
+            pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
+            self._forces = np.where(pushing[..., None], self.push, 0.0)
+        else:
+            self.thing.force[:] = 0.0
 
     def drive(self, k: int) -> None:
         assert self.thing is not None
@@ -102,7 +107,7 @@ class Grasp(Closing):
         np.copyto(self.place, self.thing.pose[:, :3], where=just[:, None])
         drift = np.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
         hold = np.where(alone, np.exp(-((drift / WIDTH) ** 2)), 0.0)
-        effort = -0.02 * np.square(action).mean(axis=-1)
+        effort = effort_of(action)
         failed = drift > LOST
         over = going >= (CALM + PUSHED) / self.settings.period
         terms = {"hold": hold, "effort": effort}

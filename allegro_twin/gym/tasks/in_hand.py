@@ -17,7 +17,7 @@ from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.script import Script
 from allegro_twin.sim import objects
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.batch import Rows, Worlds
 from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage
 from allegro_twin.types import Array, frozen

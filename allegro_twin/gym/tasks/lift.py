@@ -9,7 +9,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
 from allegro_twin.gym.tasks.scenes import Scene, from_above, on_table
-from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim import wrist
 from allegro_twin.sim.batch import Rows
@@ -80,7 +80,7 @@ class Lift(Closing):
         moved = self.thing.pose[:, :3] - self.place
         rise = np.where(tick > up, np.clip(moved[:, 2] / HEIGHT, 0.0, 1.0), 0.0)
         shoved = length(moved * (1.0, 1.0, 0.0))
-        effort = -0.02 * np.square(action).mean(axis=-1)
+        effort = effort_of(action)
         over = tick >= up + (UP + HOLD) / period
         missed = (tick >= up + UP / period) & (rise < 0.2)
         terms = {"rise": rise, "effort": effort}

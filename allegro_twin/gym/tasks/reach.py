@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
-from allegro_twin.gym.tasks.base import Flags, Outcome, Task, Ticks
+from allegro_twin.gym.tasks.base import Outcome, Task, Ticks
 from allegro_twin.gym.tasks.scenes import compiled, worlds
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.named import load_posture
@@ -60,15 +60,17 @@ class Reach(Task):
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert isinstance(observation, dict)
         achieved, desired = observation["achieved_goal"], observation["desired_goal"]
-        reward = self.reward(achieved, desired)
-        return Outcome(reward, np.zeros(self.n, bool), self.reached(achieved, desired), {"distance": -reward})
+        apart = self._distances(achieved, desired)
+        reward = self._rewarded(apart)
+        return Outcome(reward, np.zeros(self.n, bool), apart.max(axis=-1) < REACHED, {"distance": -reward})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
-        return np.asarray(-10.0 * self._distances(achieved, desired).mean(axis=-1))
+        return self._rewarded(self._distances(achieved, desired))
 
-    def reached(self, achieved: ArrayLike, desired: ArrayLike) -> Flags:
-        return np.asarray((self._distances(achieved, desired) < REACHED).all(axis=-1))
+    def _rewarded(self, apart: Array) -> Array:
+        reward: Array = np.add.reduce(apart, axis=-1) * (-10.0 / apart.shape[-1])
+        return reward
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Of every fingertip, (..., fingers), m."""

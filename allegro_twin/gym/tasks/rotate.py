@@ -8,7 +8,7 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import InHand
-from allegro_twin.gym.tasks.vectors import turn_about_z
+from allegro_twin.gym.tasks.vectors import effort_of, turn_about_z
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -42,6 +42,6 @@ class Rotate(InHand):
         turn = self._sign * turn_about_z(self._before, now)
         self._before, self.turned = now, self.turned + turn
         speed = np.clip(turn / self.interface.seconds / FASTEST, -1.0, 1.0)
-        effort = -0.02 * np.square(action).mean(axis=-1)
+        effort = effort_of(action)
         terms = {"speed": speed, "effort": effort}
         return Outcome(speed + effort, self.lost(), self.turned >= ENOUGH, terms)

@@ -13,6 +13,12 @@ def length(v: Array) -> Array:
     return size
 
 
+def effort_of(action: Array) -> Array:
+    """What moving costs in most rewards, actions (..., n) in [-1, 1], shape (...)."""
+    cost: Array = np.add.reduce(action * action, axis=-1) * (-0.02 / action.shape[-1])
+    return cost
+
+
 def product(p: Array, q: Array) -> Array:
     """The quaternion product p q, (..., 4), w first."""
     a, b, c, d = (p[..., k] for k in range(4))
