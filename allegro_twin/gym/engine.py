@@ -18,6 +18,7 @@ from allegro_twin.gym.tasks.base import Flags, Outcome
 from allegro_twin.policy.interface import BOUND, Memory, Observation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
+from allegro_twin.types import Array
 
 
 class Engine:
