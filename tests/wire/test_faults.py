@@ -97,6 +97,7 @@ def test_ticks_count_the_hands_periods_through_losses() -> None:
 
 def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> None:
     """Some are read as commands of another program, some as reports: no defence is possible against those."""
+    noticed = stopped = 0
     for seed in range(20):
         bench = Bench(plan=FaultPlan(corrupt=0.01, seed=seed), terms=Terms(gravity=(0.0, 0.0, -9.81)))
         try:
@@ -104,8 +105,11 @@ def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> N
             for _ in range(100):
                 bench.step()
         except HandError:
-            assert bench.limp() or bench.firmware.serving  # The words that stop it can be corrupt as well.
-        assert bench.backend.health.malformed + bench.backend.health.unknown + bench.backend.health.doubtful >= 0
+            stopped += 1
+        health = bench.backend.health
+        noticed += health.malformed + health.unknown + health.doubtful + health.incomplete > 0
+    assert noticed >= 15
+    assert stopped < 20
 
 
 @pytest.mark.parametrize(("which", "finger"), list(enumerate(["index", "middle", "ring", "thumb"])))
@@ -369,16 +373,16 @@ def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> Non
 
 
 @pytest.mark.parametrize(
-    ("terms", "message"),
+    ("period", "timeout", "message"),
     [
-        (Terms(period=0.0025, timeout=0.05), "a hand counts whole milliseconds"),
-        (Terms(period=0.3, timeout=1.0), "from 0.001 to 0.255 s"),
-        (Terms(period=0.05, timeout=0.05), "timeout 0.05 s must be two periods of 0.05 s or more"),
+        (0.0025, 0.05, "a hand counts whole milliseconds"),
+        (0.3, 1.0, "from 0.001 to 0.255 s"),
+        (0.05, 0.05, "timeout 0.05 s must be two periods of 0.05 s or more"),
     ],
 )
-def test_times_that_no_hand_can_keep_are_refused(terms: Terms, message: str) -> None:
+def test_times_that_no_hand_can_keep_are_refused(period: float, timeout: float, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Bench(terms=terms)
+        Terms(period=period, timeout=timeout)
 
 
 def test_close_leaves_the_hand_limp_and_silent() -> None:
