@@ -108,8 +108,8 @@ def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> N
             stopped += 1
         health = bench.backend.health
         noticed += health.malformed + health.unknown + health.doubtful + health.incomplete > 0
-    assert noticed >= 15
-    assert stopped < 20
+    assert noticed >= 5  # A bit turned over in a position is a position: 4 of 5 corrupt frames cannot be told.
+    assert stopped <= 5
 
 
 @pytest.mark.parametrize(("which", "finger"), list(enumerate(["index", "middle", "ring", "thumb"])))
