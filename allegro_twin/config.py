@@ -97,8 +97,9 @@ class CanSettings(Settings):
     """In the palm frame, m/s²: how the hand is mounted, where its IMU is not to be used."""
     imu: Annotated[float, Field(ge=0)] = 0.0
     """s between reports of the IMU, which then tells gravity; 0: off. No source confirms its layout."""
-    realtime: bool = False
-    """Ask the kernel for real-time scheduling (Linux; needs permission), so that a busy machine misses no period."""
+    realtime: bool | Literal["try"] = False
+    """Ask the kernel for real-time scheduling (Linux; needs permission), so that a busy machine misses no period;
+    `try`: go on with a warning where it is not allowed."""
     scene: SimSettings | None = None
     """Where a virtual hand is; only `interface: allegro-virtual` and `allegro-twin firmware` look at it."""
     faults: FaultSettings | None = None

@@ -58,7 +58,7 @@ class Found(NamedTuple):
 
 def permitted() -> bool:
     """Whether the kernel gives this user real-time scheduling."""
-    code = "from allegro_twin.wire.realtime import ask; ask()"
+    code = "from allegro_twin.wire.realtime import ask; ask(True)"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 

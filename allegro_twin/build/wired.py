@@ -45,8 +45,7 @@ class Scene:
 def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Scene) -> CanBackend:
     """The hand on its bus; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
     codec = codec_of(config, settings)
-    if settings.realtime:
-        realtime.ask()
+    realtime.ask(settings.realtime)
     return CanBackend(spec, codec, opener(config, settings, spec, codec, scene), terms_of(config, settings))
 
 
@@ -57,8 +56,7 @@ def checkup_of(config: RunConfig) -> Checkup:
         raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {settings.kind}")
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
     codec = codec_of(config, settings)
-    if settings.realtime:
-        realtime.ask()
+    realtime.ask(settings.realtime)
     return Checkup(spec, codec, opener(config, settings, spec, codec, Scene()), terms_of(config, settings))
 
 

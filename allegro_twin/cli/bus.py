@@ -101,8 +101,7 @@ def firmware(
     bus = far_end(settings)
     if log is not None:
         bus = LoggedBus(bus, log)
-    if settings.realtime:
-        realtime.ask()
+    realtime.ask(settings.realtime)
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
     console.console.print(f"{names} hand on {bus.channel_info}; Ctrl-C ends it", highlight=False, soft_wrap=True)
     try:

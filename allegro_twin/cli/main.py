@@ -216,7 +216,8 @@ def main() -> None:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    """End as Ctrl-C does, so that the hand is left limp."""
+    """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
