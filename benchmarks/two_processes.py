@@ -102,7 +102,7 @@ def _config(folder: Path, seconds: float, *, realtime: bool) -> Path:
     path = folder / "hand.yaml"
     path.write_text(
         f"backend: {{kind: can, version: v4, interface: slcan, channel: {folder / 'hand.tty'}, imu: 0.1,\n"
-        f"  options: {{sleep_after_open: 0.0}}, realtime: {str(realtime).lower()},\n"
+        f"  options: {{sleep_after_open: 0.0}}, realtime: {str(realtime).lower()}, timeout: 0.5, deadman: 0.5,\n"
         f"  scene: {{kind: sim, scenario: {SCENARIO}}}}}\n"
         f"controller: {{kind: pd, scenario: {SCENARIO}}}\nseconds: {seconds}\n"
     )
@@ -128,7 +128,7 @@ def _waited(command: list[str], tty: Path) -> Iterator[subprocess.Popen[str]]:
     finally:
         if program.poll() is None:
             program.kill()
-        program.wait()
+        program.communicate()
 
 
 def _driven(config: RunConfig, *, realtime: bool) -> Found:

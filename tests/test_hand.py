@@ -21,6 +21,7 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.sim.guide import Guide
 from allegro_twin.types import HandState, Sample, Vector
+from allegro_twin.wire.codec import Version
 from tests.conftest import can_config
 
 
@@ -30,10 +31,13 @@ def config(side: str = "right", **blocks: object) -> RunConfig:
     )
 
 
-@pytest.fixture(params=["sim", "can-v4"])
+OTHERS: tuple[Version, ...] = ("v2", "v3", "v5")
+
+
+@pytest.fixture(params=["sim", "v4", *(pytest.param(version, marks=pytest.mark.long) for version in OTHERS)])
 def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
     """In simulation, and the same hand at the other end of a bus."""
-    with Hand.open(config() if request.param == "sim" else can_config("v4")) as opened:
+    with Hand.open(config() if request.param == "sim" else can_config(request.param)) as opened:
         yield opened
 
 
@@ -65,10 +69,13 @@ def test_a_move_from_torque_or_gravity_compensation_changes_to_pid(hand: Hand, k
 
 def test_it_moves_at_the_speed_that_was_asked_for(hand: Hand) -> None:
     hand.move_to("open")
-    speeds: list[float] = []
-    hand.listen(lambda sample: speeds.append(float(np.abs(sample.state.velocity).max())))
+    seen: list[tuple[float, Vector]] = []
+    hand.listen(lambda sample: seen.append((sample.state.t, sample.state.position)))
     hand.move_to("home", speed=0.5)
-    assert max(speeds) == pytest.approx(0.5, rel=0.15)
+    t, position = (np.array(column) for column in zip(*seen, strict=True))
+    # Over 30 ms, in which v5's coarse encoder has more than one count to tell.
+    speed = np.abs(position[10:] - position[:-10]).max(axis=1) / (t[10:] - t[:-10])
+    assert speed.max() == pytest.approx(0.5, rel=0.15)
 
 
 def test_in_the_foreground_a_script_repeats_itself_bit_for_bit() -> None:
@@ -153,7 +160,12 @@ def test_a_margin_keeps_away_from_the_limits_and_can_be_turned_off(hand: Hand) -
             hand.set_margin(**bad)
 
 
-def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(hand: Hand) -> None:
+def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
+    hand: Hand, request: pytest.FixtureRequest
+) -> None:
+    bound = 0.02  # rad; with v5 also a count when it is shown, and one when it is repeated.
+    if "v5" in request.node.name:
+        bound += 2 * np.radians(0.088)
     hand.move_to("open", 2.0)
     start = hand.state.position
     reach = np.clip(start + np.tile([0.1, 0.5, 0.4, 0.3], 4), *hand.limits)
@@ -171,7 +183,7 @@ def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(hand: Han
     guide.let_go()
     motion = lesson.motion()
     assert 4 < len(motion.times) < 60
-    assert motion.times[-1] == pytest.approx(1.9, abs=0.3)
+    assert motion.times[-1] == pytest.approx(1.9, abs=0.5)  # v5's coarse encoder makes stillness hard to see.
     repeated: list[tuple[float, Vector]] = []
 
     def keep(sample: Sample) -> None:
@@ -184,7 +196,7 @@ def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(hand: Han
     path = motion.path()
     for t, row in shown:
         if 0 <= t - offset <= motion.times[-1]:
-            assert np.abs(path(t - offset).position - row).max() < 0.02
+            assert np.abs(path(t - offset).position - row).max() < bound
     late = repeated[-1][1]
     assert np.abs(late - motion.positions[-1]).max() < 0.02
     assert hand.controller == "pid"
