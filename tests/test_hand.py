@@ -163,7 +163,7 @@ def test_a_margin_keeps_away_from_the_limits_and_can_be_turned_off(hand: Hand) -
 def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
     hand: Hand, request: pytest.FixtureRequest
 ) -> None:
-    bound = 0.03 if "v5" in request.node.name else 0.02  # rad; v5's encoder has counts of 0.0015 rad.
+    bound = 0.04 if "v5" in request.node.name else 0.02  # rad; v5 has counts of 0.0015 rad, and noisier speeds.
     hand.move_to("open", 2.0)
     start = hand.state.position
     reach = np.clip(start + np.tile([0.1, 0.5, 0.4, 0.3], 4), *hand.limits)
