@@ -163,7 +163,8 @@ def test_a_margin_keeps_away_from_the_limits_and_can_be_turned_off(hand: Hand) -
 def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
     hand: Hand, request: pytest.FixtureRequest
 ) -> None:
-    bound = 0.04 if "v5" in request.node.name else 0.02  # rad; v5 has counts of 0.0015 rad, and noisier speeds.
+    # rad and s; v5 has counts of 0.0015 rad, and speeds so noisy that stillness is hard to see.
+    bound, trimmed = (0.04, 0.5) if "v5" in request.node.name else (0.02, 0.3)
     hand.move_to("open", 2.0)
     start = hand.state.position
     reach = np.clip(start + np.tile([0.1, 0.5, 0.4, 0.3], 4), *hand.limits)
@@ -181,7 +182,7 @@ def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
     guide.let_go()
     motion = lesson.motion()
     assert 4 < len(motion.times) < 60
-    assert motion.times[-1] == pytest.approx(1.9, abs=0.5)  # v5's coarse encoder makes stillness hard to see.
+    assert motion.times[-1] == pytest.approx(1.9, abs=trimmed)
     repeated: list[tuple[float, Vector]] = []
 
     def keep(sample: Sample) -> None:
