@@ -98,9 +98,7 @@ def firmware(
     scenes: list[Scene] = []
     hands = virtual_hands(loaded, step=step, scenes=scenes, restart=True)
     log = None if wire_log is None else WireLog(wire_log, Path(settings.channel).name)
-    bus = far_end(settings)
-    if log is not None:
-        bus = LoggedBus(bus, log)
+    bus = far_end(settings) if log is None else LoggedBus(far_end(settings), log)
     realtime.ask(settings.realtime)
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
     console.console.print(f"{names} hand on {bus.channel_info}; Ctrl-C ends it", highlight=False, soft_wrap=True)
@@ -112,10 +110,7 @@ def firmware(
         if log is not None:
             log.close()
     if served is not None:
-        console.console.print(
-            f"{served.ticks} steps, {served.late} late, {served.lost} left out; {served.heard} frames heard, "
-            f"{served.said} said", highlight=False, soft_wrap=True,
-        )  # fmt: skip
+        console.console.print(served.words(), highlight=False, soft_wrap=True)
     if report is not None:
         write_reports(report, verdicts)
 

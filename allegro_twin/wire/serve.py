@@ -35,6 +35,11 @@ class Served:
     lost: int = 0
     """Steps that were left out to catch up."""
 
+    def words(self) -> str:
+        """All of it in one line."""
+        steps = f"{self.ticks} steps, {self.late} late, {self.lost} left out"
+        return f"{steps}; {self.heard} frames heard, {self.said} said"
+
 
 def serve(hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
     """Be these hands on this bus; yields after every step, until nobody consumes.
