@@ -298,3 +298,31 @@ def test_a_served_hand_is_checked_from_another_process_and_its_log_survives_sigt
     assert (recording.columns["torque"] == 0.0).all()
     heard = [Frame(one.arbitration_id, bytes(one.data)) for one in can.LogReader(log) if one.is_rx]
     assert heard[-2:] == [V4.encode(m.ServoOff()), V4.encode(m.SetPeriod(0.0))]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("signalled", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_that_is_interrupted_leaves_the_hand_limp(
+    signalled: signal.Signals, config: Any, tmp_path: Path
+) -> None:
+    terminal, log = tmp_path / "hand.tty", tmp_path / "hand.blf"
+    patient = {"timeout": 1.0, "deadman": 1.0, "gravity": [0.0, 0.0, -9.81]}
+    line = {"interface": "slcan", "channel": str(terminal), "options": {"sleep_after_open": 0.0}}
+    path = Path(config(**line, **patient, scene={"kind": "sim"}))
+    allegro = [sys.executable, "-m", "allegro_twin"]
+    with subprocess.Popen(
+        [*allegro, "firmware", path, "--wire-log", log], cwd=SUITE, stdout=subprocess.DEVNULL
+    ) as hand:
+        deadline = time.monotonic() + 60.0
+        while not terminal.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with subprocess.Popen([*allegro, "run", path, "--seconds", "60"], cwd=SUITE) as host:
+            time.sleep(5.0)
+            host.send_signal(signalled)
+            assert host.wait(timeout=30) == 130
+        time.sleep(0.5)
+        hand.send_signal(signal.SIGTERM)
+    heard = [Frame(one.arbitration_id, bytes(one.data)) for one in can.LogReader(log) if one.is_rx]
+    assert any(frame.id == 0x180 and any(frame.data) for frame in heard)  # It had pushed before.
+    limp = [V4.encode(m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0))) for finger in range(4)]
+    assert heard[-6:] == [*limp, V4.encode(m.ServoOff()), V4.encode(m.SetPeriod(0.0))]
