@@ -316,12 +316,15 @@ def test_a_program_that_is_interrupted_leaves_the_hand_limp(
         deadline = time.monotonic() + 60.0
         while not terminal.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        with subprocess.Popen([*allegro, "run", path, "--seconds", "60"], cwd=SUITE) as host:
+        try:
+            host = subprocess.Popen([*allegro, "run", path, "--seconds", "60"], cwd=SUITE)
             time.sleep(5.0)
             host.send_signal(signalled)
-            assert host.wait(timeout=30) == 130
-        time.sleep(0.5)
-        hand.send_signal(signal.SIGTERM)
+            code = host.wait(timeout=30)
+            time.sleep(0.5)
+        finally:
+            hand.send_signal(signal.SIGTERM)
+    assert code == 130
     heard = [Frame(one.arbitration_id, bytes(one.data)) for one in can.LogReader(log) if one.is_rx]
     assert any(frame.id == 0x180 and any(frame.data) for frame in heard)  # It had pushed before.
     limp = [V4.encode(m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0))) for finger in range(4)]
