@@ -141,7 +141,7 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
         raise ConfigError(
             f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
         )
-    from allegro_twin.wire.log import WireLog
+    from allegro_twin.wire.tools.log import WireLog
 
     with closing(WireLog(path, Path(config.backend.channel).name)) as log:
         rig.wire.listen(log)

@@ -19,11 +19,12 @@ import numpy as np
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.link import Link, open_bus
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.v4 import SERVO_OFF
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec.v4 import SERVO_OFF
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.buses import open_bus
+from allegro_twin.wire.host.settings import HostSettings
 
 Figure = tuple[str, float, float, str]
 PATIENCE, ROUNDS, SECONDS = 0.1, 10, 5.0
@@ -58,11 +59,11 @@ class _Driven:
         while not self._tty.exists() and self._program.poll() is None:
             time.sleep(0.05)
         self.off: list[float] = []
-        terms = Terms(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman)
+        settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman)
         options = {"sleep_after_open": 0.0}
-        self._link = Link(open_bus("slcan", str(self._tty), 1_000_000, options))
+        self._link = AdapterLink(open_bus("slcan", str(self._tty), 1_000_000, options))
         self._link.listen(self._listen)
-        self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, terms)
+        self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, settings)
 
     def _listen(self, message: can.Message) -> None:
         if message.arbitration_id >> 2 == SERVO_OFF:

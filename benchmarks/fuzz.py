@@ -16,18 +16,27 @@ from typing import get_args
 import can
 import numpy as np
 
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import HandError, ProtocolError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, TorqueCommand, frozen
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.codec import Codec, Version
-from allegro_twin.wire.firmware import Firmware, Identity
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.link import Link
-from allegro_twin.wire.messages import FingerPosition, Information, MotorError, ServoOff, ServoOn, SetTorque, Status
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec.codec import Codec
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.messages import (
+    FingerPosition,
+    Information,
+    MotorError,
+    ServoOff,
+    ServoOn,
+    SetTorque,
+    Status,
+)
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.firmware import Firmware, Identity
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.settings import HostSettings
 
 PERIOD, GAP = 0.003, 0.00013
 PER_PERIOD = 12
@@ -177,7 +186,9 @@ def fuzz(version: Version, frames: int, seed: int) -> Counter[str]:
             yield frame
 
     bus = NoisyBus(hand, overheard(), set(_sorted_identifiers(codec)["lie"]))
-    backend = CanBackend(spec, codec, lambda: Link(bus).port(), Terms(gravity=(0.0, 0.0, -9.81), deadman=None))
+    backend = CanBackend(
+        spec, codec, lambda: AdapterLink(bus).port(), HostSettings(gravity=(0.0, 0.0, -9.81), deadman=None)
+    )
     outcome: Counter[str] = Counter()
     still = TorqueCommand(np.zeros(16))
     while bus.heard < frames:

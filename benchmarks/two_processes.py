@@ -25,14 +25,14 @@ from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.types import Array, TorqueCommand
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import shared
-from allegro_twin.wire.serve import serve
-from allegro_twin.wire.slcan import SlcanDevice
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.serve import serve
+from allegro_twin.wire.device.slcan import SlcanDevice
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.buses import shared
+from allegro_twin.wire.host.settings import HostSettings
 from benchmarks.fuzz import COUNT, CountingHand
 
 Figure = tuple[str, float, float, str]
@@ -58,7 +58,7 @@ class Found(NamedTuple):
 
 def permitted() -> bool:
     """Whether the kernel gives this user real-time scheduling."""
-    code = "from allegro_twin.wire.realtime import ask; ask(True)"
+    code = "from allegro_twin.wire.host.realtime import ask; ask(True)"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
@@ -81,8 +81,8 @@ def torn(seconds: float) -> tuple[int, int]:
         with _waited([sys.executable, "-m", "benchmarks.two_processes", "counting", str(tty)], tty):
             options = {"sleep_after_open": 0.0}
             port = shared("slcan", str(tty), 1_000_000, options).port()
-            terms = Terms(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=None)
-            with closing(CanBackend(load_spec(), make_codec("v4"), lambda: port, terms)) as backend:
+            settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=None)
+            with closing(CanBackend(load_spec(), make_codec("v4"), lambda: port, settings)) as backend:
                 state, states, mixed = backend.reset(), 0, 0
                 while state.t < seconds:
                     backend.write(TorqueCommand(np.zeros(16)))

@@ -12,6 +12,7 @@ import pytest
 
 from allegro_twin.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hand import Hand
@@ -21,7 +22,6 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.sim.guide import Guide
 from allegro_twin.types import HandState, Sample, Vector
-from allegro_twin.wire.codec import Version
 from tests.conftest import can_config
 
 

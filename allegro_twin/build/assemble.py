@@ -37,9 +37,9 @@ def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
 
 
 def _wired(config: RunConfig, settings: CanSettings) -> Rig:
-    from allegro_twin.build.wired import Scene, make_can, rehearsal
+    from allegro_twin.build.wired import Scene, make_can, rehearsal, spec_of
 
-    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    spec = spec_of(config)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
     trial = scene.trial or rehearsal(config, spec)

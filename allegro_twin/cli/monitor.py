@@ -11,9 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from allegro_twin.cli import console
-from allegro_twin.wire.findings import Finding
-from allegro_twin.wire.link import Message
-from allegro_twin.wire.sniff import Row, Sniffer, name_of
+from allegro_twin.wire.host.link import Message
+from allegro_twin.wire.tools.findings import Finding
+from allegro_twin.wire.tools.sniff import Row, Sniffer, name_of
 
 Heard = Iterable[tuple[float, Message | None]]
 _REFRESH = 0.25  # s.

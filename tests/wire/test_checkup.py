@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build.wired import Scene, codec_of, fault_plan, firmware_of, terms_of
+from allegro_twin.build.wired import Scene, codec_of, fault_plan, firmware_of, host_settings
 from allegro_twin.config import CanSettings
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault, LinkError, LinkTimeout
 from allegro_twin.spec import HandSpec
-from allegro_twin.wire import findings
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.checkup import Checkup
-from allegro_twin.wire.codec import Version
-from allegro_twin.wire.findings import Finding
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import Link
-from allegro_twin.wire.versions import make_codec
-from allegro_twin.wire.virtual import LockstepBus
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.lockstep import LockstepBus
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.tools import findings
+from allegro_twin.wire.tools.checkup import Checkup
+from allegro_twin.wire.tools.findings import Finding
 from tests.conftest import can_config
 
 ALL = ["interface", "bus", "identity", "fingers", "reports", "temperature", "joints", "load", "side"]
@@ -72,8 +72,8 @@ def walked(
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
     room = Room(hand, fault_plan(ours.backend.faults), noise, off_at)
-    link, codec = Link(LockstepBus(room)), codec_of(ours, ours.backend)
-    found = list(Checkup(load_spec(), codec, link.port, terms_of(ours, ours.backend)).walk())
+    link, codec = AdapterLink(LockstepBus(room)), codec_of(ours, ours.backend)
+    found = list(Checkup(load_spec(), codec, link.port, host_settings(ours, ours.backend)).walk())
     return found, room
 
 
@@ -127,8 +127,8 @@ def test_a_run_says_who_reports_instead_of_the_configs_hand(spec: HandSpec) -> N
     for message in (m.SetPeriod(0.003), m.ServoOn()):
         hand.receive(hand.codec.encode(message))
     assert isinstance(ours.backend, CanSettings)
-    link = Link(LockstepBus(VirtualHands([hand])))
-    backend = CanBackend(spec, codec_of(ours, ours.backend), link.port, terms_of(ours, ours.backend))
+    link = AdapterLink(LockstepBus(VirtualHands([hand])))
+    backend = CanBackend(spec, codec_of(ours, ours.backend), link.port, host_settings(ours, ours.backend))
     with pytest.raises(
         LinkTimeout, match=r"a v2 \(but a v4, v5 or v5plus hand reports: correct `version`\), for 0.5 s"
     ):
@@ -204,7 +204,7 @@ def test_a_bus_that_does_not_open_is_the_first_finding(spec: HandSpec) -> None:
     def refuse() -> Any:
         raise LinkError("socketcan can7 does not open: no such device; plug the adapter in")
 
-    (only,) = Checkup(spec, make_codec("v4"), refuse, terms_of(can_config("v4"), can_config("v4").backend)).walk()  # type: ignore[arg-type]
+    (only,) = Checkup(spec, make_codec("v4"), refuse, host_settings(can_config("v4"), can_config("v4").backend)).walk()  # type: ignore[arg-type]
     assert (only.name, only.remedy, only.broken) == ("interface", "plug the adapter in", LinkError)
 
 

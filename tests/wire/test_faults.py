@@ -12,12 +12,13 @@ import can
 import numpy as np
 import pytest
 
+from allegro_twin.description.calibration import Version
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.backend import PATIENCE
-from allegro_twin.wire.codec import Version
-from allegro_twin.wire.faults import Event, FaultPlan
-from allegro_twin.wire.terms import Terms
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.device.faults import Event, FaultPlan
+from allegro_twin.wire.host.backend import PATIENCE
+from allegro_twin.wire.host.settings import HostSettings
 from tests.wire.rigs import PERIOD, Bench, frame, half_count
 
 VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
@@ -66,27 +67,26 @@ def test_on_a_quiet_bus_every_period_is_a_state(version: Version) -> None:
     ("plan", "share"),
     [
         (FaultPlan(drop=0.02, seed=1), 0.75),
-        (FaultPlan(duplicate=0.3, seed=2), 1.0),
-        (FaultPlan(reorder=1.0, seed=3), 1.0),
-        (FaultPlan(delay=0.02, seed=4), 1.0),
-        (FaultPlan(delay=0.02, delay_by=0.002, seed=4), 0.75),
+        (FaultPlan(duplicate=0.02, seed=2), 0.75),
+        (FaultPlan(reorder=0.05, seed=3), 0.75),
+        (FaultPlan(delay=0.02, seed=4), 0.75),
+        (FaultPlan(delay=0.02, delay_by=0.0045, seed=4), 0.7),
     ],
-    ids=["lost", "doubled", "reordered", "delayed", "delayed by more than half a period"],
+    ids=["lost", "doubled", "reordered", "delayed", "delayed into the next period"],
 )
 def test_lost_and_late_frames_cost_periods_and_never_tear_a_state(plan: FaultPlan, share: float) -> None:
-    bench = Bench(plan=plan, terms=Terms(gravity=(0.0, 0.0, -9.81)))
+    bench = Bench(plan=plan, settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
     ticks = follow(bench, 400)
     assert ticks == sorted(set(ticks))
-    assert share <= 400 / ticks[-1] <= 1.0
-    assert (share == 1.0) == (ticks == list(range(1, 401)))
+    assert share <= 400 / ticks[-1] < 1.0
     health = bench.backend.health
     assert health.states == 401
     assert health.missed == ticks[-1] - 400
-    assert (health.incomplete > 0) == (share < 1.0)
+    assert health.incomplete > 0
 
 
 def test_ticks_count_the_hands_periods_through_losses() -> None:
-    bench = Bench(plan=FaultPlan(drop=0.05, seed=1), terms=Terms(gravity=(0.0, 0.0, -9.81)))
+    bench = Bench(plan=FaultPlan(drop=0.05, seed=1), settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
     bench.reset()
     begin = bench.firmware.state.tick
     for _ in range(300):
@@ -99,7 +99,7 @@ def test_corrupt_frames_that_a_crc_would_have_caught_stay_inside_the_tree() -> N
     """Some are read as commands of another program, some as reports: no defence is possible against those."""
     noticed = stopped = 0
     for seed in range(20):
-        bench = Bench(plan=FaultPlan(corrupt=0.01, seed=seed), terms=Terms(gravity=(0.0, 0.0, -9.81)))
+        bench = Bench(plan=FaultPlan(corrupt=0.01, seed=seed), settings=HostSettings(gravity=(0.0, 0.0, -9.81)))
         try:
             bench.reset()
             for _ in range(100):
@@ -186,7 +186,7 @@ def test_motors_that_go_off_by_themselves_are_a_fault() -> None:
     bench = Bench()
     bench.reset()
     bench.step()
-    bench.firmware._servo = False
+    bench.firmware.receive(Frame(0x104))
     bench.bus.strange.append(frame(0x040, b"\x00"))  # The status that a hand gives then.
     ends(bench, HandFault, "the hand switched its motors off; reset to go on", 1)
     recovers(bench)
@@ -346,7 +346,7 @@ def test_who_else_is_on_the_bus_is_told_when_the_hand_does_not_answer() -> None:
 
 @pytest.mark.parametrize("identify", [True, False])
 def test_a_hand_that_does_not_answer_can_be_driven_when_the_config_says_so(identify: bool) -> None:
-    bench = Bench(terms=Terms(identify=identify, gravity=(0.0, 0.0, -9.81)))
+    bench = Bench(settings=HostSettings(identify=identify, gravity=(0.0, 0.0, -9.81)))
     hear = bench.firmware.receive
     bench.firmware.receive = lambda frame: [] if frame.remote else hear(frame)  # type: ignore[method-assign]
     if identify:
@@ -364,7 +364,7 @@ def test_versions_1_and_2_do_not_identify_and_are_not_asked() -> None:
 
 
 def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> None:
-    bench = Bench(terms=Terms(imu_period=0.03))
+    bench = Bench(settings=HostSettings(imu_period=0.03))
     answers = bench.firmware.tick
     bench.firmware.tick = lambda: [f for f in answers() if f.id != 0x0C0]  # type: ignore[method-assign]
     with pytest.raises(LinkTimeout, match="reports positions on .*, but no IMU; give `gravity` instead"):
@@ -382,7 +382,7 @@ def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> Non
 )
 def test_times_that_no_hand_can_keep_are_refused(period: float, timeout: float, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        Terms(period=period, timeout=timeout)
+        HostSettings(period=period, timeout=timeout)
 
 
 def test_close_leaves_the_hand_limp_and_silent() -> None:

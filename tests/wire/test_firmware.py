@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from allegro_twin.build.wired import Scene, firmware_of
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.files.assets import data_root
 from allegro_twin.types import TorqueCommand, frozen
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.calibration import load_wiring
-from allegro_twin.wire.codec import Version
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.messages import StatusBits, Topic
-from allegro_twin.wire.motors import FAULT, THROTTLE
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.messages import StatusBits, Topic
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.motors import FAULT, THROTTLE
 from tests.conftest import MakeSim, can_config
 from tests.wire.rigs import PERIOD, half_count
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.description.calibration import Calibration
 from allegro_twin.description.hands import load_spec
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.types import Vector
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.calibration import load_wiring
-from allegro_twin.wire.codec import Calibration
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.versions import make_codec
 
 SERIALS = sorted(path.stem for path in (data_root() / "conf" / "hands").glob("SAH*.yaml"))
 
@@ -88,7 +88,12 @@ def test_a_hand_without_a_wire_block_is_wired_like_the_nominal_one(tmp_path: Pat
         ("torque_constant: .nan", "wire.torque_constant must be positive"),
         ("version: v6", "wire.version must be one of v1, v2, v3, v4, v5, v5plus, not 'v6'"),
         ("side: [left]", "wire.side must be one of right, left, not ['left']"),
-        ("version: v4\n  encoder_offset: 3", "wire.encoder_offset means nothing to a v4 hand, only to v1, v2, v3"),
+        (
+            "version: v4\n  encoder_direction: -1",
+            "wire.encoder_direction means nothing to a v4 hand, only to v1, v2, v3",
+        ),
+        ("pwm_limit: 0", "wire.pwm_limit must be positive"),
+        ("pwm_limit: 0.5", "wire.pwm_limit needs a whole number for every joint, not 0.5"),
         ("version: v2\n  torque_order: straight", "wire.torque_order means nothing to a v2 hand, only to v1"),
     ],
 )
@@ -105,3 +110,46 @@ def test_a_wire_block_that_is_no_mapping_is_refused(tmp_path: Path) -> None:
     own.write_text("wire: v4\n")
     with pytest.raises(ConfigError, match=r"mine\.yaml: wire must hold keys and values, not str"):
         load_wiring(serial=str(own))
+
+
+@pytest.mark.parametrize("constant", [0.5, 0.8, 1.0, 1.6])
+def test_the_torque_limit_is_what_the_counts_that_the_driver_lets_through_are_worth(
+    constant: float, tmp_path: Path
+) -> None:
+    """375 of 1200 counts for the fingers' first joints: the same PWM, whatever a count is worth."""
+    own = tmp_path / "mine.yaml"
+    own.write_text(f"wire: {{version: v4, torque_constant: {constant}}}\n")
+    spec, codec = load_spec(serial=str(own)), make_codec("v4", load_wiring(serial=str(own)).calibration)
+    assert spec.actuation.torque_limit[:4] == pytest.approx(np.array([375, 675, 450, 285]) / 1200 * constant)
+    frames, applied = codec.torques.frames(spec.actuation.torque_limit.tolist(), codec.pwm_limits)
+    counts = np.frombuffer(b"".join(frame.data for frame in frames), "<i2")
+    assert counts.tolist() == 3 * [375, 675, 450, 285] + [525, 405, 270, 270]
+    assert applied == pytest.approx(spec.actuation.torque_limit)
+
+
+def test_more_than_the_limit_is_never_sent_whatever_is_asked_for(tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text("wire: {version: v4, pwm_limit: 100}\n")
+    codec = make_codec("v4", load_wiring(serial=str(own)).calibration)
+    frames, _ = codec.torques.frames([-9.0] * 16, codec.pwm_limits)
+    assert np.frombuffer(b"".join(frame.data for frame in frames), "<i2").tolist() == [-100] * 16
+    assert load_spec(serial=str(own)).actuation.torque_limit.max() == pytest.approx(100 / 1200)
+
+
+def test_an_old_file_with_a_torque_limit_of_its_own_lowers_it_and_cannot_raise_it(tmp_path: Path) -> None:
+    own = tmp_path / "mine.yaml"
+    own.write_text("actuation: {torque_limit: 0.3}\n")
+    limit = load_spec(serial=str(own)).actuation.torque_limit
+    assert limit.max() == 0.3
+    assert limit.tolist() == np.minimum(load_spec().actuation.torque_limit, 0.3).tolist()
+
+
+def test_a_v4_hand_takes_encoder_offsets() -> None:
+    codec = make_codec("v4", Calibration(encoder_offset=(100,) * 16))
+    plain = make_codec("v4")
+    report = plain.encode(m.FingerPosition(1, (0.5, 0.6, 0.7, 0.8)))
+    read, without = codec.decode(report), plain.decode(report)
+    assert isinstance(read, m.FingerPosition)
+    assert isinstance(without, m.FingerPosition)
+    count = np.radians(333.3 / 65536)
+    assert np.array(read.position) == pytest.approx(np.array(without.position) - 100 * count, abs=1e-12)

@@ -7,13 +7,14 @@ import time
 
 import can
 
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.link import Link, Stamped
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.link import Stamped
 
 
 def test_a_hand_does_not_wait_for_the_bus_while_another_hands_thread_does() -> None:
     with can.Bus(interface="virtual", channel="shared", ignore_config=True) as bus:
-        link = Link(bus)
+        link = AdapterLink(bus)
         port = link.port()
         other = threading.Thread(target=link.pump, args=(1.0,))
         other.start()

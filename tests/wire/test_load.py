@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.wire.frames import bits
-from allegro_twin.wire.load import check_load, share
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec.frames import bits
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.load import check_load, share
 
 V4, V5 = make_codec("v4"), make_codec("v5")
 MEGABIT = 1_000_000

@@ -13,18 +13,18 @@ from allegro_twin.build import assemble
 from allegro_twin.build.logged import make_recording
 from allegro_twin.build.wired import codec_of
 from allegro_twin.config import CanSettings, LimitSettings, RunConfig
+from allegro_twin.description.calibration import FULL_SCALE, Version
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import Recording, load
 from allegro_twin.session import Outputs, perform
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.codec import Version
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.heard import Told
-from allegro_twin.wire.log import SUFFIXES, WireLog, samples_of_log
-from allegro_twin.wire.messages import Message
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.messages import Message
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.tools.log import SUFFIXES, WireLog, samples_of_log
+from allegro_twin.wire.tools.samples import Found
 from tests.conftest import can_config
 
 V4 = make_codec("v4")
@@ -38,7 +38,7 @@ def logged(config: RunConfig, folder: Path, suffix: str) -> tuple[Path, Path]:
     return recording, log
 
 
-def exported(config: RunConfig, log: Path) -> tuple[Recording, Told]:
+def exported(config: RunConfig, log: Path) -> tuple[Recording, Found]:
     target = log.with_name("exported.arrow")
     told = make_recording(config, log, target)
     return load(target), told
@@ -68,15 +68,16 @@ def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, 
     # Soft stops out of reach: what the bus carries is what the guard let through.
     config = can_config(version).model_copy(update={"seconds": 0.9, "limits": LimitSettings(margin=-0.5)})
     recording, log = logged(config, tmp_path, suffix)
-    mine, (theirs, told) = load(recording), exported(config, log)
-    assert (told.states, told.missed, told.incomplete, told.malformed, told.uncommanded) == (301, 0, 0, 0, 0)
+    mine, (theirs, found) = load(recording), exported(config, log)
+    assert (found.states, found.missed, found.incomplete, found.malformed, found.uncommanded) == (301, 0, 0, 0, 0)
     for name in ("tick", "position", "velocity", "torque", "temperature", "gravity"):
         np.testing.assert_array_equal(mine.columns[name], theirs.columns[name], name)
     np.testing.assert_allclose(mine.columns["t"], theirs.columns["t"], rtol=0, atol=1.1e-6)  # The logs' microsecond.
     assert isinstance(config.backend, CanSettings)
     codec = codec_of(config, config.backend)
-    count = 1.0 / codec.full_scale  # type: ignore[attr-defined]  # Every codec has one.
-    wanted = np.clip(mine.columns["command_torque"], -codec.count_limit * count, codec.count_limit * count)  # type: ignore[attr-defined]
+    count = 1.0 / FULL_SCALE[codec.version]
+    limit = np.array(codec.pwm_limits) * count
+    wanted = np.clip(mine.columns["command_torque"], -limit, limit)
     np.testing.assert_allclose(wanted, theirs.columns["command_torque"], rtol=0, atol=count)
     assert np.abs(wanted).max() > 10 * count
 
@@ -111,14 +112,14 @@ def test_a_log_ends_with_the_words_that_leave_the_hand_limp_also_when_the_run_fa
 
 def test_a_captured_candump_has_no_directions_and_may_begin_in_the_middle(tmp_path: Path) -> None:
     said = [*reports(0.0), *reports(0.003), *torques(0.004, 0.5), *reports(0.006), *reports(0.009)]
-    told = Told()
-    samples = list(samples_of_log(candump(tmp_path / "c.log", *said), V4, Terms(), told))
+    found = Found()
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *said), V4, HostSettings(), found))
     assert [sample.state.tick for sample in samples] == [0, 1, 2, 3]
     first, second, third, _ = samples
     # Before the first torques nobody knows what the hand does: its torque is NaN, the command zero, and counted.
     assert np.isnan(first.state.torque).all()
     assert np.isnan(second.state.torque).all()
-    assert told.uncommanded == 1
+    assert found.uncommanded == 1
     assert (first.command.torque == 0.0).all()  # type: ignore[union-attr]
     assert second.command.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4  # type: ignore[union-attr]
     assert third.state.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4
@@ -130,7 +131,7 @@ def test_what_a_hand_reports_with_its_joints_is_of_that_state_and_what_comes_lat
     before = [*reports(0.0), warm, *torques(0.002, 0.1), *reports(0.003)]
     after = [*reports(0.0), *torques(0.001, 0.1), warm, *reports(0.003)]
     for frames, known in ((before, True), (after, False)):
-        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, Terms())
+        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings())
         assert np.isfinite(first.state.temperature[:4]).all() == known
         assert second.state.temperature[:4].tolist() == [30.0, 31.0, 32.0, 33.0]
 
@@ -139,33 +140,33 @@ def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) ->
     """The moment that lacks it, and the next, which might hold it late."""
     whole = [frame for k in (0, 2, 3) for frame in reports(0.003 * k, bend=0.1 * k)]
     frames = sorted([*whole, *reports(0.003, bend=0.1)[:3]], key=lambda frame: frame[0])
-    told = Told()
-    samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, Terms(), told))
+    found = Found()
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings(), found))
     assert [sample.state.tick for sample in samples] == [0, 3]
-    assert told.missed == 2
-    assert "2 periods without a state" in told.words()
+    assert found.missed == 2
+    assert "2 periods without a state" in found.words()
 
 
 def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1", 0.9), *reports(0.003))
     with pytest.raises(ConfigError, match="hands report on can0 and on can1: say which with --bus"):
-        list(samples_of_log(path, V4, Terms()))
-    (only,) = samples_of_log(path, V4, Terms(), bus="can1")
+        list(samples_of_log(path, V4, HostSettings()))
+    (only,) = samples_of_log(path, V4, HostSettings(), bus="can1")
     assert only.state.position[0] == pytest.approx(0.9, abs=1e-4)
 
 
 def test_a_log_of_another_hand_says_whose_it_is(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *reports(0.0))
     with pytest.raises(RecordingError, match="no whole v2 hand in 4 frames; but a v4, v5 or v5plus hand reports"):
-        list(samples_of_log(path, make_codec("v2"), Terms()))
+        list(samples_of_log(path, make_codec("v2"), HostSettings()))
     with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
-        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, Terms()))
+        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, HostSettings()))
 
 
 def test_a_log_of_another_period_says_which(tmp_path: Path) -> None:
     path = candump(tmp_path / "c.log", *[one for k in range(60) for one in reports(0.006 * k)])
     with pytest.raises(ConfigError, match=r"reports every 6.0 ms; the config says period: 0.003 s"):
-        list(samples_of_log(path, V4, Terms()))
+        list(samples_of_log(path, V4, HostSettings()))
 
 
 @pytest.mark.parametrize(
@@ -181,7 +182,7 @@ def test_what_is_no_log_is_one_error(name: str, content: str | None, message: st
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(RecordingError, match=message):
-        list(samples_of_log(tmp_path / name, V4, Terms()))
+        list(samples_of_log(tmp_path / name, V4, HostSettings()))
 
 
 def test_a_log_that_cannot_become_a_recording_leaves_none(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from allegro_twin.config import CanSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import LinkError
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.socketcand import GRACE, SocketcandServer
+from allegro_twin.wire.device.socketcand import GRACE, SocketcandServer
 from tests.conftest import can_config
 from tests.wire.rigs import Serving, driven, soon_limp
 

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.wire import realtime
+from allegro_twin.wire.host import realtime
 
 
 def refused(*given: object) -> None:
