@@ -45,6 +45,8 @@ class Outcome:
     report: Report | None
     notes: tuple[str, ...]
     """What was asked for and could not be had, and warnings."""
+    unconfirmed: str = ""
+    """Why it is not sure that the hand was left limp; empty when it is."""
 
 
 Advance = Callable[[float], None]
@@ -78,7 +80,7 @@ def perform(
         report = rig.trial.report() if rig.trial is not None else None
         if rig.wire is not None:
             notes += rig.wire.warnings()
-        return Outcome(last, report, tuple(notes))
+    return Outcome(last, report, tuple(notes), "" if rig.wire is None else rig.wire.unconfirmed)
 
 
 def write_reports(path: Path, reports: dict[str, Report]) -> None:
@@ -160,6 +162,8 @@ def _kept(
         meta |= rig.sim.meta()
     if rig.trial is not None:
         meta |= rig.trial.meta()
+    if rig.wire is not None:
+        meta["calibration"] = asdict(rig.wire.calibration)
     return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 

@@ -24,6 +24,11 @@ the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a
 grasp.""")  # fmt: skip
 
 
+_ENDS = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+]  # Windows has the first.
+
+
 class Sides(StrEnum):
     right = "right"
     left = "left"
@@ -101,6 +106,8 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
                 if note not in told:
                     console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
                 told.add(note)
+            if outcome.unconfirmed:
+                raise LinkError(outcome.unconfirmed)
             if outcome.report is None:
                 console.console.print(console.final_state(rig.spec, outcome.last))
             else:
@@ -204,7 +211,9 @@ training.register(app)
 
 def main() -> None:
     """Run the command line; every HandError is one line on standard error."""
-    signal.signal(signal.SIGTERM, _stop)
+    for number in _ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
+            signal.signal(number, _stop)
     logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
         app()
@@ -217,7 +226,8 @@ def main() -> None:
 
 def _stop(number: int, frame: FrameType | None) -> None:
     """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for each in (*_ENDS, signal.SIGINT):
+        signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

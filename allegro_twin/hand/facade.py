@@ -16,7 +16,7 @@ from allegro_twin.config import PositionSettings, RunConfig, load_config
 from allegro_twin.control.controllers import Gains
 from allegro_twin.control.teach import Taught
 from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import ConfigError, LinkError, unknown
 from allegro_twin.grasping import performer
 from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import straight
@@ -66,9 +66,11 @@ class Hand:
         self.close()
 
     def close(self) -> None:
-        """Leave the hand limp and let go of it. Idempotent."""
+        """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it."""
         self._mover.driver.close()
         self._rig.backend.close()
+        if self._rig.wire is not None and self._rig.wire.unconfirmed:
+            raise LinkError(self._rig.wire.unconfirmed)
 
     @property
     def spec(self) -> HandSpec:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
-from allegro_twin.description.calibration import Version
+from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.errors import ProtocolError
 from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.codec.lanes import Positions, Torques
@@ -33,6 +33,11 @@ class Codec(Protocol):
     @property
     def version(self) -> Version:
         """Which generation of the hand."""
+        ...
+
+    @property
+    def calibration(self) -> Calibration:
+        """What is particular of this very hand."""
         ...
 
     @property

@@ -38,6 +38,7 @@ class V1To3:
 
     def __init__(self, version: Literal["v1", "v2", "v3"], calibration: Calibration) -> None:
         self.version: Version = version
+        self.calibration = calibration
         self.identifies = version == "v3"
         self.count_limit = int(FULL_SCALE[version])
         self.pwm_limits = calibration.pwm_limits(version)

@@ -40,7 +40,7 @@ class V4:
     identifies: ClassVar[bool] = True
 
     def __init__(self, calibration: Calibration, device: int = 0) -> None:
-        self.device = device
+        self.device, self.calibration = device, calibration
         self.pwm_limits = calibration.pwm_limits(self.version)
         full, doubled = FULL_SCALE[self.version], geared(self.version)
         scale = [

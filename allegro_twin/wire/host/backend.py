@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import atexit
+import logging
 from collections.abc import Callable
 
 import can
 import numpy as np
 
 from allegro_twin.backend import torque_of
+from allegro_twin.description.calibration import Calibration
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen
@@ -22,6 +24,8 @@ from allegro_twin.wire.host.link import Port
 from allegro_twin.wire.host.listener import Listener
 from allegro_twin.wire.host.settings import HostSettings
 from allegro_twin.wire.host.watch import Watch
+
+log = logging.getLogger(__name__)
 
 FIRST = 0.5
 """s that a hand may take to its first report."""
@@ -60,6 +64,11 @@ class CanBackend:
     @property
     def period(self) -> float:
         return self._settings.period
+
+    @property
+    def calibration(self) -> Calibration:
+        """What turns this hand's counts into rad and N·m."""
+        return self._codec.calibration
 
     @property
     def lockstep(self) -> bool:
@@ -130,6 +139,8 @@ class CanBackend:
     def close(self) -> None:
         if self._port is not None:
             self._leave()
+            if self.unconfirmed:
+                log.error(self.unconfirmed)
             self._port.close()
             self._port = None
         self._watch.close()

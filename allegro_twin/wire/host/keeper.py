@@ -120,13 +120,14 @@ def _started(orders: dict[str, object], descriptors: list[int]) -> socket.socket
     mine.settimeout(_START)
     command = [sys.executable, "-I", "-S", "-c", _PROGRAM, str(Path(__file__).parent)]
     try:
-        with (
-            its,
-            subprocess.Popen(command, stdin=its.fileno(), pass_fds=descriptors, start_new_session=True) as process,
-        ):
-            mine.sendall(json.dumps(orders).encode() + b"\n")
-            answer = mine.recv(4096)
-            process.wait(_START)
+        with its:
+            process = subprocess.Popen(
+                command, stdin=its.fileno(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,  # It outlives ours.
+                pass_fds=descriptors, start_new_session=True,
+            )  # fmt: skip
+        mine.sendall(json.dumps(orders).encode() + b"\n")
+        answer = mine.recv(4096)
+        process.wait(_START)
     except (OSError, subprocess.SubprocessError) as error:
         mine.close()
         raise LinkError(f"no keeper for this hand: {error}; `keeper: false` does without") from error

@@ -16,6 +16,8 @@ from .ways import Serial, Way, opened
 
 AGAIN, SLOWEST, GIVE_UP = 0.005, 0.1, 600.0
 """s between two tries, at first and at last; after which nobody will hear it any more."""
+BEQUEST = 1.0
+"""s after the program's end from which another program may have the port."""
 ANSWER, QUIET = 0.06, 0.03
 """s that the hand has to answer; without a report (ten periods) that say as much of a hand that does not answer."""
 
@@ -40,7 +42,7 @@ class Keeper:
             alive = not news or (news == [(0, select.POLLIN)] and bool(os.read(0, 64)))
             if cells[ARMED] and (not alive or self._patience() == 0 or cells[VOICE] == SPEAK):
                 cells[ARMED] = 0
-                self._silence()
+                self._silence(alive=alive)
 
     def _patience(self) -> int:
         """ms until the program must have called again; 0: it has stalled; -1: it may take its time."""
@@ -50,11 +52,13 @@ class Keeper:
         left = cells[BEAT] + cells[PATIENCE] - time.monotonic_ns()
         return -(-left // 1_000_000) if left > 0 else 0
 
-    def _silence(self) -> None:
+    def _silence(self, *, alive: bool) -> None:
         """Say it until it is confirmed: an interface may be down, or its queue full of what was said before."""
         self._cells[CUTS] += 1
-        cuts, pause, deadline = self._cells[CUTS], AGAIN, time.monotonic() + GIVE_UP
-        while time.monotonic() < deadline and self._cells[VOICE] != HUSH and not self._taken():
+        cuts, pause, began = self._cells[CUTS], AGAIN, time.monotonic()
+        while (now := time.monotonic()) < began + GIVE_UP and self._cells[VOICE] != HUSH:
+            if not alive and now > began + BEQUEST and isinstance(self._way, Serial) and self._way.taken():
+                return
             try:
                 self._way.begin()
                 if self._said():
@@ -69,9 +73,6 @@ class Keeper:
                         self._way = opened(self._orders)
             select.select([], [], [], pause)
             pause = min(2 * pause, SLOWEST)
-
-    def _taken(self) -> bool:
-        return isinstance(self._way, Serial) and self._way.taken()
 
     def _said(self) -> bool:
         """Say it once; whether the hand has confirmed it: its motors are off, or it reports no more."""

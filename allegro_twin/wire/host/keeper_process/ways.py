@@ -110,6 +110,7 @@ class Socketcand(Lines):
     """A second client of the same server, which hears nothing until it has something to say."""
 
     def __init__(self, host: str, port: int, channel: str) -> None:
+        self._raw = False
         self._socket = socket.create_connection((host, port), timeout=5.0)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for word in (b"", f"< open {channel} >".encode()):
@@ -122,7 +123,9 @@ class Socketcand(Lines):
         super().__init__(self._socket.fileno(), b">")
 
     def begin(self) -> None:
-        self.say(b"< rawmode >")
+        if not self._raw:
+            self.say(b"< rawmode >")
+        self._raw = True
 
     def end(self) -> None:
         pass
