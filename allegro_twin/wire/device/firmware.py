@@ -59,7 +59,7 @@ class Firmware:
         self.motors = Motors(backend.spec.actuation.torque_limit)
         self.failed: StatusBits = StatusBits(0)
         """Faults that are injected, beside those that happen by themselves."""
-        self._limp = np.zeros(backend.spec.n_actuators)
+        self._limp = TorqueCommand(np.zeros(backend.spec.n_actuators))
         self.power_up()
 
     @property
@@ -93,6 +93,7 @@ class Firmware:
     def power_up(self) -> None:
         """As after switching on: motors off, silent, no torque."""
         self._counts = bytearray(2 * self._backend.spec.n_actuators)
+        self._told: TorqueCommand | None = None  # Of these counts, once it was needed.
         self._reports: list[tuple[int, Topic]] = []  # Every so many ticks.
         self._ticks = 0
         self._servo = self._fresh = False
@@ -103,6 +104,7 @@ class Firmware:
         finger = self._motors.get(frame.id)
         if finger is not None and len(frame.data) == 8 and not frame.remote:
             self._counts[8 * finger : 8 * finger + 8] = frame.data  # Latched, as on the real hand.
+            self._told = None
             return []
         try:
             message = self._codec.decode(frame)
@@ -174,10 +176,17 @@ class Firmware:
             self._state = self._backend.reset()
 
     def _advance(self) -> None:
-        working = self.serving and not int(self.failed) & _LIMP
-        self._backend.write(TorqueCommand(np.array(self.torque) * self.motors.share if working else self._limp))
+        self._backend.write(self._obeyed() if self.serving and not int(self.failed) & _LIMP else self._limp)
         self._state = self._backend.read()
         self.motors.warm(self._state.torque, self.step)
+
+    def _obeyed(self) -> TorqueCommand:
+        """What the motors make of the torques that they were told."""
+        if not self.motors.cold:
+            return TorqueCommand(np.array(self.torque) * self.motors.share)
+        if self._told is None:
+            self._told = TorqueCommand(np.array(self.torque))
+        return self._told
 
     def _set_periods(self, message: m.SetPeriod) -> None:
         began = self.serving

@@ -69,7 +69,8 @@ class LockstepLink(Link):
     def _send(self, frames: Iterable[Frame]) -> bool:
         receive = self._time.hands.receive
         for frame in frames:
-            self._log([frame], sent=True)
+            if self._listeners:
+                self._log([frame], sent=True)
             if answers := receive(frame):
                 self._answers += answers
         return True
@@ -81,7 +82,8 @@ class LockstepLink(Link):
             if self._time.hands.bus_off:
                 self.error_frames += 1
                 raise LinkError(bus_off(self.name))
-        self._log(frames, sent=False)
+        if self._listeners:
+            self._log(frames, sent=False)
         now = self._time.now
         return [Stamped(frame, now) for frame in frames]
 

@@ -29,6 +29,8 @@ class Motors:
         """°C, (n,)."""
         self.share: Vector = np.ones(len(full))
         """How much of a wanted torque each motor gives, (n,), 0 … 1."""
+        self.cold = True
+        """Whether every motor gives all of it."""
         self._squares, self._seconds, self._steps = np.zeros(len(full)), 0.0, 0
 
     def warm(self, torque: Vector, dt: float) -> None:
@@ -41,4 +43,5 @@ class Motors:
         goal = AMBIENT + self._rise * self._squares / self._steps
         self.temperature += (goal - self.temperature) * (1.0 - math.exp(-self._seconds / TIME_CONSTANT))
         self.share = np.clip((FAULT - self.temperature) / (FAULT - THROTTLE), 0.0, 1.0)
+        self.cold = bool((self.share == 1.0).all())
         self._squares, self._seconds, self._steps = np.zeros_like(torque), 0.0, 0

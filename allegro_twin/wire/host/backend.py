@@ -52,6 +52,7 @@ class CanBackend:
         self._words = LastWords(codec, asks=asks, period=self._settings.period)
         self._watch = Watch(codec, self._words, self._settings)
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
+        self._every = max(round(self._settings.status_period / self._settings.period), 1)
         self.unconfirmed = ""
         """Why it is not sure that the hand was left limp; empty when it is."""
         self._fresh()
@@ -208,8 +209,7 @@ class CanBackend:
 
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
-        every = max(round(self._settings.status_period / self._settings.period), 1)
-        if self._polled % every == 0:
+        if self._polled % self._every == 0:
             assert self._port is not None
             if self._settings.identify and self._codec.identifies:
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])

@@ -86,15 +86,15 @@ class Interpreter:
             if not of_other_device(self._codec.version, frame.id):
                 self.health.note("unknown", f"frame {frame}")
             return None
-        self._take(message)
+        self._take(message, frame)
         return message
 
     def sent(self, torque: list[float]) -> None:
         """The motors were told these torques, N·m, by whoever hears this."""
         self.torque = torque
 
-    def position(self, whole: Whole) -> tuple[float, ...]:
-        """The joints of a whole hand, rad."""
+    def position(self, whole: Whole) -> Vector:
+        """The joints of a whole hand, (n,), rad."""
         return self._read(whole.position)
 
     def state(self, torque: Vector, *, caught_up: bool = True) -> HandState:
@@ -102,7 +102,7 @@ class Interpreter:
         was nothing left to read."""
         whole, self.whole = self.whole, None
         assert whole is not None  # Callers look at `whole` first.
-        position = frozen(self._read(whole.position))
+        position = self._read(whole.position)
         periods = self._assembler.periods
         if self._clock is None:
             self._clock = HandClock(self._settings.period, whole.t, periods)
@@ -123,7 +123,8 @@ class Interpreter:
         names = [FINGERS[k] for k in range(len(FINGERS)) if heard[k] < max(heard) - timeout / 2]
         return ", ".join(names)
 
-    def _take(self, message: Message) -> None:
+    def _take(self, message: Message, frame: Frame) -> None:
+        """Keep what it says."""
         match message:
             case m.FingerTemperature(finger=finger, temperature=celsius):
                 values = self.temperature.copy()

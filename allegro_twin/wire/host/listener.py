@@ -29,11 +29,9 @@ class Listener(Interpreter):
         """Whether the motors ought to be on."""
         self._before = 0  # Reports when the wait began.
 
-    def hear(self, frame: Frame, t: float) -> Message | None:
-        message = super().hear(frame, t)
-        if message is not None:
-            self._judge(message, frame)
-        return message
+    def _take(self, message: Message, frame: Frame) -> None:
+        super()._take(message, frame)
+        self._judge(message, frame)
 
     def timeout(self, seconds: float, link: str) -> LinkTimeout:
         """Why there was no state for so long, on which link."""

@@ -20,11 +20,13 @@ class VelocityFilter:
     def __init__(self, cutoff: float, position: Vector) -> None:
         self._cutoff, self._position = cutoff, position
         self._velocity: Vector = np.zeros_like(position)
+        self._dt = self._share = 0.0
 
     def __call__(self, position: Vector, dt: float) -> Vector:
         """Speeds after `dt` seconds at a new position, both (n,); rad, rad/s."""
-        share = 1.0 - math.exp(-2.0 * math.pi * self._cutoff * dt)
-        self._velocity = self._velocity + share * ((position - self._position) / dt - self._velocity)
+        if dt != self._dt:
+            self._dt, self._share = dt, 1.0 - math.exp(-2.0 * math.pi * self._cutoff * dt)
+        self._velocity = self._velocity + self._share * ((position - self._position) / dt - self._velocity)
         self._position = position
         self._velocity.setflags(write=False)
         return self._velocity
