@@ -12,6 +12,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 
 
+STAY = 0.5
+"""s that a hand in another program is held on after its scenario: on a busy computer its time may lag behind ours."""
+
+
 def make_backend(config: RunConfig) -> HandBackend:
     """The hand that the config describes, behind its guard. Raises HandError."""
     return assemble(config).backend
@@ -44,7 +48,8 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     backend = make_can(config, settings, spec, scene)
     trial = scene.trial or rehearsal(config, spec)
     controller, motion = make_controller(config, spec, trial)
-    seconds = config.seconds or (motion if trial is None else trial.seconds)
+    after = 0.0 if scene.trial is not None else STAY
+    seconds = config.seconds or (motion if trial is None else trial.seconds + after)
     return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim, backend)
 
 

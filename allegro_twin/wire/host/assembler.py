@@ -28,14 +28,15 @@ class Assembler:
     frames that the receiver says it lost, cost that period and the next: the first four in order only show that the
     order holds again, since a late report could stand among them.
 
-    What order cannot show is a loss of exactly four reports, or eight: then a gap between two stamps does. It is
-    believed once, and again after the next state, because stamps are late when the host is.
+    What order cannot show is a loss of exactly four reports, or eight: then a gap between two stamps does, and costs
+    that period. A gap is believed once, and again after the next state, because stamps are late when the host is.
     """
 
     def __init__(self, period: float) -> None:
         self._gap = GAP * period
         self._group: list[Any] = []
         self._trusted = self._believed = True  # Order holds; a gap would count.
+        self._void = False  # The group has one.
         self._last, self._finger = -math.inf, N_FINGERS
         self.periods = 0
         """Begun so far: those of which any report came."""
@@ -62,23 +63,21 @@ class Assembler:
                 return None
             group = self._group
         elif finger and t - last > self._gap and self._believed:
-            self.doubtful += 1
-            self.lost()
-            return None
+            self._void, self._believed = True, False
         group.append(content)
         if finger < N_FINGERS - 1:
             return None
         self._group = []
-        if not self._trusted:
-            self._trusted = True
+        if self._void or not self._trusted:
+            self._void, self._trusted = False, True
             self.doubtful += 1
             return None
         self._believed = True
         return Whole(group[0] + group[1] + group[2] + group[3], t)
 
     def lost(self) -> None:
-        """The receiver says that frames were lost, or a gap says it: trust nothing until the order was seen again."""
-        self._group, self._trusted, self._believed = [], False, False
+        """The receiver says that frames were lost: trust nothing until the order was seen again."""
+        self._group, self._trusted, self._believed, self._void = [], False, False, False
 
     def silent(self, since: float) -> list[int]:
         """Fingers that have not reported since then."""

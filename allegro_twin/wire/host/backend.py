@@ -218,6 +218,8 @@ class CanBackend:
 
     def _stopped(self, error: HandError) -> HandError:
         """Leave the hand limp and remember why."""
+        if self._watch.struck():  # Then what was heard after it is its doing.
+            error = self._watch.fault()
         self._fault = error
         self._leave()
         if self.unconfirmed:
