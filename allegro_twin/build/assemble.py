@@ -11,7 +11,6 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 
-
 STAY = 0.5
 """s that a hand in another program is held on after its scenario: on a busy computer its time may lag behind ours."""
 
