@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,8 @@ from allegro_twin.wire.host.buses import LOCAL, Bus, open_bus
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
+
+log = logging.getLogger(__name__)
 
 
 def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
@@ -40,10 +44,19 @@ def far_end(settings: CanSettings) -> Bus:
         from allegro_twin.wire.device.socketcand import DEFAULT_PORT, SocketcandServer
 
         host, port = settings.options.get("host", "127.0.0.1"), settings.options.get("port", DEFAULT_PORT)
+        if not _loopback(str(host)):
+            log.warning("listening on %s: whoever reaches port %s moves this hand", host, port)
         return SocketcandServer(settings.channel, str(host), int(port))
     if settings.interface == VIRTUAL:
         raise ConfigError(f"{VIRTUAL} is a bus inside one program; serve on slcan, socketcand or a real interface")
     return open_bus(settings.interface, settings.channel, settings.bitrate, settings.options)
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def local(settings: CanSettings) -> bool:

@@ -82,7 +82,7 @@ def free_port() -> int:
 @pytest.mark.parametrize("kind", ["slcan", "socketcand"])
 def test_a_hand_in_one_process_is_driven_from_another(kind: str, tmp_path: Path) -> None:
     port, tty, recording = free_port(), tmp_path / "hand.tty", tmp_path / "run.arrow"
-    there = f"{{host: 127.0.0.1, port: {port}, tcp_tune: true}}"
+    there = f"{{host: 127.0.0.1, port: {port}}}"
     links = {
         "slcan": f"interface: slcan\n  channel: {tty}\n  options: {{sleep_after_open: 0.0}}",
         "socketcand": f"interface: socketcand\n  channel: can0\n  options: {there}",

@@ -14,7 +14,7 @@ from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.device.hands import VirtualHands
 from allegro_twin.wire.host.adapter import full, number
 
-BEHIND = 0.5
+BEHIND = 1.0
 """s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
 
 _DOWN = {errno.ENETDOWN, errno.ENETUNREACH}

@@ -11,6 +11,10 @@ GAP = 0.75
 late. Four reports take 0.5 ms on a bus of 1 Mbit/s."""
 
 
+PATIENCE = 2
+"""Wholes in a row that may be thrown away for a gap."""
+
+
 class Whole(NamedTuple):
     """All fingers of one period."""
 
@@ -29,14 +33,14 @@ class Assembler:
     order holds again, since a late report could stand among them.
 
     What order cannot show is a loss of exactly four reports, or eight: then a gap between two stamps does, and costs
-    that period. A gap is believed once, and again after the next state, because stamps are late when the host is.
+    that period. After two wholes in a row that were not used a gap counts for nothing: the host is late.
     """
 
     def __init__(self, period: float) -> None:
         self._gap = GAP * period
         self._group: list[Any] = []
-        self._trusted = self._believed = True  # Order holds; a gap would count.
-        self._void = False  # The group has one.
+        self._trusted, self._gapped = True, False  # The order holds; the group has a gap.
+        self._unused = 0  # Wholes in a row.
         self._last, self._finger = -math.inf, N_FINGERS
         self.periods = 0
         """Begun so far: those of which any report came."""
@@ -62,22 +66,23 @@ class Assembler:
             if finger:
                 return None
             group = self._group
-        elif finger and t - last > self._gap and self._believed:
-            self._void, self._believed = True, False
+        elif finger and t - last > self._gap:
+            self._gapped = True
         group.append(content)
         if finger < N_FINGERS - 1:
             return None
-        self._group = []
-        if self._void or not self._trusted:
-            self._void, self._trusted = False, True
+        usable = self._trusted and not (self._gapped and self._unused < PATIENCE)
+        self._group, self._gapped, self._trusted = [], False, True
+        if not usable:
+            self._unused += 1
             self.doubtful += 1
             return None
-        self._believed = True
+        self._unused = 0
         return Whole(group[0] + group[1] + group[2] + group[3], t)
 
     def lost(self) -> None:
         """The receiver says that frames were lost: trust nothing until the order was seen again."""
-        self._group, self._trusted, self._believed, self._void = [], False, False, False
+        self._group, self._gapped, self._trusted = [], False, False
 
     def silent(self, since: float) -> list[int]:
         """Fingers that have not reported since then."""

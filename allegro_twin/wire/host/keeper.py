@@ -52,7 +52,7 @@ class Keeper:
         }
         self._seen = 0
         try:
-            self._line = _started(orders, [memory, *([way["fd"]] if "fd" in way else [])])
+            self._line, self.process = _started(orders, [memory, *([way["fd"]] if "fd" in way else [])])
         finally:
             os.close(memory)
 
@@ -114,8 +114,8 @@ class Keeper:
             self._line.send(b".")
 
 
-def _started(orders: dict[str, object], descriptors: list[int]) -> socket.socket:
-    """Start the process; the line to it. Isolated, it does not load what the environment adds to Python."""
+def _started(orders: dict[str, object], descriptors: list[int]) -> tuple[socket.socket, int]:
+    """Start the process; the line to it, and its id. Isolated, it does not load what the environment adds to Python."""
     mine, its = socket.socketpair()
     mine.settimeout(_START)
     command = [sys.executable, "-I", "-S", "-c", _PROGRAM, str(Path(__file__).parent)]
@@ -132,8 +132,8 @@ def _started(orders: dict[str, object], descriptors: list[int]) -> socket.socket
         mine.close()
         raise LinkError(f"no keeper for this hand: {error}; `keeper: false` does without") from error
     mine.setblocking(False)
-    if answer != b"ready":
+    if not answer.startswith(b"ready"):
         mine.close()
         why = answer.decode(errors="replace").removeprefix("no: ") or "it ended at once"
         raise LinkError(f"no keeper for this hand: {why}; `keeper: false` does without")
-    return mine
+    return mine, int(answer.split()[1])

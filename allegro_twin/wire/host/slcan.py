@@ -20,6 +20,8 @@ from allegro_twin.wire.host.link import Way
 _CHUNK = 1 << 16
 _NEARLY_FULL = 4000
 """Bytes that wait at which a terminal may have begun to lose some: it holds 4095 (n_tty.c N_TTY_BUF_SIZE)."""
+_EMPTY = 20
+"""Times in a row that a port which is ready gives nothing: once or twice, the keeper of this very hand was faster."""
 _WAIT = 1.0
 """s that a port which another program is letting go of is waited for."""
 
@@ -33,6 +35,7 @@ class SlcanBus(slcanBus):
     def __init__(self, channel: str, **options: Any) -> None:
         self._lock = _locked(channel.split("@")[0])
         self._lines, self._rest, self._unsent, self._full = deque[bytes](), b"", b"", False
+        self._empty = 0
         try:
             super().__init__(channel, **options)
             os.set_blocking(self.serialPortOrig.fileno(), False)
@@ -106,7 +109,8 @@ class SlcanBus(slcanBus):
             return
         except OSError as error:
             raise can.CanOperationError(f"cannot read from the serial port: {error}", error.errno) from error
-        if not data:
+        self._empty = 0 if data else self._empty + 1
+        if self._empty > _EMPTY:
             raise can.CanOperationError("the serial port is gone", errno.EIO)
         *lines, self._rest = (self._rest + data).replace(b"\a", b"\r").split(b"\r")
         self._rest = self._rest[-64:]  # No line is longer: an unterminated flood is noise.

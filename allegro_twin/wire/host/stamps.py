@@ -38,5 +38,5 @@ class Stamps:
         if stamp + offset < self._floor - SET_BACK:
             offset = now - stamp
         self._offset, self._seen = offset, now
-        self._floor = max(stamp + offset, self._floor)
+        self._floor = max(min(stamp + offset, now), self._floor)
         return self._floor

@@ -108,5 +108,5 @@ def main() -> None:
         return
     if os.fork():
         os._exit(0)  # Nobody's child, for nobody is to wait for it.
-    os.write(0, b"ready")
+    os.write(0, f"ready {os.getpid()}".encode())
     Keeper(orders, way).watch()

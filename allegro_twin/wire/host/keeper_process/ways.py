@@ -49,6 +49,9 @@ class Socketcan:
 class Lines:
     """Messages of text with an end."""
 
+    _shared = False
+    """Whether the program may read what was meant for this."""
+
     def __init__(self, descriptor: int, end: bytes) -> None:
         self._descriptor, self._end, self._rest = descriptor, end, b""
         os.set_blocking(descriptor, False)
@@ -59,7 +62,7 @@ class Lines:
 
     def heard(self) -> list[bytes]:
         data = os.read(self._descriptor, 1 << 16)
-        if not data:
+        if not data and not self._shared:
             raise OSError("the other end is gone")
         *whole, rest = (self._rest + data).split(self._end)
         self._rest = rest[-4096:]
@@ -73,13 +76,15 @@ class Serial(Lines):
     """The serial port that the program opened (slcan). Its lock is free when the program is gone; whoever has it then
     says the same at its start."""
 
+    _shared = True
+
     def __init__(self, fd: int) -> None:
         super().__init__(fd, b"\r")
 
     def begin(self) -> None:
         with contextlib.suppress(termios.error):
             termios.tcflush(self._descriptor, termios.TCOFLUSH)  # Torques that were not sent yet.
-        self.say(b"\r")  # The end of what the program left half said.
+        self.say(b"\rO\r")  # The end of what the program left half said; it may have closed the channel.
 
     def end(self) -> None:
         pass

@@ -147,7 +147,7 @@ def test_after_anything_at_all_three_clean_periods_give_a_state_whatever_their_s
     assert values(wholes)[-1] >= 0.0
 
 
-LOSSES = st.lists(st.tuples(st.integers(4, 150), st.integers(1, 13)), max_size=4)
+LOSSES = st.lists(st.tuples(st.integers(4, 150), st.integers(1, 13)), max_size=2)
 
 
 @given(losses=LOSSES, resting=st.sets(st.integers(0, 3), max_size=3))
