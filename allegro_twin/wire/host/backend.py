@@ -72,6 +72,11 @@ class CanBackend:
         return self._codec.calibration
 
     @property
+    def keeper(self) -> int:
+        """The process that watches this one; 0: none."""
+        return self._watch.keeper
+
+    @property
     def lockstep(self) -> bool:
         """Whether the hand's time passes only while this backend reads."""
         return self._lockstep

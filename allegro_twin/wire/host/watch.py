@@ -34,6 +34,11 @@ class Watch:
         """How often at least `feed` must be called while something is waited for, s."""
         return self._patience / 4
 
+    @property
+    def keeper(self) -> int:
+        """The keeper's process; 0: none."""
+        return self._guard.process if isinstance(self._guard, Keeper) else 0
+
     def words(self) -> list[str]:
         """What a user should know of it."""
         return [f"no keeper: {self._alone}; a crash of this program leaves the hand pushing"] if self._alone else []
