@@ -163,7 +163,7 @@ def _kept(
     if rig.trial is not None:
         meta |= rig.trial.meta()
     if rig.wire is not None:
-        meta["calibration"] = asdict(rig.wire.calibration)
+        meta["calibration"] = rig.wire.calibration
     return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 

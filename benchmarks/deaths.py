@@ -67,7 +67,7 @@ def config(folder: Path, link: Link, port: int) -> Path:
     }
     path = folder / "hand.yaml"
     path.write_text(
-        f"backend: {{kind: can, version: v4, {ways[link]}, gravity: [0, 0, -9.81]}}\n"
+        f"backend: {{kind: can, version: v4, {ways[link]}, gravity: [0, 0, -9.81], timeout: 0.5}}\n"
         f"controller: {{kind: torque, torque: {TORQUE}}}\n"
     )
     return path

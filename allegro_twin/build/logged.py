@@ -10,6 +10,7 @@ from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.replay.recorder import recorded
+from allegro_twin.wire.codec.codec import described
 from allegro_twin.wire.tools.log import samples_of_log
 from allegro_twin.wire.tools.samples import Found
 
@@ -21,12 +22,14 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
         raise ConfigError(f"a bus log needs a config of a hand on a bus; this one has backend {settings.kind}")
     spec = spec_of(config)
     found = Found()
+    codec = codec_of(config, settings)
     meta = {
         "allegro_twin": allegro_twin.__version__,
+        "calibration": described(codec),
         "config": config.model_dump(mode="json"),
         "log": log.name,
     }
-    samples = samples_of_log(log, codec_of(config, settings), host_settings(config, settings), found, bus)
+    samples = samples_of_log(log, codec, host_settings(config, settings), found, bus)
     with whole_file(target) as temporary:
         for _ in recorded(samples, temporary, spec, config.period, meta=meta):
             pass

@@ -111,7 +111,7 @@ def firmware(
         if log is not None:
             log.close()
     if served is not None:
-        console.console.print(served.words(), highlight=False, soft_wrap=True)
+        console.console.print(served.summary(), highlight=False, soft_wrap=True)
     if report is not None:
         write_reports(report, verdicts)
 

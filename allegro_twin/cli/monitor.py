@@ -73,7 +73,7 @@ def rows(sniffer: Sniffer, bus: str) -> Table:
 
 
 def _cells(sniffer: Sniffer, row: Row) -> tuple[str, ...]:
-    name, text = sniffer.words(row)
+    name, text = sniffer.description(row)
     raw = "remote" if row.frame.remote else row.frame.data.hex(" ")
     rate = f"{row.rate:.1f}" if row.count > 1 else ""
     return name_of(row), escape(name), str(row.count), rate, escape(text), raw

@@ -102,7 +102,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
     from allegro_twin.build.logged import make_recording
 
     found = make_recording(load_config(config), path, target, bus)
-    return found.states, found.words()
+    return found.states, found.summary()
 
 
 def _parquet(recording: Any, target: Path) -> None:

@@ -245,7 +245,7 @@ def test_a_row_counts_and_what_nobody_knows_stays_raw() -> None:
     assert sniffer.line(strange) == "    2.0000       7FF  01 02"
     short = sniffer.hear(can_message(Frame(0x84, b"\x01")), 2.0)
     assert short is not None
-    assert sniffer.words(short).name == "malformed"
+    assert sniffer.description(short).name == "malformed"
     assert sniffer.hear(can.Message(is_error_frame=True), 2.0) is None
     assert (sniffer.frames, sniffer.errors, len(sniffer.rows)) == (14, 1, 2)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from allegro_twin.description.calibration import Calibration, Version
@@ -82,6 +83,11 @@ class Codec(Protocol):
     def identifies(self) -> bool:
         """Whether this version says who it is when asked."""
         ...
+
+
+def described(codec: Codec) -> dict[str, Any]:
+    """What a recording should say of how counts became rad and N·m."""
+    return {"version": codec.version, **asdict(codec.calibration), "pwm_limit": list(codec.pwm_limits)}
 
 
 def no_such(message: Message, version: str) -> ProtocolError:

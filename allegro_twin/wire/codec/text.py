@@ -9,44 +9,44 @@ from allegro_twin.wire.codec.codec import FINGERS
 from allegro_twin.wire.codec.messages import Message, StatusBits
 
 
-class Words(NamedTuple):
+class Description(NamedTuple):
     """A message: what it is, and what it says."""
 
     name: str
     text: str
 
 
-def describe(message: Message) -> Words:
+def describe(message: Message) -> Description:
     """In radians, N·m, °C, seconds and Pa."""
     match message:
         case m.FingerPosition(finger, position):
-            return Words(f"position {FINGERS[finger]}", _row(position, "+.4f", "rad"))
+            return Description(f"position {FINGERS[finger]}", _row(position, "+.4f", "rad"))
         case m.SetTorque(finger, torque):
-            return Words(f"torque {FINGERS[finger]}", _row(torque, "+.4f", "N·m"))
+            return Description(f"torque {FINGERS[finger]}", _row(torque, "+.4f", "N·m"))
         case m.SetPosition(finger, position):
-            return Words(f"set-point {FINGERS[finger]}", _row(position, "+.4f", "rad"))
+            return Description(f"set-point {FINGERS[finger]}", _row(position, "+.4f", "rad"))
         case m.FingerTemperature(finger, temperature):
-            return Words(f"temperature {FINGERS[finger]}", _row(temperature, ".0f", "°C"))
+            return Description(f"temperature {FINGERS[finger]}", _row(temperature, ".0f", "°C"))
         case m.FingertipPressure((first, second), pressure):
-            return Words(f"pressure {FINGERS[first]} {FINGERS[second]}", _row(pressure, ".0f", "Pa"))
+            return Description(f"pressure {FINGERS[first]} {FINGERS[second]}", _row(pressure, ".0f", "Pa"))
         case m.Imu(orientation):
-            return Words("imu", _row(orientation, "+.3f", "(w x y z)"))
+            return Description("imu", _row(orientation, "+.3f", "(w x y z)"))
         case m.Request(topic, finger):
-            return Words(f"ask {topic.value}{'' if finger is None else f' {FINGERS[finger]}'}", "")
+            return Description(f"ask {topic.value}{'' if finger is None else f' {FINGERS[finger]}'}", "")
         case m.SetPeriod():
             parts = [f"{key} {s:g} s" for key, s in message._asdict().items() if s is not None]
-            return Words("set period", ", ".join(parts))
+            return Description("set period", ", ".join(parts))
         case m.Status(bits):
-            return Words("status", status(bits))
+            return Description("status", status(bits))
         case m.Information():
-            return Words("information", _information(message))
+            return Description("information", _information(message))
         case m.Serial(text):
-            return Words("serial", text)
+            return Description("serial", text)
         case m.ServoOn() | m.ServoOff():
-            return Words("servo on" if isinstance(message, m.ServoOn) else "servo off", "")
+            return Description("servo on" if isinstance(message, m.ServoOn) else "servo off", "")
         case _:
             parts = [f"{key} {value}" for key, value in message._asdict().items()]
-            return Words(type(message).__name__, ", ".join(parts))
+            return Description(type(message).__name__, ", ".join(parts))
 
 
 def status(bits: StatusBits | None) -> str:

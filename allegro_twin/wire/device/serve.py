@@ -12,7 +12,7 @@ import can
 
 from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.host.adapter import full, number
+from allegro_twin.wire.host.adapter import full, number, received
 
 BEHIND = 1.0
 """s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
@@ -38,7 +38,7 @@ class Served:
     lost: int = 0
     """Steps that were left out to catch up."""
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """All of it in one line."""
         steps = f"{self.ticks} steps, {self.late} late, {self.lost} left out"
         return f"{steps}; {self.heard} frames heard, {self.said} said"
@@ -87,7 +87,7 @@ def _listen(
 
 def _received(bus: can.BusABC, timeout: float) -> can.Message | None:
     try:
-        return bus.recv(timeout)
+        return received(bus, timeout)
     except (can.CanError, OSError) as error:
         if number(error) not in _DOWN:
             raise

@@ -36,6 +36,16 @@ def full(error: can.CanError | OSError) -> bool:
     return number(error) in _FULL or str(error) == "Transmit buffer full"
 
 
+def received(bus: can.BusABC, timeout: float) -> can.Message | None:
+    """The next message, waiting at most `timeout` s; what `bus.recv` does, but python-can measures its waiting with the
+    time of day, and where that is set back it waits for ever."""
+    kind = type(bus)
+    if kind.recv is not can.BusABC.recv or kind._recv_internal is can.BusABC._recv_internal:
+        return bus.recv(timeout)
+    message, filtered = bus._recv_internal(timeout)
+    return message if message is None or filtered or bus._matches_filters(message) else None
+
+
 def bus_off(name: str) -> str:
     """What to say of a bus that is off."""
     return f"{name} is bus-off; check the wiring, then restart it: ip link set <if> up"
@@ -93,13 +103,13 @@ class AdapterLink(Link):
     def _receive(self, timeout: float) -> Sequence[Stamped]:
         came: list[Stamped] = []
         try:
-            message = self._bus.recv(timeout)
+            message = received(self._bus, timeout)
             enough = self.now() + _TURN
             while message is not None:
                 self._take(message, came)
                 if len(came) >= _BATCH or (not self.lockstep and self.now() > enough):
                     return came
-                message = self._bus.recv(0.0)
+                message = received(self._bus, 0.0)
         except (can.CanError, OSError, ValueError, IndexError) as error:  # Drivers parse what adapters say.
             raise LinkError(f"cannot receive on {self.name}: {error}; is the interface up and plugged in?") from error
         self._stamps.empty(self.now())

@@ -84,10 +84,6 @@ class Assembler:
         """The receiver says that frames were lost: trust nothing until the order was seen again."""
         self._group, self._gapped, self._trusted = [], False, False
 
-    def silent(self, since: float) -> list[int]:
-        """Fingers that have not reported since then."""
-        return [finger for finger, t in enumerate(self.heard) if t < since]
-
     def _broken(self) -> None:
         self.incomplete += self._trusted or bool(self._group)  # Once for what belongs together.
         self.lost()

@@ -5,24 +5,24 @@ from __future__ import annotations
 import atexit
 import logging
 from collections.abc import Callable
+from typing import Any
 
 import can
 import numpy as np
 
 from allegro_twin.backend import torque_of
-from allegro_twin.description.calibration import Calibration
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen
 from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import FINGERS, Codec
+from allegro_twin.wire.codec.codec import FINGERS, Codec, described
 from allegro_twin.wire.codec.messages import Topic
 from allegro_twin.wire.host.handshake import begin
 from allegro_twin.wire.host.health import Health
-from allegro_twin.wire.host.last_words import LastWords
 from allegro_twin.wire.host.link import Port
 from allegro_twin.wire.host.listener import Listener
 from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.host.shutdown import ShutdownSequence
 from allegro_twin.wire.host.watch import Watch
 
 log = logging.getLogger(__name__)
@@ -49,8 +49,8 @@ class CanBackend:
         self._port: Port | None = open_port()
         self._lockstep = self._port.link.lockstep
         asks = codec.identifies and self._settings.identify
-        self._words = LastWords(codec, asks=asks, period=self._settings.period)
-        self._watch = Watch(codec, self._words, self._settings)
+        self._shutdown = ShutdownSequence(codec, asks=asks, period=self._settings.period)
+        self._watch = Watch(codec, self._shutdown, self._settings)
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
         self._every = max(round(self._settings.status_period / self._settings.period), 1)
         self.unconfirmed = ""
@@ -67,9 +67,9 @@ class CanBackend:
         return self._settings.period
 
     @property
-    def calibration(self) -> Calibration:
-        """What turns this hand's counts into rad and N·m."""
-        return self._codec.calibration
+    def calibration(self) -> dict[str, Any]:
+        """What turns this hand's counts into rad and N·m, for recordings."""
+        return described(self._codec)
 
     @property
     def keeper(self) -> int:
@@ -83,12 +83,12 @@ class CanBackend:
 
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
-        return [*self._ears.health.words(), *self._watch.words()]
+        return [*self._listener.health.lines(), *self._watch.warnings()]
 
     @property
     def health(self) -> Health:
         """What was counted since reset."""
-        return self._ears.health
+        return self._listener.health
 
     def listen(self, log: Callable[[can.Message], None]) -> None:
         """Tell a bus log of every frame, sent or received, until this bus is closed."""
@@ -102,9 +102,9 @@ class CanBackend:
                 self._port = self._open()
             self._fresh()
             self._watch.ready(self._port)
-            greeting = begin(self._port, self._codec, self._settings, self._spec, self._words.frames, self._serve)
+            greeting = begin(self._port, self._codec, self._settings, self._spec, self._shutdown.frames, self._serve)
             for stamped in greeting:
-                self._ears.hear(*stamped)
+                self._listener.hear(*stamped)
             self._fault = None
             self._poll()  # A hand that is still hot says so before anything moves.
             caught_up = self._wait(max(self._settings.timeout, FIRST))
@@ -112,9 +112,9 @@ class CanBackend:
                 caught_up = self._level()
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        self._ears.serving = True
+        self._listener.serving = True
         self._watch.feed()
-        return self._ears.state(self._torque, caught_up=caught_up)
+        return self._listener.state(self._torque, caught_up=caught_up)
 
     def write(self, command: Command) -> None:
         port = self._ready()
@@ -126,7 +126,7 @@ class CanBackend:
                 self._torque = frozen(applied)
             else:
                 self._refused += 1
-                self._ears.health.note("unsent", "the transmit queue is full")
+                self._listener.health.note("unsent", "the transmit queue is full")
                 if self._refused >= PATIENCE:
                     raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
         except HandError as error:
@@ -140,7 +140,7 @@ class CanBackend:
             caught_up = self._wait(self._settings.timeout)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        return self._ears.state(self._torque, caught_up=caught_up)
+        return self._listener.state(self._torque, caught_up=caught_up)
 
     def close(self) -> None:
         if self._port is not None:
@@ -155,7 +155,7 @@ class CanBackend:
 
     def _fresh(self) -> None:
         """Forget the last session."""
-        self._ears = Listener(self._codec, self._settings)
+        self._listener = Listener(self._codec, self._settings)
         self._torque = frozen(np.zeros(self._spec.n_actuators))
         self._refused = self._polled = 0
         self._served = False
@@ -180,17 +180,17 @@ class CanBackend:
     def _wait(self, timeout: float) -> bool:
         """Read until there is a whole hand, and on while more waits, but for a period at most; whether nothing is left.
         Raises LinkTimeout when none comes."""
-        port, ears = self._port, self._ears
+        port, listener = self._port, self._listener
         assert port is not None
-        link, queue, hear = port.link, port.queue, ears.hear
-        ears.waiting()
+        link, queue, hear = port.link, port.queue, listener.hear
+        listener.waiting()
         deadline, until = link.now() + timeout, None
         while True:
             while queue:
                 hear(*queue.popleft())
-            if ears.whole is not None:
+            if listener.whole is not None:
                 if link.lockstep or not link.pump(0.0):
-                    ears.health.errors = link.error_frames - self._errors_before
+                    listener.health.errors = link.error_frames - self._errors_before
                     return True
                 until = until or link.now() + self.period
                 if link.now() > until:
@@ -199,16 +199,16 @@ class CanBackend:
                 self._watch.feed()
                 link.pump(min(left, self._watch.beat))
             elif not link.pump(0.0):
-                raise ears.timeout(timeout, link.name)
+                raise listener.timeout(timeout, link.name)
 
     def _level(self) -> bool:
         """Wait until the IMU has told where down is."""
-        link, ears = self._port.link, self._ears  # type: ignore[union-attr]  # Open since reset.
+        link, listener = self._port.link, self._listener  # type: ignore[union-attr]  # Open since reset.
         deadline, caught_up = link.now() + FIRST + 2 * self._settings.imu_period, True
-        while not ears.gravity.any() or not np.isfinite(ears.gravity).all():
+        while not listener.gravity.any() or not np.isfinite(listener.gravity).all():
             if link.now() > deadline:
                 raise LinkTimeout(f"the hand reports positions on {link.name}, but no IMU; give `gravity` instead")
-            ears.whole = None
+            listener.whole = None
             caught_up = self._wait(self._settings.timeout)
         return caught_up
 
@@ -235,12 +235,12 @@ class CanBackend:
         return error
 
     def _leave(self) -> None:
-        """Say the last words until they are confirmed; else the keeper, if there is one, goes on saying them."""
+        """Run the shutdown sequence until it is confirmed; else the keeper, if there is one, goes on with it."""
         if self._port is None:
             return
         now = self._port.link.now()
-        reported = max(self._ears.heard) > now - 2 * FIRST
-        why = self._words.say(self._port, reported=reported)
+        reported = max(self._listener.heard) > now - 2 * FIRST
+        why = self._shutdown.run(self._port, reported=reported)
         if self._served and why:
             self.unconfirmed = f"the hand has not confirmed that it is limp ({why}): {self._watch.take_over()}"
         if not why:

@@ -44,7 +44,7 @@ class Health:
         if count == 0:
             log.warning("%s: %s", name, why)
 
-    def words(self) -> list[str]:
+    def lines(self) -> list[str]:
         """One line for each kind of trouble that there was."""
         return [
             f"{getattr(self, name)} {text}"

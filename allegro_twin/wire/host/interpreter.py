@@ -24,7 +24,7 @@ from allegro_twin.wire.host.health import Health
 from allegro_twin.wire.host.settings import HostSettings
 from allegro_twin.wire.host.velocity import VelocityFilter
 
-STRANGERS = 400
+OTHERS = 400
 """Frames that are not this hand's and are kept, to say whose they are."""
 
 
@@ -38,7 +38,7 @@ class Interpreter:
         self._clock: HandClock | None = None
         self._filter: VelocityFilter
         self.whole: Whole | None = None
-        self.strangers: deque[Frame] = deque(maxlen=STRANGERS)
+        self.others: deque[Frame] = deque(maxlen=OTHERS)
         """The newest frames that are not this hand's."""
         joints = 4 * len(FINGERS)
         self.torque = [math.nan] * joints
@@ -82,7 +82,7 @@ class Interpreter:
             self.health.note("malformed", error)
             return None
         if message is None:
-            self.strangers.append(frame)
+            self.others.append(frame)
             if not of_other_device(self._codec.version, frame.id):
                 self.health.note("unknown", f"frame {frame}")
             return None

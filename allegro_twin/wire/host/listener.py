@@ -43,7 +43,7 @@ class Listener(Interpreter):
                 f"no whole state for {seconds:g} s on {link}, though {self.reports - self._before} reports came: they "
                 "are lost or out of order; check cable, termination and `allegro-twin check`"
             )
-        others = reporting(self.strangers)
+        others = reporting(self.others)
         version = self._codec.version
         who = f"the hand, a {version} (but {others} reports: correct `version`)," if others else "the hand"
         return LinkTimeout(f"no report from {who} for {seconds:g} s on {link}; is it powered and plugged in?")

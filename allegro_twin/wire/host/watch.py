@@ -12,9 +12,9 @@ from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.wire.codec.codec import Codec
 from allegro_twin.wire.host.deadman import Deadman
 from allegro_twin.wire.host.keeper import Keeper
-from allegro_twin.wire.host.last_words import LastWords
 from allegro_twin.wire.host.link import Port
 from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.host.shutdown import ShutdownSequence
 
 log = logging.getLogger(__name__)
 
@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 class Watch:
     """One hand's. On a lockstep bus nobody watches: time stands still while nobody calls."""
 
-    def __init__(self, codec: Codec, words: LastWords, settings: HostSettings) -> None:
-        self._codec, self._words, self._settings = codec, words, settings
+    def __init__(self, codec: Codec, shutdown: ShutdownSequence, settings: HostSettings) -> None:
+        self._codec, self._shutdown, self._settings = codec, shutdown, settings
         self._patience = math.inf if settings.deadman is None else settings.deadman
         self._port: Port | None = None
         self._guard: Keeper | Deadman | None = None
@@ -39,7 +39,7 @@ class Watch:
         """The keeper's process; 0: none."""
         return self._guard.process if isinstance(self._guard, Keeper) else 0
 
-    def words(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What a user should know of it."""
         return [f"no keeper: {self._alone}; a crash of this program leaves the hand pushing"] if self._alone else []
 
@@ -53,8 +53,8 @@ class Watch:
             return
         way = port.link.way if hasattr(os, "memfd_create") else "this system cannot share memory with one"
         if self._settings.keeper and isinstance(way, dict):
-            answer, reports = self._words.answer, self._codec.positions.fingers
-            self._guard = Keeper(way, self._words.frames, reports, answer, self._settings.deadman)
+            answer, reports = self._shutdown.answer, self._codec.positions.fingers
+            self._guard = Keeper(way, self._shutdown.frames, reports, answer, self._settings.deadman)
             return
         if self._settings.keeper:
             self._alone = str(way)
@@ -95,7 +95,7 @@ class Watch:
             self._guard.disarm()
 
     def take_over(self) -> str:
-        """The last words were not confirmed: what happens now."""
+        """The shutdown was not confirmed: what happens now."""
         self._armed = False
         if isinstance(self._guard, Keeper) and self._guard.alive:
             self._guard.take_over()
@@ -122,4 +122,4 @@ class Watch:
         """Called by the deadman, on its own thread."""
         with suppress(LinkError):  # Nothing left to say it with.
             if self._port is not None:
-                self._port.send(self._words.frames)
+                self._port.send(self._shutdown.frames)

@@ -20,12 +20,12 @@ from allegro_twin.wire.codec.frames import Frame, bits
 from allegro_twin.wire.codec.messages import Topic
 from allegro_twin.wire.host.assembler import Whole
 from allegro_twin.wire.host.handshake import ask, begin, identify
-from allegro_twin.wire.host.interpreter import STRANGERS
-from allegro_twin.wire.host.last_words import LastWords
+from allegro_twin.wire.host.interpreter import OTHERS
 from allegro_twin.wire.host.link import Port
 from allegro_twin.wire.host.listener import Listener
 from allegro_twin.wire.host.load import share
 from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.host.shutdown import ShutdownSequence
 from allegro_twin.wire.tools import findings
 from allegro_twin.wire.tools.findings import Finding
 
@@ -40,8 +40,8 @@ class Checkup:
     def __init__(self, spec: HandSpec, codec: Codec, open_port: Callable[[], Port], settings: HostSettings) -> None:
         self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings
         self._zero, _ = codec.torques.frames([0.0] * spec.n_actuators, codec.pwm_limits)
-        self._words = LastWords(codec, asks=codec.identifies and settings.identify, period=settings.period)
-        self._ears = Listener(codec, settings)
+        self._shutdown = ShutdownSequence(codec, asks=codec.identifies and settings.identify, period=settings.period)
+        self._listener = Listener(codec, settings)
         self._side: str | None = None
         self._frames = self._bits = 0
         self._wholes: list[Whole] = []
@@ -75,7 +75,7 @@ class Checkup:
             ("identity", self._identify),
             ("fingers", self._serve),
             ("reports", self._watch),
-            ("temperature", lambda: findings.temperature(self._ears.temperature, self._codec.version)),
+            ("temperature", lambda: findings.temperature(self._listener.temperature, self._codec.version)),
             ("joints", self._joints),
             ("load", self._load),
         )
@@ -83,7 +83,7 @@ class Checkup:
     def _listen(self) -> Finding:
         """Say nothing yet."""
         port, link, commands = self._port, self._port.link, ""
-        seen: deque[Frame] = deque(maxlen=STRANGERS)
+        seen: deque[Frame] = deque(maxlen=OTHERS)
         link.listen(self._count)
         began = link.now()
         while (left := began + LISTEN - link.now()) > 0.0:
@@ -97,7 +97,7 @@ class Checkup:
 
     def _identify(self) -> Finding:
         port, codec = self._port, self._codec
-        if not port.send(self._words.frames):
+        if not port.send(self._shutdown.frames):
             raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
         if not codec.identifies:
             return findings.identity(codec, None, "")
@@ -118,15 +118,15 @@ class Checkup:
     def _serve(self) -> Finding:
         """Motors on, at zero torque."""
         port, settings = self._port, replace(self._settings, identify=False)
-        for stamped in begin(port, self._codec, settings, self._spec, self._words.frames):
+        for stamped in begin(port, self._codec, settings, self._spec, self._shutdown.frames):
             self._hear(stamped.frame, stamped.t)
         deadline = port.link.now() + FIRST
         while not all(self._heard()) and port.link.now() < deadline:
             self._next(deadline)
-        return findings.fingers(self._heard(), reporting(self._ears.strangers))
+        return findings.fingers(self._heard(), reporting(self._listener.others))
 
     def _watch(self) -> Finding:
-        link, self._ears.serving = self._port.link, True
+        link, self._listener.serving = self._port.link, True
         self._frames = self._bits = 0
         began = link.now()
         end, ask_at = began + WATCH, began if self._codec.identifies else math.inf
@@ -139,17 +139,17 @@ class Checkup:
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
         self._measured = self._bits / (link.bitrate * (link.now() - began))
         stamps = [whole.t for whole in self._wholes]
-        return findings.timing(stamps, WATCH, self._settings.period, self._ears.incomplete, self._settings.timeout)
+        return findings.timing(stamps, WATCH, self._settings.period, self._listener.incomplete, self._settings.timeout)
 
     def _joints(self) -> Finding:
-        positions = np.array([self._ears.position(whole) for whole in self._wholes])
+        positions = np.array([self._listener.position(whole) for whole in self._wholes])
         return findings.joints(positions, self._spec, self._codec.version)
 
     def _load(self) -> Finding:
         link = self._port.link
         alone = share((self._codec, self._settings.period), link.bitrate)
-        others = reporting(self._ears.strangers)
-        return findings.load(alone, self._measured, link.bitrate, self._ears.health.unknown, others)
+        others = reporting(self._listener.others)
+        return findings.load(alone, self._measured, link.bitrate, self._listener.health.unknown, others)
 
     def _next(self, deadline: float) -> Whole | None:
         """Hear the next frame; the whole hand that it completes."""
@@ -157,12 +157,12 @@ class Checkup:
         return None if stamped is None else self._hear(stamped.frame, stamped.t)
 
     def _hear(self, frame: Frame, t: float) -> Whole | None:
-        self._ears.hear(frame, t)
-        whole, self._ears.whole = self._ears.whole, None
+        self._listener.hear(frame, t)
+        whole, self._listener.whole = self._listener.whole, None
         return whole
 
     def _heard(self) -> list[bool]:
-        return [t > -math.inf for t in self._ears.heard]
+        return [t > -math.inf for t in self._listener.heard]
 
     def _decoded(self, frame: Frame) -> m.Message | None:
         try:
@@ -176,9 +176,9 @@ class Checkup:
 
     def _leave(self) -> None:
         """Limp, whatever was found; a hand that never answered is not waited for."""
-        if self._ears.reports:
-            self._words.say(self._port, reported=True)
+        if self._listener.reports:
+            self._shutdown.run(self._port, reported=True)
         else:
             with suppress(LinkError):  # Nothing left to say it with.
-                self._port.send(self._words.frames)
+                self._port.send(self._shutdown.frames)
         self._port.close()

@@ -151,6 +151,6 @@ def samples_of_log(
             yield sample
     last = heard.end()
     if last is None:
-        but = f"; but {heard.others} reports: correct `backend.version` or `device`" if heard.others else ""
+        but = f"; but {heard.instead} reports: correct `backend.version` or `device`" if heard.instead else ""
         raise RecordingError(f"{path} holds no whole {codec.version} hand in {found.frames} frames{but}")
     yield last

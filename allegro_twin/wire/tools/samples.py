@@ -37,7 +37,7 @@ class Found:
     uncommanded: int = 0
     """States before the first torques: their torque is NaN, and their command zero, for a command cannot be NaN."""
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """What is not as it should be, in words."""
         parts = {
             "periods without a state": self.missed,
@@ -90,9 +90,9 @@ class Samples:
         return self._sample()
 
     @property
-    def others(self) -> str:
+    def instead(self) -> str:
         """Which other hands report, in words."""
-        return reporting(self._interpreter.strangers)
+        return reporting(self._interpreter.others)
 
     def _stay(self, bus: str) -> None:
         if bus != (self._bus or bus):

@@ -13,8 +13,9 @@ from allegro_twin.errors import LinkError, ProtocolError
 from allegro_twin.wire.codec.codec import Codec
 from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.codec.messages import Message
-from allegro_twin.wire.codec.text import Words, describe
+from allegro_twin.wire.codec.text import Description, describe
 from allegro_twin.wire.codec.versions import LAST_DEVICE, make_codec
+from allegro_twin.wire.host.adapter import received
 
 _ORDER: tuple[Version, ...] = ("v4", "v5", "v5plus", "v2", "v3", "v1")
 """Which version is read first where several would do."""
@@ -89,23 +90,23 @@ class Sniffer:
         others = f"; {' and '.join(found[1:])} would do as well: say --version" if found[1:] else ""
         return f"guessed: {found[0]} hand{others}"
 
-    def words(self, row: Row) -> Words:
+    def description(self, row: Row) -> Description:
         """What the last frame of a row says."""
         if row.extended or not self.versions:
-            return Words("", "")
+            return Description("", "")
         try:
             message = self._decoded(self.versions[0], row.frame)
         except ProtocolError as error:
-            return Words("malformed", str(error))
+            return Description("malformed", str(error))
         if message is None:
-            return Words("", "")
+            return Description("", "")
         device = row.frame.id & 3 if len(self._codecs[self.versions[0]]) > 1 else 0
         words = describe(message)
         return words._replace(name=f"{words.name} ({device})") if device else words
 
     def line(self, row: Row) -> str:
         """A frame in one line: time, identifier, raw data, what it is and what it says."""
-        name, text = self.words(row)
+        name, text = self.description(row)
         raw = "remote" if row.frame.remote else row.frame.data.hex(" ")
         return f"{row.last:10.4f}  {name_of(row):>8}  {raw:<23}  {name:<20} {text}".rstrip()
 
@@ -135,7 +136,7 @@ def listened(bus: can.BusABC, seconds: float | None = None) -> Iterator[tuple[fl
     begin = time.monotonic()
     while seconds is None or time.monotonic() - begin < seconds:
         try:
-            message = bus.recv(_TICK)
+            message = received(bus, _TICK)
         except (can.CanError, OSError, ValueError) as error:
             raise LinkError(f"cannot receive on {bus.channel_info}: {error}; is it up and plugged in?") from error
         yield time.monotonic() - begin, message

@@ -124,7 +124,7 @@ def ended(process: int) -> bool:
     return process in _STATUS
 
 
-def exit_code(process: int, seconds: float = 30.0) -> int:
+def exit_code(process: int, seconds: float = 60.0) -> int:
     """Wait for its end."""
     assert with_patience(lambda: ended(process), seconds)
     return _STATUS[process]
@@ -172,7 +172,7 @@ def hand_on(channel: str) -> Iterator[Served]:
     """A hand on an interface."""
     served = Served(channel)
     with forked(served):
-        time.sleep(0.3)
+        assert with_patience(lambda: served.seen.limp_since > 0.0, 30.0)
         yield served
 
 

@@ -23,8 +23,8 @@ def test_only_the_first_of_its_kind_is_logged(caplog: pytest.LogCaptureFixture) 
 
 
 def test_trouble_is_told_in_words_and_its_absence_is_silent() -> None:
-    assert Health(states=100).words() == []
-    assert Health(states=100, missed=2, unsent=1).words() == [
+    assert Health(states=100).lines() == []
+    assert Health(states=100, missed=2, unsent=1).lines() == [
         "2 periods without a state",
         "1 commands that the full transmit queue did not take",
     ]

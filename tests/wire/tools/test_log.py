@@ -87,6 +87,8 @@ def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
     recording, _ = exported(config, logged(config, tmp_path, ".log")[1])
     assert recording.complete
     assert recording.meta["log"] == "bus.log"
+    assert recording.meta["calibration"]["version"] == "v4"
+    assert recording.meta["calibration"]["pwm_limit"][:4] == [375, 675, 450, 285]
     samples = list(samples_of(ReplayBackend(recording)))
     assert [sample.state.tick for sample in samples] == list(range(101))
 
@@ -144,7 +146,7 @@ def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) ->
     samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings(), found))
     assert [sample.state.tick for sample in samples] == [0, 3]
     assert found.missed == 2
-    assert "2 periods without a state" in found.words()
+    assert "2 periods without a state" in found.summary()
 
 
 def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:

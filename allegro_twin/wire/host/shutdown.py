@@ -1,4 +1,4 @@
-"""What leaves a hand limp: said until the hand, and not only the adapter, has confirmed it."""
+"""The shutdown sequence, which leaves a hand limp: sent until the hand, and not only the adapter, has confirmed it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from allegro_twin.wire.codec.messages import StatusBits
 from allegro_twin.wire.host.link import Port
 
 PATIENCE, TRIES = 0.3, 60
-"""s for which it is said in the foreground, and how often at most."""
+"""s for which it is sent in the foreground, and how often at most."""
 ANSWER = 0.05
 """s that a hand has to say whether its motors are off."""
 PERIODS = 10
@@ -21,7 +21,7 @@ PERIODS = 10
 _PAUSE = 0.005  # s between two tries.
 
 
-class LastWords:
+class ShutdownSequence:
     """Zero torque, motors off, silence."""
 
     def __init__(self, codec: Codec, *, asks: bool, period: float) -> None:
@@ -32,8 +32,8 @@ class LastWords:
         self.answer = codec.servo_answer if asks else None
         self._quiet = PERIODS * period
 
-    def say(self, port: Port, *, reported: bool) -> str:
-        """Say it until it is confirmed; why it was not, or nothing. `reported`: the hand did, until just now.
+    def run(self, port: Port, *, reported: bool) -> str:
+        """Send it until it is confirmed; why it was not, or nothing. `reported`: the hand did, until just now.
 
         A hand that can be asked says that its motors are off; of any other the reports must end.
         """
@@ -59,7 +59,7 @@ class LastWords:
         port.send([self.answer.ask])
         if not self._off(port):
             return "it does not answer"
-        port.send(self.frames)  # The last words on the bus, whatever came between.
+        port.send(self.frames)  # Last on the bus, whatever came between.
         return ""
 
     def _off(self, port: Port) -> bool:
