@@ -76,6 +76,7 @@ def perform(
         for sample in samples:
             last = sample.state
             advance(last.t)
+        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         assert last is not None  # The loop yields at least the state after reset.
         report = rig.trial.report() if rig.trial is not None else None
         if rig.wire is not None:
