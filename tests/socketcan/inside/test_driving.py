@@ -30,8 +30,6 @@ TIMES = range(int(os.environ.get("TIMES", "1")))
 """How often what leaves the hand limp is tried."""
 PAIRS = [("vcan0", "vcan0"), ("vxcan0", "vxcan1")]
 """Where the driver is, and the hand: on one interface of one computer, or at both ends of a cable."""
-STOPPED = (3, 4)
-"""Exit codes: by the link, or by the keeper, where this slow kernel was busy for longer than a tenth of a second."""
 TORQUES, SERVO_OFF, PERIODS = (0x180, 0x184, 0x188, 0x18C), 0x104, 0x204
 
 
@@ -70,18 +68,19 @@ def test_a_killed_program_leaves_the_hand_limp(here: str, there: str, time_: int
         os.kill(run, signal.SIGKILL)
         killed = time.monotonic()
         assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
-        assert hand.seen.limp_since - killed < 0.5
+        assert hand.seen.limp_since - killed < 1.0
 
 
 @pytest.mark.parametrize("time_", TIMES)
 def test_stale_torques_of_a_full_queue_are_not_the_last_words(time_: int, tmp_path: Path) -> None:
-    """The cable is out for 2 s and ten frames wait in the queue; then all of them arrive."""
-    with hand_on("vxcan1") as hand, ear("vxcan1") as heard, forked(command("run", config(tmp_path, "vxcan0"))) as run:
+    """For a second every frame is under way, and ten of them fill the queue; then all arrive."""
+    path = config(tmp_path, "vxcan0", deadman=1.0)
+    with hand_on("vxcan1") as hand, ear("vxcan1") as heard, forked(command("run", path)) as run:
         assert with_patience(lambda: hand.pushes, 40.0)
-        with delayed("vxcan0", "delay", "2s", "limit", "10"):
-            assert exit_code(run) in STOPPED
+        with delayed("vxcan0", "delay", "1s", "limit", "10"):
+            assert exit_code(run) == 3
             assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
-            time.sleep(1.0)
+            time.sleep(2.0)
         frames = [frame for frame in said(heard) if frame[0] in (*TORQUES, SERVO_OFF, PERIODS)]
     assert frames[-1] == (PERIODS, bytes(6))
     for identifier in TORQUES:
@@ -90,10 +89,10 @@ def test_stale_torques_of_a_full_queue_are_not_the_last_words(time_: int, tmp_pa
 
 @pytest.mark.parametrize("time_", TIMES)
 def test_an_interface_that_was_down_carries_the_last_words_as_soon_as_it_is_up(time_: int, tmp_path: Path) -> None:
-    with hand_on("vxcan1") as hand, forked(command("run", config(tmp_path, "vxcan0"))) as run:
+    with hand_on("vxcan1") as hand, forked(command("run", config(tmp_path, "vxcan0", deadman=1.0))) as run:
         assert with_patience(lambda: hand.pushes, 40.0)
         ip("link", "set", "vxcan0", "down")
-        assert exit_code(run) in STOPPED
+        assert exit_code(run) == 3
         assert hand.pushes
         ip("link", "set", "vxcan0", "up")
         back = time.monotonic()
@@ -142,11 +141,13 @@ def test_error_frames_end_a_session_only_when_the_bus_is_off(
 def test_sniff_and_check_work_beside_and_after_a_driver(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = config(tmp_path, "vcan0", deadman=1.0)
     with hand_on("vcan0") as hand:
-        with forked(command("run", path, "--seconds", 2)) as run:
+        with forked(command("run", path)) as run:
             assert with_patience(lambda: hand.pushes, 40.0)
             with forked(command("sniff", path, "--seconds", 0.5, "--lines")) as sniff:
                 assert exit_code(sniff) == 0
-            assert exit_code(run) == 0
+            assert hand.pushes
+            os.kill(run, signal.SIGHUP)
+            assert exit_code(run) == 130
         assert "torque index" in capfd.readouterr().out
         with forked(command("check", path)) as check:
             assert exit_code(check, 60.0) == 0
