@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from allegro_twin.control.motion import Motion
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
@@ -24,7 +25,6 @@ from allegro_twin.library.entries import (
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp, load_posture
-from allegro_twin.library.trajectories import Motion
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
