@@ -10,14 +10,14 @@ import pytest
 from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, PID
 from allegro_twin.control.handover import Relay
-from allegro_twin.control.teach import Taught
+from allegro_twin.control.motion import Motion
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hand import Hand
 from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import straight
+from allegro_twin.hand.demonstration import Demonstration
 from allegro_twin.hand.driver import Driver
 from allegro_twin.hand.grasps import aperture, felt
-from allegro_twin.hand.lesson import Lesson
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp, load_posture
@@ -145,21 +145,22 @@ def test_the_aperture_is_between_the_surfaces_of_the_fingertips(spec: HandSpec, 
     assert aperture(model, home, spec, ("index", "thumb")) == pytest.approx(between - 0.024)  # Spheres of 12 mm.
 
 
-def test_a_lesson_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
+def test_a_demonstration_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
     leaning, far = spec.upper + 0.01, spec.upper + 0.05
-    lesson = Lesson(spec)
-    lesson(sample(0, leaning))
-    np.testing.assert_array_equal(lesson.posture(), spec.upper)
-    lesson(sample(1, far))
-    np.testing.assert_array_equal(lesson.posture(), far)
+    demonstration = Demonstration(spec)
+    demonstration(sample(0, leaning))
+    np.testing.assert_array_equal(demonstration.posture(), spec.upper)
+    demonstration(sample(1, far))
+    np.testing.assert_array_equal(demonstration.posture(), far)
 
 
 def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:
     with Hand.open(config()) as hand:
+        hand.set_controller("pd")  # PID would bring it there.
         hand.move_to("home", 2.0)
         assert hand.sim is not None
         hand.move_to("open", 2.0, wait=False)
-        hand.sim.push(np.where(np.arange(16) == 2, 0.3, 0.0))
+        hand.sim.push(np.where(np.arange(16) == 2, 0.27, 0.0))
         goal = hand._mover.goal  # When the motion is over.
         assert goal is not None
         hand.wait()
@@ -195,17 +196,17 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
             hand.wait(0.03)
         heard = len(told)
         hand.wait(0.03)
-        with hand.teach() as lesson:
+        with hand.teach() as demonstration:
             hand.wait(0.03)
         assert hand.controller == "pid"
-        left = lesson.posture()
+        left = demonstration.posture()
         hand.wait(0.3)
-        np.testing.assert_array_equal(lesson.posture(), left)
+        np.testing.assert_array_equal(demonstration.posture(), left)
     assert heard == len(told) == 10
 
 
 def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
-    motion = Taught(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    motion = Motion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
     with Hand.open(config()) as hand:
         for speed in (1.0, 2.0):
             hand.play(motion, speed, approach=3.0, wait=False)
