@@ -23,4 +23,5 @@ with Hand.open("sim_right") as hand:
     library = Library()
     library.add("wave", trajectory_entry(motion.times, motion.positions, hand.spec), hand.spec)
     library.store("wave", "library/taught.yaml")
+    hand.play("wave")  # From now on by its name, on either hand: allegro-twin play wave.
 print("stored in library/taught.yaml, for the right and the left hand")

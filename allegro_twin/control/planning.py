@@ -20,6 +20,7 @@ _COARSE = 8  # Every so many of them come first: most lines that are not clear s
 _NOISE = 3e-4  # m. What is nearer by less is not nearer: the distance of two boxes is not smooth.
 _BACK, _BACKS, _PROBE = 0.02, 100, 1e-3  # rad a step away from a contact; how many; rad for a difference quotient.
 _SOFT = 5e-4  # m. How much further apart than the nearest pair another one is before it counts e times less.
+_NEXT = 0.05  # rad.
 _STOP = 0.3  # rad. What one more stop on the way is worth: to stop and start again takes time.
 _SEARCHES, _TRIES, _REACH = 4, 400, 0.3  # Searches, of which the best counts; branches that one tries, rad long.
 
@@ -41,33 +42,50 @@ class Room:
 def way(room: Room, start: Vector, goal: Vector) -> list[Vector] | None:
     """The postures to go through in straight lines, (n,) each, rad, the goal last; None where none was found.
 
-    A straight line if it is clear. Else out of contact by the shortest way, through the room by what a search finds,
-    and into contact, if the goal is in one. The same start and goal have the same way.
+    Out of contact by the shortest way, unless the goal is next to the start, for parts that lean on each other may be
+    caught. From there in a straight line if it is clear, else through the room by what a search finds, and into
+    contact, if the goal is in one. The same start and goal have the same way.
     """
-    if clear(room, start, goal):
-        return [goal]
-    away, near = _backed_out(room, start), _backed_out(room, goal)
-    if away is None or near is None:
-        return None
+    away = [start]
+    leaning = room.apart(start[None]).min() < 0.0 and np.abs(goal - start).max() > _NEXT
+    if leaning or not clear(room, start, goal):
+        found = _backed_out(room, start)
+        if found is None:
+            return None
+        away = _shortened(room, found)
+    if clear(room, away[-1], goal):
+        return [*away[1:], goal]
+    near = _backed_out(room, goal)
+    return None if near is None else _round(room, away, near[::-1])
+
+
+def _round(room: Room, away: list[Vector], near: list[Vector]) -> list[Vector] | None:
+    """The cheapest of some ways that lead on from where the first rows end to where the last begin."""
     best, least = None, np.inf
     for seed in range(_SEARCHES):
-        found = _searched(room, away[-1], near[-1], np.random.default_rng(seed))
+        found = _searched(room, away[-1], near[0], np.random.default_rng(seed))
         if found is None:
             break
-        rows = _shortened(room, [*away, *found, *near[::-1][1:]])
+        rows = _shortened(room, [*found, *near[1:]])
         cost = sum(float(np.abs(b - a).max()) + _STOP for a, b in pairwise(rows))
         if cost < least:
-            best, least = rows[1:], cost
+            best, least = [*away[1:], *rows[1:]], cost
     return best
 
 
 def clear(room: Room, start: Vector, goal: Vector, clearance: float = CLEARANCE) -> bool:
     """Whether the straight line keeps the clearance, (n,) each, rad. Where an end of it does not, the pair may only
     come apart from there, or together towards it."""
-    count = max(int(np.ceil(np.abs(goal - start).max() / _GRAIN)), 1)
-    rows = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
-    looks = [rows] if count < 2 * _COARSE else [np.vstack([rows[:-1:_COARSE], rows[-1]]), rows]
+    rows = on_line(start, goal)
+    looks = [rows] if len(rows) < 2 * _COARSE else [np.vstack([rows[:-1:_COARSE], rows[-1]]), rows]
     return all(unimodal(room.apart(look), clearance) for look in looks)
+
+
+def on_line(start: Vector, goal: Vector) -> Array:
+    """The postures at which a straight line is looked at, both ends among them, (k, n), rad."""
+    count = max(int(np.ceil(np.abs(goal - start).max() / _GRAIN)), 1)
+    rows: Array = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (goal - start)
+    return rows
 
 
 def unimodal(apart: Array, clearance: float) -> bool:

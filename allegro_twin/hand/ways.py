@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allegro_twin.control.planning import Room, unimodal, way
+from allegro_twin.control.planning import Room, on_line, unimodal, way
 from allegro_twin.control.trajectory import Waypoint, travel_time
 from allegro_twin.errors import SelfCollision
 from allegro_twin.spec import HandSpec
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
-_CAREFUL = 1.5  # rad/s. On a detour one finger counts on another to be out of the way, and a fast one lags behind.
+_CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
+_WIDELY = 0.008  # m. As far as distances are told.
 
 
 class Ways:
@@ -37,11 +39,13 @@ class Ways:
         room = Room(self._apart, fingers, np.clip(0.0, *limits), *limits)
         found = way(room, start, wish.posture)
         if found is None:
-            parts = self._nearest(self._apart(np.linspace(start, wish.posture, 200)))
+            parts = self._nearest(self._apart(on_line(start, wish.posture)))
             raise SelfCollision(f"{what}: found no way from here on which {parts} keep clear; go by another posture")
+        careful = replace(wish, speed=min(wish.speed, _CAREFUL))
         if len(found) == 1:
-            return [wish]
-        legs = [Waypoint(posture, None, min(wish.speed, _CAREFUL), wish.profile) for posture in found]
+            wide = careful.speed == wish.speed or self._apart(on_line(start, wish.posture)).min() >= _WIDELY
+            return [wish if wide else careful]
+        legs = [replace(careful, posture=posture) for posture in found]
         times = [max(travel_time(a, leg), _LEAST) for a, leg in zip([start, *found], legs, strict=False)]
         return [Waypoint(leg.posture, seconds, profile=leg.profile) for leg, seconds in zip(legs, times, strict=True)]
 
