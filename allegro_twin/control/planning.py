@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.types import Array, Vector
 
@@ -20,7 +21,7 @@ _COARSE = 8  # Every so many of them come first: most lines that are not clear s
 _NOISE = 3e-4  # m. What is nearer by less is not nearer: the distance of two boxes is not smooth.
 _BACK, _BACKS, _PROBE = 0.02, 100, 1e-3  # rad a step away from a contact; how many; rad for a difference quotient.
 _SOFT = 5e-4  # m. How much further apart than the nearest pair another one is before it counts e times less.
-_NEXT = 0.05  # rad.
+_NEXT = 0.05  # rad. A goal nearer than that is reached without leaving a contact first.
 _STOP = 0.3  # rad. What one more stop on the way is worth: to stop and start again takes time.
 _SEARCHES, _TRIES, _REACH = 4, 400, 0.3  # Searches, of which the best counts; branches that one tries, rad long.
 
@@ -78,7 +79,7 @@ def clear(room: Room, start: Vector, goal: Vector, clearance: float = CLEARANCE)
     come apart from there, or together towards it."""
     rows = on_line(start, goal)
     looks = [rows] if len(rows) < 2 * _COARSE else [np.vstack([rows[:-1:_COARSE], rows[-1]]), rows]
-    return all(unimodal(room.apart(look), clearance) for look in looks)
+    return not any(crossing(room.apart(look), clearance).any() for look in looks)
 
 
 def on_line(start: Vector, goal: Vector) -> Array:
@@ -88,12 +89,12 @@ def on_line(start: Vector, goal: Vector) -> Array:
     return rows
 
 
-def unimodal(apart: Array, clearance: float) -> bool:
-    """Whether no pair comes nearer than the clearance and apart again, distances along a path (k, pairs), m."""
+def crossing(apart: Array, clearance: float) -> NDArray[np.bool_]:
+    """Which pairs come nearer than the clearance and apart again, (pairs,), distances along a path (k, pairs), m."""
     seen = np.minimum(apart, clearance)
     before = np.maximum.accumulate(seen, axis=0)
     after = np.maximum.accumulate(seen[::-1], axis=0)[::-1]
-    return bool((seen >= np.minimum(before, after) - _NOISE).all())
+    return np.asarray((seen < np.minimum(before, after) - _NOISE).any(axis=0))
 
 
 def _backed_out(room: Room, posture: Vector) -> list[Vector] | None:

@@ -7,8 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from allegro_twin.control.planning import Room, on_line, unimodal, way
+from allegro_twin.control.planning import CLEARANCE, Room, crossing, on_line, way
 from allegro_twin.control.trajectory import Waypoint, travel_time
 from allegro_twin.errors import SelfCollision
 from allegro_twin.spec import HandSpec
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
 _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
-_WIDELY = 0.008  # m. As far as distances are told.
+_WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 
 
 class Ways:
@@ -39,7 +40,8 @@ class Ways:
         room = Room(self._apart, fingers, np.clip(0.0, *limits), *limits)
         found = way(room, start, wish.posture)
         if found is None:
-            parts = self._nearest(self._apart(on_line(start, wish.posture)))
+            apart = self._apart(on_line(start, wish.posture))
+            parts = self._nearest(apart, crossing(apart, CLEARANCE))
             raise SelfCollision(f"{what}: found no way from here on which {parts} keep clear; go by another posture")
         careful = replace(wish, speed=min(wish.speed, _CAREFUL))
         if len(found) == 1:
@@ -54,8 +56,8 @@ class Ways:
         further into itself than it gives at the end."""
         self._check(rows[-1], what)
         apart = self._apart(rows)
-        if not unimodal(apart, 0.0):
-            raise SelfCollision(f"{what}: {self._nearest(apart)} meet on the straight line there; go round")
+        if (met := crossing(apart, 0.0)).any():
+            raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
 
     def touching(self, posture: Vector) -> list[tuple[str, str]]:
         """Which parts of the hand touch each other in a posture, (n,), rad."""
@@ -77,7 +79,10 @@ class Ways:
             deep = -apart.min() * 1000
             raise SelfCollision(f"{what}: {self._nearest(apart)} would be {deep:.1f} mm inside each other")
 
-    def _nearest(self, apart: Array) -> str:
-        """The parts that come nearest, distances (k, pairs), m."""
-        a, b = self._clearance.pairs[int(np.argmin(apart.min(axis=0)))]
+    def _nearest(self, apart: Array, among: NDArray[np.bool_] | None = None) -> str:
+        """The parts that come nearest, distances (k, pairs), m; among some of the pairs, if it is any of them."""
+        least = apart.min(axis=0)
+        if among is not None and among.any():
+            least = np.where(among, least, np.inf)
+        a, b = self._clearance.pairs[int(np.argmin(least))]
         return f"two links of {a}" if a == b else f"{a} and {b}"

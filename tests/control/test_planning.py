@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.control.planning import CLEARANCE, Room, clear, unimodal, way
+from allegro_twin.control.planning import CLEARANCE, Room, clear, crossing, way
 from allegro_twin.types import Array, Vector
 
 RADIUS = 0.02  # m. Two round fingers in a plane, 0.1 m a radian: joints 0 and 1 place one, 2 and 3 the other.
@@ -117,7 +117,7 @@ def test_every_way_that_is_found_is_clear_between_clear_ends(start: Vector, goal
     ],
 )
 def test_a_pair_may_come_apart_and_together_but_not_together_and_apart(distances: list[float], is_clear: bool) -> None:
-    assert unimodal(np.array(distances)[:, None] * 1e-3, 0.003) is is_clear
+    assert crossing(np.array(distances)[:, None] * 1e-3, 0.003).tolist() == [not is_clear]
 
 
 def test_a_thin_thing_in_the_middle_of_a_line_is_seen() -> None:
