@@ -41,7 +41,7 @@ class Watch:
         self.goal, self.arrived = goal, False
         self._spec, self._over = spec, goal.began + goal.seconds + period
         # What dry friction alone keeps from its place is not stuck.
-        self._short = np.maximum(_SHORT, 2.0 * spec.actuation.frictionloss / gains.kp)
+        self._short = np.maximum(_SHORT, 2.0 * spec.actuation.frictionloss / np.maximum(gains.kp, 1e-9))
         self._full = _FULL * spec.actuation.torque_limit
         self._place, self._since = np.full(spec.n_joints, np.inf), np.zeros(spec.n_joints)
         self._stuck: dict[str, float] = {}
