@@ -34,6 +34,17 @@ def test_two_fingertips_that_pinch_are_as_far_apart_as_their_spheres(spec: HandS
     assert seen["index", "thumb"] == pytest.approx(expected, abs=1e-5)
 
 
+def test_parts_that_do_not_touch_are_told_apart_up_to_the_sight(spec: HandSpec) -> None:
+    """Two fingertips that leave each other: their spheres stay the nearest of their links."""
+    clearance, model = Clearance(spec), HandModel(spec)
+    ok, column = load_posture("ok", spec), Clearance(spec).pairs.index(("index", "thumb"))
+    rows = ok + np.linspace(0.0, 0.35, 60)[:, None] * np.where(np.arange(16) == 1, -1.0, 0.0)
+    tips = [model.fingertips(row) for row in rows]
+    expected = [float(np.linalg.norm(tip["index"].position - tip["thumb"].position)) - 0.024 for tip in tips]
+    np.testing.assert_allclose(clearance(rows)[:, column], np.minimum(expected, SIGHT), atol=2e-5)
+    assert sum(0.005 < distance < SIGHT for distance in expected) > 5
+
+
 def test_every_pair_of_shapes_is_measured_that_the_simulation_lets_touch(spec: HandSpec) -> None:
     """Against the engine's own distance of two geoms, over random postures."""
     clearance = Clearance(spec)
