@@ -46,7 +46,7 @@ def test_parts_that_do_not_touch_are_told_apart_up_to_the_sight(spec: HandSpec) 
 
 
 def test_every_distance_is_the_engines_own_of_the_two_nearest_shapes(spec: HandSpec) -> None:
-    """Of all pairs that the simulation lets touch, over random postures; and it lets touch what it makes contacts of."""
+    """Of all pairs that may touch, over random postures; and those may touch that the simulation makes contacts of."""
     clearance = Clearance(spec)
     model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
     data = mujoco.MjData(model)
