@@ -1,4 +1,4 @@
-"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault, 5 the grasp failed."""
+"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or a motion that met something, 5 the grasp failed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from allegro_twin.cli import bus, exchange, live, training
-from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
@@ -234,4 +234,4 @@ def _stop(number: int, frame: FrameType | None) -> None:
 def _exit_code(error: HandError) -> int:
     if isinstance(error, LinkError):
         return 3
-    return 4 if isinstance(error, HandFault) else 2
+    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2

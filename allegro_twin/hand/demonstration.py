@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.control.teach import Taught, taught
+from allegro_twin.control.motion import Motion
+from allegro_twin.control.teach import taught
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
@@ -12,8 +13,8 @@ from allegro_twin.types import Array, Sample, Vector
 _GIVE = 0.02  # rad.
 
 
-class Lesson:
-    """Keeps every sample of a lesson."""
+class Demonstration:
+    """Keeps every sample of what a person shows."""
 
     def __init__(self, spec: HandSpec) -> None:
         self._spec = spec
@@ -25,10 +26,10 @@ class Lesson:
     def posture(self) -> Vector:
         """Where the fingers were left, (n,), rad."""
         if not self._rows:
-            raise ConfigError("nothing was taught: no time has passed in the lesson; hand.wait(seconds) lets it")
+            raise ConfigError("nothing was taught: no time has passed in the demonstration; hand.wait(seconds) lets it")
         return self._inside(self._rows[-1][1])
 
-    def motion(self, tolerance: float = 0.004) -> Taught:
+    def motion(self, tolerance: float = 0.004) -> Motion:
         """The way they went, trimmed and simplified to within `tolerance` (rad)."""
         self.posture()
         times, positions = zip(*self._rows, strict=True)
