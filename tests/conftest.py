@@ -79,7 +79,8 @@ def can_config(version: Version, *, side: Side = "right", period: float = 0.003,
         {
             "hand": {"side": side},
             "backend": {"kind": "can", "version": version, "interface": "allegro-virtual", **down, **backend},
-            "controller": {"kind": "pid", "posture": "home"},
+            "task": {"posture": "home"},
+            "controller": {"kind": "pid"},
             "period": period,
         }
     )

@@ -159,7 +159,9 @@ def test_importing_the_package_loads_nothing_heavier_than_numpy() -> None:
 
 def test_replay_runs_without_mujoco(recording_path: Path) -> None:
     config = recording_path.with_name("replay.yaml")
-    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: pd, posture: home}}\n")
+    config.write_text(
+        f"backend: {{kind: replay, file: {recording_path}}}\ntask: {{posture: home}}\ncontroller: {{kind: pd}}\n"
+    )
     code = f"""
 import sys
 sys.modules["mujoco"] = None

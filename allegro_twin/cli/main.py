@@ -1,4 +1,4 @@
-"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or a motion that met something, 5 the grasp failed."""
+"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or collision, 5 the grasp failed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from allegro_twin.cli import bus, exchange, live, training
+from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
 
 if TYPE_CHECKING:
@@ -41,7 +42,11 @@ Targets = Annotated[list[str], typer.Argument(help="Configs, scenarios, or folde
 @app.command()
 def run(
     targets: Targets,
-    side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
+    side: Annotated[Sides | None, typer.Option(help="The right hand, the left one, or one after the other.")] = None,
+    hand: OtherHand = None,
+    config: Annotated[
+        str | None, typer.Option("--config", "-c", help="The config of the hand that performs scenarios.")
+    ] = None,
     grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.")] = None,
     thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.")] = None,
     policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.")] = None,
@@ -65,9 +70,10 @@ def run(
     from allegro_twin.session import Outputs
 
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
-    from allegro_twin.cli.runs import configs_of
+    from allegro_twin.cli.runs import Options, configs_of
 
-    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
+    options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    jobs = configs_of(targets, options)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)
