@@ -161,7 +161,7 @@ def test_every_object_is_held_by_a_hand_in_simulation_on_a_bus_and_in_another_pr
         with program("run", config) as driver:
             said, _ = driver.communicate(timeout=120)
         assert driver.returncode == 0, said
-        hand.send_signal(signal.SIGINT)
+        hand.send_signal(signal.SIGTERM)
         hand.communicate(timeout=30)
     (told,) = json.loads(verdict.read_text()).values()
     assert told["held"], told

@@ -13,10 +13,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, write_text
 from allegro_twin.identify.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
-from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import Controller, run, to_the_end, until
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 
 
@@ -28,7 +28,7 @@ def find_limits(
     if by_hand is not None and not by_hand > 0:
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
     rig = assemble(_searching(config))
-    gravity = Gravity(HandModel(rig.spec).gravity_torque)
+    gravity = Gravity(hand_model(rig.spec).gravity_torque)
     rest = load_posture("calibrate", rig.spec)
     moves = sweep(rig.spec, rest)
     controller: Controller[object]
