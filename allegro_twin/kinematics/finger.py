@@ -1,9 +1,9 @@
 """The index, middle and ring finger in closed form: abduction, then three joints that bend in one plane.
 
-In the base frame, with φ = q₁ + q₂ + q₃ and links l₁, l₂, t (docs/kinematics.md#finger):
-r = l₁ sin q₁ + l₂ sin(q₁ + q₂) + t sin φ, h = L₀ + l₁ cos q₁ + l₂ cos(q₁ + q₂) + t cos φ,
+In the base frame at joint 1, with φ = q₁ + q₂ + q₃ and links l₁, l₂, t (docs/kinematics.md#finger):
+r = l₁ sin q₁ + l₂ sin(q₁ + q₂) + t sin φ, h = l₁ cos q₁ + l₂ cos(q₁ + q₂) + t cos φ,
 tip = (r cos q₀, r sin q₀, h), R = Rz(q₀) Ry(φ).
-Joints are held as rows, shape (4, ...), rad; branches as (4, k, N).
+Forward, joints are rows, shape (4, ...), rad; back, every formula takes numbers or arrays (N,).
 """
 
 from __future__ import annotations
@@ -11,97 +11,106 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.planar import TOUCH, Flags, two_link
-from allegro_twin.types import Array
-
-Branches = tuple[Array, Flags]
-"""Joints (4, k, N), and which branches reach their target (k, N)."""
+from allegro_twin.kinematics.maths import Maths, T
+from allegro_twin.kinematics.orientation import Entries, angle_left
+from allegro_twin.kinematics.planar import TOUCH, Branch, bend, pair_of
+from allegro_twin.types import Array, Vector
 
 
 class ImaFinger:
-    """Forward and inverse in the base frame. Targets come as coordinates x, y, z, each of shape (N,), m."""
+    """Forward and inverse in the base frame at joint 1. A target is x, y, z, m."""
 
-    def __init__(self, geometry: Geometry) -> None:
-        self.geometry = geometry
-        self._height = float(geometry.offset[2])
+    settled = np.inf
+    """The angle up to which no other posture inside the limits is turned nearer than a branch that is, rad: any."""
+
+    def __init__(self, geometry: Geometry, lower: Vector, upper: Vector) -> None:
+        self.links = geometry.links
+        self.shift = geometry.offset
+        """From the base's origin to where its targets are counted from, shape (3,), m."""
+        self._pair = pair_of(self.links[0], self.links[1])
+        self._middle = float(lower[3] + upper[3]) / 2
 
     def tip(self, q: Array) -> tuple[Array, Array, Array]:
         """The fingertip, shape (4, ...) → three of (...)."""
-        r, h = self.section(q)
-        return r * np.cos(q[0]), r * np.sin(q[0]), h
-
-    def section(self, q: Array) -> tuple[Array, Array]:
-        """The fingertip in the plane in which the finger bends: r and h, each (...)."""
-        first, second, tip = self.geometry.links
+        first, second, tip = self.links
         a, b, c = q[1], q[1] + q[2], q[1] + q[2] + q[3]
         r = first * np.sin(a) + second * np.sin(b) + tip * np.sin(c)
-        h = self._height + first * np.cos(a) + second * np.cos(b) + tip * np.cos(c)
-        return r, h
+        h = first * np.cos(a) + second * np.cos(b) + tip * np.cos(c)
+        return r * np.cos(q[0]), r * np.sin(q[0]), h
 
     def rotation(self, q: Array) -> Array:
         """R = Rz(q₀) Ry(φ), shape (4, ...) → (..., 3, 3)."""
         return turn_then_bend(q[0], q[1] + q[2] + q[3])
 
-    def turned_towards(self, q: Array, x: Array, y: Array, z: Array, lower: Array, upper: Array) -> Array:
-        """The same bend with q₀, within its limits, turned to bring the tip nearest to a target."""
-        r, _ = self.section(q)
-        turned: Array = q.copy()
-        turned[0] = clipped_angle(np.arctan2(y, x) + np.where(r < 0, np.pi, 0.0), lower[0], upper[0])
-        return turned
+    def turn(self, m: Maths[T], q: Branch[T]) -> Entries[T]:
+        """R, back."""
+        q0, q1, q2, q3 = q
+        c0, s0, c, s = m.cos(q0), m.sin(q0), m.cos(q1 + q2 + q3), m.sin(q1 + q2 + q3)
+        return c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c
 
-    def at_pitch(self, x: Array, y: Array, z: Array, pitch: Array) -> Branches:
+    def at_pitch(self, m: Maths[T], x: T, y: T, z: T, pitch: T) -> list[Branch[T]]:
         """Both sides of the abduction axis times both elbows: four branches."""
-        reach, q0 = np.hypot(x, y), np.arctan2(y, x)
-        q0 = np.where(reach <= TOUCH, 0.0, q0)  # On the axis every q₀ does.
-        return self._bent(((reach, q0, pitch), (-reach, q0 + np.pi, pitch)), z)
+        reach = m.root(x * x + y * y)
+        turn = m.choose(reach <= TOUCH, 0.0, m.atan2(y, x))  # On the axis every q₀ does.
+        away = turn - m.copysign(reach * 0.0 + np.pi, turn)
+        s, c = m.sin(pitch), m.cos(pitch)
+        return [*self._bent(m, reach, z, turn, pitch, s, c), *self._bent(m, -reach, z, away, pitch, s, c)]
 
-    def at_rotation(self, x: Array, y: Array, z: Array, rotation: Array) -> Branches:
-        """Position exact; on either side of the abduction axis the pitch that comes nearest to R, shape (N, 3, 3)."""
-        reach = np.hypot(x, y)
-        on_axis = np.arctan2(-rotation[:, 0, 1], rotation[:, 1, 1])  # R says which q₀, where the position does not.
-        q0 = np.where(reach <= TOUCH, on_axis, np.arctan2(y, x))
-        sides = []
-        for r, turn in ((reach, q0), (-reach, q0 + np.pi)):
-            pitch = nearest_bend(rotation, np.cos(turn), np.sin(turn))
-            sides.append((r, turn, self._attainable(pitch, r, z - self._height)))
-        return self._bent(tuple(sides), z)
+    def at_rotation(
+        self, m: Maths[T], x: T, y: T, z: T, wanted: Entries[T]
+    ) -> tuple[list[Branch[T]], list[T]]:
+        """Position exact; on either side of the abduction axis the pitch that comes nearest to R, and the angle left."""
+        reach = m.root(x * x + y * y)
+        on_axis = reach <= TOUCH  # R says which q₀, where the position does not.
+        x, y = m.choose(on_axis, wanted[4], x), m.choose(on_axis, -wanted[1], y)
+        length = m.root(x * x + y * y)
+        length = m.choose(length > 0.0, length, 1.0)
+        cosine, sine, turn = x / length, y / length, m.atan2(y, x)
+        away = turn - m.copysign(reach * 0.0 + np.pi, turn)
+        found, left = [], []
+        for r, q0, c0, s0 in ((reach, turn, cosine, sine), (-reach, away, -cosine, -sine)):
+            s, c = self._nearest_pitch(m, r, z, c0, s0, wanted)
+            found += self._bent(m, r, z, q0, m.atan2(s, c), s, c)
+            angle = angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), wanted)
+            left += [angle, angle]
+        return found, left
 
-    def _bent(self, sides: tuple[tuple[Array, Array, Array], ...], z: Array) -> Branches:
-        first, second, tip = self.geometry.links
-        q = np.empty((4, 2 * len(sides), len(z)))
-        reached = np.empty(q.shape[1:], dtype=bool)
-        height = z - self._height
-        for k, (r, q0, pitch) in enumerate(sides):
-            bend = two_link(r - tip * np.sin(pitch), height - tip * np.cos(pitch), first, second)
-            for row, sign in ((2 * k, 1.0), (2 * k + 1, -1.0)):
-                q[0, row] = q0
-                q[1, row] = bend.towards - sign * bend.lead
-                q[2, row] = sign * bend.elbow
-                q[3, row] = pitch - q[1, row] - q[2, row]
-                reached[row] = bend.reached
-        return q, reached
+    def _nearest_pitch(self, m: Maths[T], r: T, h: T, c0: T, s0: T, wanted: Entries[T]) -> tuple[T, T]:
+        """sin φ and cos φ of the nearest rotation at which the rest of the finger reaches (r, h).
 
-    def _attainable(self, pitch: Array, r: Array, h: Array) -> Array:
-        """The pitch nearest to the one asked for at which the rest of the finger reaches (r, h), shape (N,).
-
-        With (r, h) = D (sin α, cos α), d² = D² + t² - 2 t D cos(φ - α) must lie in [(l₁ - l₂)², (l₁ + l₂)²].
+        φ = atan2(B₀₂ - B₂₀, B₀₀ + B₂₂), B = Rz(q₀)ᵀ R, is the nearest. With (r, h) = D (sin α, cos α),
+        d² = D² + t² - 2 t D cos(φ - α) must lie in [(l₁ - l₂)², (l₁ + l₂)²], and so cos(φ - α) between two bounds.
         """
-        first, second, tip = self.geometry.links
-        square, alpha = r * r + h * h, np.arctan2(r, h)
-        scale = np.maximum(2 * tip * np.sqrt(square), 1e-300)
-        least = np.arccos(np.clip((square + tip * tip - (first - second) ** 2) / scale, -1.0, 1.0))
-        most = np.arccos(np.clip((square + tip * tip - (first + second) ** 2) / scale, -1.0, 1.0))
-        away = wrapped(pitch - alpha)
-        inside = np.clip(np.abs(away), least, most)
-        return np.where(inside == np.abs(away), pitch, alpha + np.copysign(inside, away))
+        tip = self.links[2]
+        s, c = c0 * wanted[2] + s0 * wanted[5] - wanted[6], c0 * wanted[0] + s0 * wanted[3] + wanted[8]
+        length = m.root(s * s + c * c)
+        none = length <= 1e-12  # Half a turn off at every pitch.
+        length = m.choose(none, 1.0, length)
+        s, c = m.choose(none, 0.0, s) / length, m.choose(none, 1.0, c) / length
+        square = r * r + h * h
+        distance = m.root(square)
+        distance = m.choose(distance > 1e-12, distance, 1e-12)
+        least = (square + tip * tip - self._pair.outer) / (2 * tip * distance)
+        most = (square + tip * tip - self._pair.inner) / (2 * tip * distance)
+        along, across = (s * r + c * h) / distance, (s * h - c * r) / distance  # Of φ - α.
+        brought = m.choose(along < least, least, m.choose(along > most, most, along))
+        turn = m.copysign(m.root(1.0 - brought * brought), across)
+        moved = (brought != along) & (abs(brought) <= 1.0)
+        s = m.choose(moved, (r * brought + h * turn) / distance, s)
+        c = m.choose(moved, (h * brought - r * turn) / distance, c)
+        return s, c
 
-
-def nearest_bend(rotation: Array, cosine: Array, sine: Array) -> Array:
-    """The φ for which Rz(q₀) Ry(φ) is nearest to R, shape (N,): φ = atan2(B₀₂ - B₂₀, B₀₀ + B₂₂), B = Rz(q₀)ᵀ R."""
-    b00 = cosine * rotation[:, 0, 0] + sine * rotation[:, 1, 0]
-    b02 = cosine * rotation[:, 0, 2] + sine * rotation[:, 1, 2]
-    pitch: Array = np.arctan2(b02 - rotation[:, 2, 0], b00 + rotation[:, 2, 2])
-    return pitch
+    def _bent(self, m: Maths[T], r: T, h: T, turn: T, pitch: T, s: T, c: T) -> list[Branch[T]]:
+        """Both elbows on one side, with sin φ and cos φ."""
+        tip = self.links[2]
+        a, b = r - tip * s, h - tip * c
+        half, lead, hole = bend(m, a * a + b * b, self._pair)
+        towards, elbow, turn = m.atan2(a, b), half + half, turn + hole
+        first, second = towards - lead, towards + lead
+        return [
+            (turn, first, elbow, m.turned(pitch - first - elbow, self._middle)),
+            (turn, second, -elbow, m.turned(pitch - second + elbow, self._middle)),
+        ]
 
 
 def turn_then_bend(turn: Array, bend: Array) -> Array:
@@ -113,15 +122,3 @@ def turn_then_bend(turn: Array, bend: Array) -> Array:
     matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = st * cb, ct, st * sb
     matrix[..., 2, 0], matrix[..., 2, 2] = -sb, cb
     return matrix
-
-
-def wrapped(angle: Array, middle: Array | float = 0.0) -> Array:
-    """The same angle within π of `middle`, rad."""
-    turned: Array = angle - 2 * np.pi * np.rint((angle - middle) / (2 * np.pi))
-    return turned
-
-
-def clipped_angle(angle: Array, lower: float, upper: float) -> Array:
-    """The angle in [lower, upper] that is nearest on the circle, rad."""
-    clipped: Array = np.clip(wrapped(angle, (lower + upper) / 2), lower, upper)
-    return clipped

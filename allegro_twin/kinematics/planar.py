@@ -7,37 +7,46 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.types import Array
+from allegro_twin.kinematics.maths import Maths, T
 
 TOUCH = 1e-13
 """A target this far outside the workspace counts as on its border, m: far above rounding, far below any use."""
 Flags = NDArray[np.bool_]
+_LEAST = 1e-300
+Branch = tuple[T, T, T, T]
+"""The joints of one way to reach a target, rad; NaN where there is none."""
 
 
-class Bend(NamedTuple):
-    """Both ways to reach a point: the first link at `towards` ∓ `lead`, the second turned by ± `elbow` from it.
+class Pair(NamedTuple):
+    """Two links, the first at `towards` ∓ `lead` from h towards r, the second turned by ± the elbow ε from it."""
 
-    Angles rad, from h towards r. Where `reached` is false the links point straight at the target, or fold.
+    even: float
+    """(l₁ - l₂) / (l₁ + l₂)."""
+    inner: float
+    """(l₁ - l₂)², m²."""
+    outer: float
+    """(l₁ + l₂)², m²."""
+    below: float
+    """The least d² that counts as reached, m²."""
+    above: float
+    """The most."""
+
+
+def pair_of(first: float, second: float) -> Pair:
+    """Two links, m."""
+    total, apart = first + second, abs(first - second)
+    inner, outer = apart * apart, total * total
+    return Pair((first - second) / total, inner, outer, inner - 2 * apart * TOUCH, outer + 2 * total * TOUCH)
+
+
+def bend(m: Maths[T], square: T, pair: Pair) -> tuple[T, T, T]:
+    """ε/2 and the lead λ of two links whose ends are √square apart, rad, and zero, or NaN where they cannot be.
+
+    tan(ε/2) = √((outer - d²) / (d² - inner)) keeps its digits at a straight elbow, where the arc cosine loses half of
+    them; and by the law of tangents λ = ε/2 - atan((l₁ - l₂) / (l₁ + l₂) tan(ε/2)).
     """
-
-    towards: Array
-    lead: Array
-    elbow: Array
-    reached: Flags
-
-
-def two_link(r: Array, h: Array, first: float | Array, second: float | Array) -> Bend:
-    """Solve first (sin α, cos α) + second (sin(α + ε), cos(α + ε)) = (r, h), any shape, m.
-
-    With d² = r² + h², A² = (l₁ + l₂)² - d² and B² = d² - (l₁ - l₂)²: tan(ε/2) = A/B, and α = atan2(r, h) - λ with
-    λ = atan2(l₂ sin ε, l₁ + l₂ cos ε) = atan2(A B / 2 l₁, l₁ + (B² - A²) / 4 l₁). The half-angle keeps its digits
-    at a straight elbow, where the arc cosine loses half of them.
-    """
-    square = r * r + h * h
-    outer, inner = np.asarray(first + second), np.abs(np.asarray(first - second))
-    straight, folded = outer * outer - square, square - inner * inner
-    reached = (straight >= -2 * outer * TOUCH) & (folded >= -2 * inner * TOUCH)
-    straight, folded = np.maximum(straight, 0.0), np.maximum(folded, 0.0)
-    a, b = np.sqrt(straight), np.sqrt(folded)
-    lead = np.arctan2(a * b / (2 * first), first + (folded - straight) / (4 * first))
-    return Bend(np.arctan2(r, h), lead, 2.0 * np.arctan2(a, b), reached)
+    folded = square - pair.inner
+    tangent = m.root((pair.outer - square) / m.choose(folded > _LEAST, folded, _LEAST))
+    hole = m.choose((square < pair.below) | (square > pair.above), np.nan, 0.0)
+    half = m.atan(tangent) + hole
+    return half, half - m.atan(pair.even * tangent), hole

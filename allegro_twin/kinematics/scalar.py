@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import atan, atan2, cos, hypot, pi, sin, sqrt
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.family import TOLERANCE
+from allegro_twin.kinematics.curve import TOLERANCE
 from allegro_twin.kinematics.geometry import Geometry
+from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH
 from allegro_twin.kinematics.scalar_bend import (
     Posture,
@@ -19,7 +20,7 @@ from allegro_twin.kinematics.scalar_bend import (
     thumb_at_q0,
     turned,
 )
-from allegro_twin.kinematics.scalar_quartic import solve_fixed_bend
+from allegro_twin.kinematics.quartic import FixedBend
 from allegro_twin.types import Vector
 
 _ONLY_THUMB = "only the thumb is solved with q0, q1 or psi; use at_pitch"
@@ -108,7 +109,7 @@ class ScalarKinematics:
         (ax, ay, az), (link, tip) = self._offset, self._links
         up = az + self._rise + tip * cos(psi)
         found: list[Posture] = []
-        for q2, q0, q1 in solve_fixed_bend(x - ax, y, z, ay, link, tip * sin(psi), up, l2, h2):
+        for q2, q0, q1 in FixedBend(FLOATS, (x - ax, y, z), ay, link, tip * sin(psi), up).roots():
             q0, q1, q3 = turned(q0, l0, h0), turned(q1, l1, h1), turned(psi - q2, l3, h3)
             if l0 <= q0 <= h0 and l1 <= q1 <= h1 and l2 <= q2 <= h2 and l3 <= q3 <= h3:
                 found.append((q0, q1, q2, q3))

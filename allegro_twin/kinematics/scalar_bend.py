@@ -12,6 +12,7 @@ from math import atan, atan2, copysign, cos, inf, pi, sin, sqrt, tan
 from typing import NamedTuple, Protocol
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH
 
 Posture = tuple[float, float, float, float]
@@ -145,8 +146,7 @@ def thumb_at_q0(rows: tuple[float, ...], aside: float, up: float, reach: Reach, 
 
 def turned(angle: float, low: float, high: float) -> float:
     """The same angle within π of the middle of its range."""
-    away = angle - (low + high) / 2
-    return angle if -pi <= away <= pi else angle - 2 * pi * round(away / (2 * pi))
+    return FLOATS.turned(angle, (low + high) / 2)
 
 
 def clear(found: list[Posture], limits: Ranges, margin: float) -> list[Posture]:

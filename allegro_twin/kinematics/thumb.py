@@ -3,32 +3,45 @@
 In the base frame, with ψ = q₂ + q₃, offset a, rise c and links l, t (docs/kinematics.md#thumb):
 r = l sin q₂ + t sin ψ, h = c + l cos q₂ + t cos ψ, v = a + (r cos q₁, r sin q₁, h),
 tip = Rx(-q₀) v, R = Rx(-q₀) Rz(q₁) Ry(ψ).
-Joints are held as rows, shape (4, ...), rad; branches as (4, k, N).
+Forward, joints are rows, shape (4, ...), rad; back, every formula takes numbers or arrays (N,), x counted from aₓ.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.kinematics.finger import Branches, clipped_angle, turn_then_bend
+from allegro_twin.kinematics.finger import turn_then_bend
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.planar import TOUCH, Flags, two_link
-from allegro_twin.kinematics.quartic import solve_fixed_bend
-from allegro_twin.types import Array
+from allegro_twin.kinematics.maths import Maths, T
+from allegro_twin.kinematics.orientation import Entries, angle_left
+from allegro_twin.kinematics.planar import TOUCH, Branch, bend, pair_of
+from allegro_twin.kinematics.quartic import FixedBend
+from allegro_twin.types import Array, Vector
 
 
 class Thumb:
-    """Forward and inverse in the base frame. Targets come as coordinates x, y, z, each of shape (N,), m."""
+    """Forward and inverse in the base frame moved along x to joint 1. A target is x, y, z, m."""
 
-    def __init__(self, geometry: Geometry) -> None:
-        self.geometry = geometry
-        self._ax, self._ay, self._az = map(float, geometry.offset)
+    settled = 1e-7
+    """The angle up to which no other posture inside the limits is turned nearer, or not noticeably, rad."""
+
+    def __init__(self, geometry: Geometry, lower: Vector, upper: Vector) -> None:
+        self.links = geometry.links
+        self.shift = geometry.offset * [1.0, 0.0, 0.0]
+        """From the base's origin to where its targets are counted from, shape (3,), m."""
+        self.aside, self.up = float(geometry.offset[1]), float(geometry.offset[2]) + geometry.rise
+        """a_y, and a_z + c, m."""
+        self._pair = pair_of(*self.links)
+        self._middle = [float(low + high) / 2 for low, high in zip(lower, upper, strict=True)]
 
     def tip(self, q: Array) -> tuple[Array, Array, Array]:
         """The fingertip, shape (4, ...) → three of (...)."""
-        x, y, z = self._unturned(q)
+        link, tip = self.links
+        psi = q[2] + q[3]
+        r = link * np.sin(q[2]) + tip * np.sin(psi)
+        y, z = self.aside + r * np.sin(q[1]), self.up + link * np.cos(q[2]) + tip * np.cos(psi)
         c, s = np.cos(q[0]), np.sin(q[0])
-        return x, c * y + s * z, c * z - s * y
+        return r * np.cos(q[1]), c * y + s * z, c * z - s * y
 
     def rotation(self, q: Array) -> Array:
         """R = Rx(-q₀) Rz(q₁) Ry(ψ), shape (4, ...) → (..., 3, 3)."""
@@ -38,92 +51,68 @@ class Thumb:
         inner[..., 1, :], inner[..., 2, :] = c * y + s * z, c * z - s * y
         return inner
 
-    def turned_towards(self, q: Array, x: Array, y: Array, z: Array, lower: Array, upper: Array) -> Array:
-        """The same bend with q₀, within its limits, turned to bring the tip nearest to a target."""
-        _, vy, vz = self._unturned(q)
-        turned: Array = q.copy()
-        turned[0] = clipped_angle(np.arctan2(vz, vy) - np.arctan2(z, y), lower[0], upper[0])
-        return turned
+    def turn(self, m: Maths[T], q: Branch[T]) -> Entries[T]:
+        """R, back."""
+        return self._turn(m, m.cos(q[0]), m.sin(q[0]), q)
 
-    def swung_towards(self, q: Array, x: Array, y: Array, z: Array, lower: Array, upper: Array) -> Array:
-        """The same bend and q₀ with q₁, within its limits, turned to bring the tip nearest to a target."""
-        r, _ = self._section(q)
-        across = np.cos(q[0]) * y - np.sin(q[0]) * z - self._ay
-        turned: Array = q.copy()
-        towards = np.arctan2(across, x - self._ax) + np.where(r < 0, np.pi, 0.0)
-        turned[1] = clipped_angle(towards, lower[1], upper[1])
-        return turned
+    def at_q0(self, m: Maths[T], x: T, y: T, z: T, q0: T) -> list[Branch[T]]:
+        """Both sides of joint 1's axis times both elbows: four branches. On that axis q₁ is zero."""
+        return self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), m.cos(q0), m.sin(q0), x * 0.0)
 
-    def at_q0(self, x: Array, y: Array, z: Array, q0: Array, on_axis: Array | float = 0.0) -> Branches:
-        """Both sides of joint 1's axis times both elbows: four branches. On that axis q₁ is `on_axis`."""
-        c, s = np.cos(q0), np.sin(q0)
-        wx, wy, height = x - self._ax, c * y - s * z - self._ay, s * y + c * z - self._az - self.geometry.rise
-        reach = np.hypot(wx, wy)
-        q1 = np.where(reach <= TOUCH, on_axis, np.arctan2(wy, wx))
-        return self._bent(((reach, height, q0, q1, True), (-reach, height, q0, q1 + np.pi, True)))
-
-    def at_q1(self, x: Array, y: Array, z: Array, q1: Array) -> Branches:
+    def at_q1(self, m: Maths[T], x: T, y: T, z: T, q1: T) -> list[Branch[T]]:
         """Tip above or below the axis of joint 0, times both elbows: four branches."""
-        r = (x - self._ax) / np.cos(q1)
-        across = self._ay + r * np.sin(q1)
-        radius, direction = np.hypot(y, z), np.arctan2(z, y)
+        r = x / m.cos(q1)
+        across = self.aside + r * m.sin(q1)
+        radius, direction, q1 = m.root(y * y + z * z), m.atan2(z, y), m.turned(q1, self._middle[1])
         square = (radius - across) * (radius + across)
-        real = square >= -2 * radius * TOUCH
-        up = np.sqrt(np.maximum(square, 0.0))
-        base = self._az + self.geometry.rise
-        above, below = np.arctan2(up, across) - direction, np.arctan2(-up, across) - direction
-        return self._bent(((r, up - base, above, q1, real), (r, -up - base, below, q1, real)))
+        up, hole = m.root(square), m.choose(square < -2.0 * radius * TOUCH, np.nan, 0.0)
+        found = []
+        for vz in (up, -up):
+            q0 = m.turned(m.atan2(vz, across) - direction, self._middle[0])
+            found += self._bent(m, r, vz - self.up, q0 + hole, q1)
+        return found
 
-    def at_psi(self, x: Array, y: Array, z: Array, psi: Array) -> Branches:
+    def at_psi(self, m: Maths[T], x: T, y: T, z: T, psi: T) -> list[Branch[T]]:
         """The real roots of a quartic: at most four branches."""
-        link, tip = self.geometry.links
-        up = self._az + self.geometry.rise + tip * np.cos(psi)
-        theta, q0, q1, real = solve_fixed_bend(x - self._ax, y, z, self._ay, link, tip * np.sin(psi), up)
-        return np.stack([q0, q1, theta, psi - theta]), real
+        link, tip = self.links
+        bend = FixedBend(m, (x, y, z), self.aside, link, tip * m.sin(psi), self.up + tip * m.cos(psi))
+        return [
+            (m.turned(q0, self._middle[0]), q1, theta, m.turned(psi - theta, self._middle[3]))
+            for theta, q0, q1 in bend.roots()
+        ]
 
-    def at_q2(self, x: Array, y: Array, z: Array, q2: Array) -> Branches:
-        """As `at_psi`, with the roles of the two links exchanged."""
-        link, tip = self.geometry.links
-        up = self._az + self.geometry.rise + link * np.cos(q2)
-        psi, q0, q1, real = solve_fixed_bend(x - self._ax, y, z, self._ay, tip, link * np.sin(q2), up)
-        return np.stack([q0, q1, np.broadcast_to(q2, psi.shape), psi - q2]), real
+    def at_rotation(
+        self, m: Maths[T], x: T, y: T, z: T, wanted: Entries[T]
+    ) -> tuple[list[Branch[T]], list[T]]:
+        """Position exact, q₀ the one of R, q₀ = atan2(-R₂₁, R₁₁), and the angle left."""
+        upright = m.root(wanted[4] * wanted[4] + wanted[7] * wanted[7])
+        some = m.choose(upright > 1e-12, upright, 1.0)
+        c, s = m.choose(upright > 1e-12, wanted[4], 1.0) / some, m.choose(upright > 1e-12, -wanted[7], 0.0) / some
+        q0, on_axis = m.turned(m.atan2(s, c), self._middle[0]), m.atan2(-wanted[1], upright)
+        found = self._turned_by(m, x, y, z, q0, c, s, on_axis)
+        return found, [angle_left(m, self._turn(m, c, s, branch), wanted) for branch in found]
 
-    def at_q3(self, x: Array, y: Array, z: Array, q3: Array) -> Branches:
-        """As `at_psi`, with the two links frozen into one of length |l + t exp(i q₃)|."""
-        link, tip = self.geometry.links
-        along, aside = link + tip * np.cos(q3), tip * np.sin(q3)
-        up = np.full_like(x, self._az + self.geometry.rise)
-        length, lean = np.hypot(along, aside), np.arctan2(aside, along)
-        theta, q0, q1, real = solve_fixed_bend(x - self._ax, y, z, self._ay, length, np.zeros_like(x), up)
-        return np.stack([q0, q1, theta - lean, np.broadcast_to(q3, theta.shape)]), real
-
-    def at_rotation(self, x: Array, y: Array, z: Array, rotation: Array) -> Branches:
-        """Position exact, q₀ the one of R, shape (N, 3, 3): q₀ = atan2(-R₂₁, R₁₁)."""
-        q0 = np.arctan2(-rotation[:, 2, 1], rotation[:, 1, 1])
-        upright = np.hypot(rotation[:, 2, 1], rotation[:, 1, 1])
-        return self.at_q0(x, y, z, q0, np.arctan2(-rotation[:, 0, 1], upright))
-
-    def _unturned(self, q: Array) -> tuple[Array, Array, Array]:
-        r, h = self._section(q)
-        return self._ax + r * np.cos(q[1]), self._ay + r * np.sin(q[1]), self._az + h
-
-    def _section(self, q: Array) -> tuple[Array, Array]:
-        link, tip = self.geometry.links
-        psi = q[2] + q[3]
+    def _turn(self, m: Maths[T], c: T, s: T, q: Branch[T]) -> Entries[T]:
+        """R, with cos q₀ and sin q₀."""
+        _, q1, q2, q3 = q
+        c1, s1, cb, sb = m.cos(q1), m.sin(q1), m.cos(q2 + q3), m.sin(q2 + q3)
+        y0, y1, y2 = s1 * cb, c1, s1 * sb
         return (
-            link * np.sin(q[2]) + tip * np.sin(psi),
-            self.geometry.rise + link * np.cos(q[2]) + tip * np.cos(psi),
-        )
+            c1 * cb, -s1, c1 * sb,
+            c * y0 - s * sb, c * y1, c * y2 + s * cb,
+            -c * sb - s * y0, -s * y1, c * cb - s * y2,
+        )  # fmt: skip
 
-    def _bent(self, sides: tuple[tuple[Array, Array, Array, Array, Flags | bool], ...]) -> Branches:
-        link, tip = self.geometry.links
-        q = np.empty((4, 2 * len(sides), len(sides[0][0])))
-        reached = np.empty(q.shape[1:], dtype=bool)
-        for k, (r, height, q0, q1, real) in enumerate(sides):
-            bend = two_link(r, height, link, tip)
-            for row, sign in ((2 * k, 1.0), (2 * k + 1, -1.0)):
-                q[0, row], q[1, row] = q0, q1
-                q[2, row] = bend.towards - sign * bend.lead
-                q[3, row] = sign * bend.elbow
-                reached[row] = bend.reached & real
-        return q, reached
+    def _turned_by(self, m: Maths[T], x: T, y: T, z: T, q0: T, c: T, s: T, on_axis: T) -> list[Branch[T]]:
+        """Both sides of joint 1's axis, with cos q₀ and sin q₀."""
+        across, height = c * y - s * z - self.aside, s * y + c * z - self.up
+        reach = m.root(x * x + across * across)
+        q1 = m.choose(reach <= TOUCH, on_axis, m.atan2(across, x))
+        away = q1 - m.copysign(reach * 0.0 + np.pi, q1)
+        return [*self._bent(m, reach, height, q0, q1), *self._bent(m, -reach, height, q0, away)]
+
+    def _bent(self, m: Maths[T], r: T, h: T, q0: T, q1: T) -> list[Branch[T]]:
+        """Both elbows on one side."""
+        half, lead, hole = bend(m, r * r + h * h, self._pair)
+        towards, elbow, q0, q1 = m.atan2(r, h), half + half, q0 + hole, q1 + hole
+        return [(q0, q1, towards - lead, elbow), (q0, q1, towards + lead, -elbow)]

@@ -107,19 +107,6 @@ def test_the_rotation_found_is_the_nearest_that_the_finger_can_have_there(key: K
         assert np.nanmin(found.angle) <= anywhere + 1e-6
 
 
-@pytest.mark.parametrize("key", THUMBS, ids=str)
-def test_the_thumb_keeps_q0_of_the_rotation_where_it_can(key: Key) -> None:
-    finger = FINGERS[key]
-    q = postures(finger, 2000, seed=5)
-    rotation = finger.fk(q).rotation
-    other = finger.fk(postures(finger, 2000, seed=5) * [1, 1, 1, 0.9]).position  # The same q0; another bend.
-    solutions = finger.ik(other, rotation=rotation)
-    assert solutions.reachable.all()
-    kept = np.abs(solutions.position[..., 0] - q[:, None, 0]) < 1e-9
-    assert (kept | ~solutions.within).all()
-    assert (solutions.angle[solutions.within] > 1e-3).any()
-
-
 def at_double_roots(n: int) -> Array:
     """Postures of the thumb at which two of the branches with one ψ meet: ∂(x, |(y, z)|)/∂(q₁, q₂) is singular."""
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics import euler
+from allegro_twin.kinematics import orientation as euler
 from allegro_twin.types import Array
 
 N = 5000

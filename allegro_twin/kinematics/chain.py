@@ -1,0 +1,55 @@
+"""A finger as it is solved: its closed forms, the frame that they are in, and the mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, NamedTuple
+
+from allegro_twin.kinematics.finger import ImaFinger
+from allegro_twin.kinematics.frame import Frame
+from allegro_twin.kinematics.maths import Maths, T
+from allegro_twin.kinematics.orientation import Entries
+from allegro_twin.kinematics.planar import Branch
+from allegro_twin.kinematics.target import Target
+from allegro_twin.kinematics.thumb import Thumb
+
+Point = tuple[float, float, float]
+
+
+class Asked(NamedTuple, Generic[T]):
+    """A target in the frame of the chain."""
+
+    x: T
+    y: T
+    z: T
+    turn: Entries[T] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What both ways to solve, one target or a batch, need of a finger besides its limits."""
+
+    forms: ImaFinger | Thumb
+    frame: Frame
+    sign: float
+    """-1 where joint 0 of the hand turns the other way than the one that is solved, else +1."""
+    fk: Callable[[float, float, float, float], Point]
+    """From the hand's joints, rad, to the tip in the palm, m."""
+
+    def asked(self, target: Target[T]) -> Asked[T]:
+        turn = None if target.rotation is None else self.frame.turned_into(target.rotation)
+        return Asked(*self.frame.into(*target.position), turn)
+
+    def branches(self, m: Maths[T], target: Target[T], asked: Asked[T]) -> tuple[list[Branch[T]], list[T]]:
+        """All closed-form branches, NaN where there is none, and the angle left to the rotation asked for, rad.
+
+        None of a position alone.
+        """
+        x, y, z, turn = asked
+        if turn is not None:
+            return self.forms.at_rotation(m, x, y, z, turn)
+        if target.mode == "position":
+            return [], []
+        found: list[Branch[T]] = getattr(self.forms, f"at_{target.mode}")(m, x, y, z, target.angle)
+        return found, [x * 0.0] * len(found)

@@ -1,0 +1,107 @@
+"""The nearest point that an index, middle or ring finger can reach: the edge of its plane is made of arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import acos, atan2, cos, hypot, inf, pi, sin, sqrt
+
+from allegro_twin.kinematics.arcs import Arc, edge, nearest_of
+from allegro_twin.kinematics.curve import TOLERANCE, Posture
+from allegro_twin.kinematics.finger_curve import FingerFamily
+from allegro_twin.kinematics.maths import FLOATS
+from allegro_twin.kinematics.nearest import InPlane, full_turns, swung
+from allegro_twin.kinematics.planar import bend, pair_of
+
+
+class FingerNearest:
+    """Inside one set of limits. Targets are x, y, z in the base frame at joint 1, m."""
+
+    def __init__(
+        self, links: tuple[float, ...], low: Sequence[float], high: Sequence[float], family: FingerFamily | None
+    ) -> None:
+        """Without a family of curves, which needs narrower ones, limits are a full turn."""
+        self._links, self._low, self._high = links, low, high
+        self._pair = pair_of(links[0], links[1])
+        self._edge = edge(links, low[1:], high[1:])
+        self._middles = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
+        self._family = family
+
+    def at(self, x: float, y: float, z: float, pitch: float | None) -> tuple[float, Posture | None]:
+        """The least distance, m, and the posture that has it; inf and none where none has the pitch."""
+
+        def reach(r: float, h: float) -> InPlane:
+            return self._anyhow(r, h) if pitch is None else self._with(pitch, r, h)
+
+        square, q0, joints = swung(x, y, self._low[0], self._high[0], reach, z)
+        return (sqrt(square), (q0, *joints)) if joints else (inf, None)  # type: ignore[return-value]  # Three joints.
+
+    def _anyhow(self, r: float, h: float) -> InPlane:
+        if self._family is None:
+            posture = self._freely(r, h)
+        else:
+            curve = self._family.through(0.0, r, h)
+            postures = [piece.middle[:4] for piece in curve.pieces] or curve.ends
+            posture = postures[0][1:] if postures else ()
+        return (0.0, posture) if posture else nearest_of(self._edge, r, h)
+
+    def _freely(self, r: float, h: float) -> tuple[float, ...]:
+        """Without limits: the last link as nearly in line with the target as the other two let it."""
+        tip, square = self._links[2], r * r + h * h
+        twice = 2.0 * tip * sqrt(square)
+        least, most = (square + tip * tip - bound for bound in (self._pair.outer, self._pair.inner))
+        if least > twice or most < -twice or twice == 0.0:
+            return ()
+        pitch = atan2(r, h) + acos(min(1.0, most / twice))
+        return next(self._bent(r - tip * sin(pitch), h - tip * cos(pitch), pitch), ())
+
+    def _bent(self, r: float, h: float, pitch: float) -> Iterator[tuple[float, float, float]]:
+        """The first two links to a point, with either elbow, inside the limits."""
+        half, lead, hole = bend(FLOATS, r * r + h * h, self._pair)
+        if hole == 0.0:
+            towards = atan2(r, h)
+            for first, second in ((towards - lead, half + half), (towards + lead, -half - half)):
+                free = first, second, pitch - first - second
+                q = tuple(FLOATS.turned(a, b) for a, b in zip(free, self._middles[1:], strict=True))
+                if all(a <= b <= c for a, b, c in zip(self._low[1:], q, self._high[1:], strict=True)):
+                    yield q
+
+    def _with(self, pitch: float, r: float, h: float) -> InPlane:
+        """With q₁ + q₂ + q₃ held the first two links reach for what is the last link less."""
+        tip, least, best = self._links[2], inf, ()
+        low, high = sum(self._low[1:]) - TOLERANCE, sum(self._high[1:]) + TOLERANCE
+        for phi in full_turns(pitch, low, high):
+            a, b = r - tip * sin(phi), h - tip * cos(phi)
+            direct = next(self._bent(a, b, phi), None)
+            if direct is not None:
+                return 0.0, direct
+            square, found = nearest_of(self._held(phi), a, b)
+            if square < least:
+                # Of the first link's angle and what arcs end with: the second's, or the direction of both.
+                q1, other, direction = found
+                q2 = other - q1 if direction else other
+                least, best = square, (q1, q2, phi - q1 - q2)
+        return least, best
+
+    def _held(self, phi: float) -> Iterator[Arc]:
+        """The edge of what the first two links reach while q₃ = φ - q₁ - q₂ is inside its limits."""
+        (_, l1, l2, l3), (_, h1, h2, h3), (first, second, _) = self._low, self._high, self._links
+        least, most = phi - h3, phi - l3  # Of the direction of the second link.
+        for q1 in (l1, h1):
+            r, h = first * sin(q1), first * cos(q1)
+            yield from _arc(r, h, second, 0.0, max(q1 + l2, least), min(q1 + h2, most), 1, (q1, 1.0))
+        for q2 in (l2, h2, *(q for q in (0.0, pi) if l2 < q < h2)):
+            along, aside = first + second * cos(q2), second * sin(q2)
+            lean = atan2(aside, along)
+            low, high = max(l1, least - q2), min(h1, most - q2)
+            yield from _arc(0.0, 0.0, hypot(along, aside), lean, low, high, 0, (q2, 0.0))
+        for towards in (least, most):
+            r, h = second * sin(towards), second * cos(towards)
+            yield from _arc(r, h, first, 0.0, max(l1, towards - h2), min(h1, towards - l2), 0, (towards, 1.0))
+
+
+def _arc(
+    r: float, h: float, radius: float, turn: float, low: float, high: float, joint: int, others: tuple[float, ...]
+) -> Iterator[Arc]:
+    """An arc, if there is anything of it."""
+    if low <= high + TOLERANCE:
+        yield Arc(r, h, radius, turn, low, max(low, high), joint, others)

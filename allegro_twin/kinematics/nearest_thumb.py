@@ -1,0 +1,88 @@
+"""The nearest point that the thumb can reach. For every q₀ it is closed-form, as a finger's is; and q₀ is sought."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import cos, inf, pi, sin, sqrt
+
+from allegro_twin.kinematics.arcs import Arc, nearest_of
+from allegro_twin.kinematics.choose import bottoms
+from allegro_twin.kinematics.curve import TOLERANCE, Posture
+from allegro_twin.kinematics.maths import FLOATS
+from allegro_twin.kinematics.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
+
+_STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
+Seen = tuple[float, float, Posture]
+"""With one q₀ the square of the least distance, m², its slope by q₀ and the posture."""
+
+
+class ThumbNearest:
+    """Inside one set of limits. Targets are x, y, z in the base frame moved along x to joint 1, m."""
+
+    def __init__(
+        self, links: tuple[float, ...], aside: float, up: float, low: Sequence[float], high: Sequence[float]
+    ) -> None:
+        self._links, self._aside, self._up, self._low, self._high = links, aside, up, low, high
+        self._both = two_links(links, low[2:], high[2:])
+
+    def at(self, x: float, y: float, z: float, mode: Mode, angle: float) -> tuple[float, Posture | None]:
+        """The least distance, m, and the posture that has it; inf and none where none has the angle of the mode."""
+        (low, high), swing, reach = (self._low[0], self._high[0]), None, self._both
+        if mode == "q0":
+            held = full_turns(angle, low - TOLERANCE, high + TOLERANCE)
+            if not held:
+                return inf, None
+            low = high = held[0]
+        elif mode == "q1":
+            held = full_turns(angle, self._low[1] - TOLERANCE, self._high[1] + TOLERANCE)
+            if not held:
+                return inf, None
+            swing = held[0]
+        elif mode == "psi":
+            reach = self._with(angle)
+            if not reach(0.0, 0.0)[1]:
+                return inf, None
+
+        def seen(q0: float) -> Seen:
+            return self._seen(x, y, z, q0, swing, reach)
+
+        count = 2 * max(1, int((high - low) / (2 * _STEP) + 0.999)) if high > low else 0
+        places = [(q0, *(at := seen(q0))[:2], at) for q0 in (low + (high - low) * k / max(1, count) for k in range(count + 1))]
+        found = [place for ends in pairwise(places) for place in bottoms(seen, _cost, *ends)]
+        square, _, posture = min((place[3] for place in (*places, *found)), key=lambda at: at[0])
+        return sqrt(square), posture
+
+    def _seen(self, x: float, y: float, z: float, q0: float, swing: float | None, reach: Reach) -> Seen:
+        """The nearest with this q₀. As the target turns about joint 0, its distance changes as its own motion says."""
+        c, s = cos(q0), sin(q0)
+        across, above = c * y - s * z, s * y + c * z
+        b, h = across - self._aside, above - self._up
+        if swing is None:
+            square, q1, (q2, q3) = swung(x, b, self._low[1], self._high[1], reach, h)
+            c1, s1 = cos(q1), sin(q1)
+        else:
+            q1, c1, s1 = swing, cos(swing), sin(swing)
+            square, (q2, q3) = reach(x * c1 + b * s1, h)
+            square += (b * c1 - x * s1) ** 2
+        link, tip = self._links
+        off = b - s1 * (link * sin(q2) + tip * sin(q2 + q3)), h - link * cos(q2) - tip * cos(q2 + q3)
+        return square, 2.0 * (off[1] * across - off[0] * above), (q0, q1, q2, q3)
+
+    def _with(self, psi: float) -> Reach:
+        """With q₂ + q₃ held the first link alone bends, and the last shifts its circle."""
+        (link, tip), (l2, l3), (h2, h3) = self._links, self._low[2:], self._high[2:]
+        arcs = []
+        for angle in full_turns(psi, l2 + l3 - TOLERANCE, h2 + h3 + TOLERANCE):
+            low, high = max(l2, angle - h3), min(h2, angle - l3)
+            arcs.append(Arc(tip * sin(angle), tip * cos(angle), link, 0.0, low, max(low, high), 0, (angle,)))
+
+        def reach(r: float, h: float) -> InPlane:
+            square, found = nearest_of(arcs, r, h)
+            return square, (found[0], found[1] - found[0]) if found else ()
+
+        return reach
+
+
+def _cost(at: Seen) -> tuple[float, float]:
+    return at[0], at[1]

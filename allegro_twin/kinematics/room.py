@@ -1,0 +1,139 @@
+"""Of the postures that reach a point the one furthest from every limit: where most room is left to each joint."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import inf
+from typing import TypeAlias
+
+from allegro_twin.kinematics.choose import CLOSE, STEPS, crossing
+from allegro_twin.kinematics.curve import Curve, Moving, Posture, Way
+
+Limits: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+"""Lowest and highest of each joint in turn, rad."""
+Tight: TypeAlias = tuple[float, float, int]
+"""The least room of any joint, its rate, and whose it is: 0 to 3 below that joint, 4 to 7 above."""
+Spot: TypeAlias = tuple[float, Moving, Tight]
+"""τ, the posture there and what is tight in it."""
+_DIP = 0.1  # rad that a joint's room may be less in between than at two knots.
+_NEARLY, _ASIDE = 0.01, 1e-3
+
+
+def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
+    """The most room that a posture leaves each joint to its limits, rad, and the posture that leaves it."""
+    most, best = -inf, None
+    for posture in curve.ends:
+        room = _tightest((*posture, 0.0, 0.0, 0.0, 0.0), limits)[0]
+        if room > most:
+            most, best = room, posture
+    for piece in curve.pieces:
+        places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots()]
+        for low, high in pairwise(places):
+            for rising, falling in pairwise((low, *_dips(piece.at, limits, low, high), high)):
+                if falling[2][0] > most:
+                    most, best = falling[2][0], falling[1][:4]
+                if rising[2][1] > 0.0 > falling[2][1]:
+                    room, found = _top(piece.at, limits, rising, falling)
+                    if room > most:
+                        most, best = room, found[:4]
+    return most, best
+
+
+def _dips(way: Way, limits: Limits, low: Spot, high: Spot) -> list[Spot]:
+    """Both sides of where the room of a joint is least, which can part two hills: nothing else can."""
+    (_, first, (room, _, _)), (_, last, (then, _, _)) = low, high
+    _, _, _, _, a0, a1, a2, a3 = first
+    _, _, _, _, b0, b1, b2, b3 = last
+    found: list[Spot] = []
+    if a0 * b0 < 0.0 or a1 * b1 < 0.0 or a2 * b2 < 0.0 or a3 * b3 < 0.0:
+        for joint, before, after in ((0, a0, b0), (1, a1, b1), (2, a2, b2), (3, a3, b3)):
+            if before * after < 0.0:
+                which = joint if before < 0.0 else joint + 4
+                if min(_room(first, which, limits), _room(last, which, limits)) < max(room, then) + _DIP:
+                    found += _dip(way, limits, low, high, which)
+        found.sort()
+    return found
+
+
+def _dip(way: Way, limits: Limits, low: Spot, high: Spot, which: int) -> list[Spot]:
+    """Where the rate of a room changes its sign, or just before and behind if that room is tight there."""
+    (a, first, _), (b, last, _) = low, high
+    for step in range(3):
+        before, after = _rate(first, which), _rate(last, which)
+        tau = a + (b - a) * before / (before - after)
+        at = way(tau)
+        tight = _tightest(at, limits)
+        if step == 0 and _room(at, which, limits) > tight[0] + _NEARLY:
+            return [(tau, at, tight)]
+        if _rate(at, which) < 0.0:
+            a, first = tau, at
+        else:
+            b, last = tau, at
+    aside = _ASIDE * (high[0] - low[0])
+    around = [(place, way(place)) for place in (max(low[0], tau - aside), min(high[0], tau + aside))]
+    return [(place, at, _tightest(at, limits)) for place, at in around]
+
+
+def _tightest(at: Moving, limits: Limits) -> Tight:
+    q0, q1, q2, q3, t0, t1, t2, t3 = at
+    l0, h0, l1, h1, l2, h2, l3, h3 = limits
+    room, rate, which = (q1 - l1, t1, 1) if q1 - l1 < h1 - q1 else (h1 - q1, -t1, 5)
+    if q2 - l2 < room:
+        room, rate, which = q2 - l2, t2, 2
+    if h2 - q2 < room:
+        room, rate, which = h2 - q2, -t2, 6
+    if q3 - l3 < room:
+        room, rate, which = q3 - l3, t3, 3
+    if h3 - q3 < room:
+        room, rate, which = h3 - q3, -t3, 7
+    if t0:  # A finger's does not move.
+        if q0 - l0 < room:
+            room, rate, which = q0 - l0, t0, 0
+        if h0 - q0 < room:
+            room, rate, which = h0 - q0, -t0, 4
+    return room, rate, which
+
+
+def _rate(at: Moving, which: int) -> float:
+    return at[which + 4] if which < 4 else -at[which]
+
+
+def _room(at: Moving, which: int, limits: Limits) -> float:
+    return at[which] - limits[2 * which] if which < 4 else limits[2 * which - 7] - at[which - 4]
+
+
+def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, Moving]:
+    """Where the room of what is tight on one side meets the room of what is tight on the other."""
+    (a, first, (_, _, i)), (b, last, (_, _, j)) = rising, falling
+    before = third = None
+    for _ in range(STEPS):
+        ga, gb = _gap(first, i, j, limits), _gap(last, i, j, limits)
+        if third is None:
+            to = (a * gb - b * ga) / (gb - ga)
+        else:
+            to = crossing((before, _gap(third, i, j, limits)), (a, ga), (b, gb))
+        if not a < to < b:
+            to = (a + b) / 2
+        at = way(to)
+        room, rate, which = _tightest(at, limits)
+        if (to - a < CLOSE or b - to < CLOSE) and which == (i if rate > 0.0 else j):
+            break
+        if rate > 0.0:
+            before, third = a, first
+            a, first, i = to, at, which
+            if i != j and _rate(at, j) > 0.0:  # Where the two meet is not yet the top.
+                i = j
+        else:
+            before, third = b, last
+            b, last, j = to, at, which
+            if i != j and _rate(at, i) < 0.0:
+                j = i
+    return room, at
+
+
+def _gap(at: Moving, i: int, j: int, limits: Limits) -> float:
+    """By how much one room is larger than another, rad; of one room how fast it falls."""
+    if i == j:
+        return -at[i + 4] if i < 4 else at[i]
+    first = at[i] - limits[2 * i] if i < 4 else limits[2 * i - 7] - at[i - 4]
+    return first - (at[j] - limits[2 * j] if j < 4 else limits[2 * j - 7] - at[j - 4])

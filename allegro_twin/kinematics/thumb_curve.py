@@ -1,0 +1,234 @@
+"""The postures of the thumb that reach one point, inside the limits of q₀, q₁ and q₃, and of q₂ where it is `bounded`.
+
+With P the distance from joint 0's axis, v_y = P cos u and v_z = P sin u at u = q₀ + β, and from joint 2 to the tip
+d² = K - 2 P ρ cos(u - δ): so the q₀ at which q₁ or q₃ is at a limit, or q₃ straight, is an arc cosine. That of q₂ is the
+root of a quartic, and is sought only where what was chosen without that limit does not keep it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
+from typing import NamedTuple
+
+from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.maths import FLOATS
+from allegro_twin.kinematics.planar import TOUCH, pair_of
+from allegro_twin.kinematics.quartic import FixedBend
+
+_TOUCHED = TOUCH * TOUCH
+_BESIDE = 1e-7  # rad of τ: a window this narrow is a point.
+Window = tuple[float, float]
+"""A range of τ."""
+
+
+class Side(NamedTuple):
+    """One sign of the elbow, and d², m², where it is bent most and least."""
+
+    elbow: float
+    least: float
+    most: float
+
+
+class ThumbFamily:
+    """All curves of the thumb inside one set of limits."""
+
+    def __init__(
+        self, links: tuple[float, ...], aside: float, up: float, low: Sequence[float], high: Sequence[float]
+    ) -> None:
+        (first, second), self._aside, self._up = links, aside, up
+        self._links, self._pair = (first, second), pair_of(first, second)
+        self._reach, self._towards = hypot(aside, up), atan2(up, aside)
+        self._low, self._high = low, high
+        self._limits = [(a - TOLERANCE, b + TOLERANCE) for a, b in zip(low, high, strict=True)]
+        self._middles = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
+        self._swings = [tan(angle) for angle in (low[1], high[1])]
+        self._sides = []
+        for elbow, least, most in ((1.0, low[3], high[3]), (-1.0, -high[3], -low[3])):
+            least, most = max(least, 0.0), min(most, pi)
+            if least <= most:
+                squares = [first * first + second * second + 2 * first * second * cos(e) for e in (most, least)]
+                self._sides.append(Side(elbow, squares[0], squares[1] if least > 0.0 else self._pair.outer))
+
+    def best(
+        self, chosen: Callable[[Curve], Posture | None], x: float, y: float, z: float, only: Window | None = None
+    ) -> Posture | None:
+        """What is chosen of a curve. What is best without the limits of q₂ and keeps them is best with them too."""
+        low, high = self._limits[2]
+        posture = chosen(self.through(x, y, z, only=only))
+        if posture is None or not low <= posture[2] <= high:
+            posture = chosen(self.through(x, y, z, only=only, bounded=True))
+        return posture if posture is not None and low <= posture[2] <= high else None
+
+    def through(
+        self, x: float, y: float, z: float, *, bounded: bool = False, only: Window | None = None
+    ) -> Curve:
+        """The curve through a point in the base frame moved along x to joint 1, or `only` q₀ in a range."""
+        curve, square, lean = Curve([], []), y * y + z * z, atan2(z, y)
+        radius = sqrt(square)
+        whole, twice = x * x + square + self._reach * self._reach, 2.0 * radius * self._reach
+        straight = _bent(whole - self._pair.outer, twice)
+        if straight == 0.0:
+            return curve
+        middle = near_turn(self._towards - lean, self._middles[0])
+        ends = self._swinging(x, radius, lean)
+        if bounded:
+            ends += self._bending(x, y, z)
+        for sense in (1.0,) if straight < pi else (1.0, -1.0):
+            course = Course(middle, straight if straight < pi else 0.0, sense)
+            bent = self._bent(course, whole, twice)
+            windows = _common(bent, self._turned(course, only or (self._low[0], self._high[0])))
+            if windows:
+                self._add(curve, course, self._way(course, x, y, z), windows, ends, bounded)
+        return curve
+
+    def _way(self, course: Course, x: float, y: float, z: float) -> Way:
+        (even, inner, outer, _, _), (link, tip), aside, up = self._pair, self._links, self._aside, self._up
+        middle, half, sense = course
+        ahead, upright = self._middles[:2]
+        xx = x * x
+        small = 1e-6 * link * tip
+        least = sqrt(half / (link * tip * hypot(y, z) * self._reach * sin(half))) if half else 0.0  # At a straight elbow.
+
+        def at(tau: float) -> Moving:
+            if half:
+                pace = half * sin(tau)
+                q0, elbow = middle - half * cos(tau), 1.0 if pace >= 0.0 else -1.0
+            else:
+                q0, elbow, pace = tau, sense, 1.0
+            if not -pi < q0 - ahead < pi:
+                q0 = near_turn(q0, ahead)
+            c, s = cos(q0), sin(q0)
+            across, above = c * y - s * z, s * y + c * z
+            b, h = across - aside, above - up
+            flat = xx + b * b
+            r, q1 = sqrt(flat), atan2(b, x)
+            square = flat + h * h
+            if flat < _TOUCHED:  # On joint 1's axis, where q₁ is free.
+                q1, flat = 0.0, inf
+            elif abs(q1 - upright) > pi / 2:
+                q1, r = (q1 - pi if q1 > 0.0 else q1 + pi), -r
+            u = (outer - square) / (square - inner) if square > inner else inf
+            u = sqrt(u) if u > 0.0 else 0.0
+            turn = elbow * atan(u)
+            q2 = atan2(r, h) - turn + elbow * atan(even * u)
+            s2, c2 = link * sin(q2), link * cos(q2)
+            # The tip's motion in the plane of the bend is that of the last link about joint 3, and of both about 2.
+            swing = -above / flat
+            dr, sr, ch = b * swing * r, r - s2, h - c2
+            weight = sr * c2 - ch * s2  # l t sin q₃
+            rate = pace / weight if abs(weight) > small else least
+            t2 = rate * (dr * sr + across * ch)
+            return q0, q1, q2, turn + turn, pace, pace * x * swing, t2, -rate * (dr * s2 + across * c2) - t2
+
+        return at
+
+    def _swinging(self, x: float, radius: float, lean: float) -> list[float]:
+        """q₀ where q₁ is at a limit."""
+        found = []
+        if radius > TOUCH:
+            for swing in self._swings:
+                across = (self._aside + x * swing) / radius
+                if -1.0 <= across <= 1.0:
+                    turn = acos(across)
+                    found += (turn - lean, -turn - lean)
+        return found
+
+    def _bending(self, x: float, y: float, z: float) -> list[float]:
+        """q₀ where q₂ is at a limit."""
+        found, (link, tip) = [], self._links
+        for q2 in (self._low[2], self._high[2]):
+            bend = FixedBend(FLOATS, (x, y, z), self._aside, tip, link * sin(q2), self._up + link * cos(q2))
+            found += [q0 for _, q0, _ in bend.roots() if q0 == q0]
+        return found
+
+    def _bent(self, course: Course, whole: float, twice: float) -> list[Window]:
+        """τ where q₃ is inside its limits. The elbow is straight at 0 and at π, and bent most between them."""
+        middle, half, elbow = course
+        found: list[Window] = []
+        for side in self._sides:
+            near, far = _bent(whole - side.most, twice), _bent(whole - side.least, twice)
+            if half:
+                near = acos(min(1.0, near / half)) if side.most < self._pair.outer else 0.0
+                far = acos(min(1.0, far / half))
+                first, last = (near, far), (pi - far, pi - near)
+                if side.elbow < 0.0:
+                    first, last = (-far, -near), (pi + near, pi + far)
+                found = [_over(found[0], first), _over(found[1], last)] if found and near == 0.0 else [*found, first, last]
+            elif side.elbow == elbow:
+                found += [(middle + far, middle + near), (middle - near, middle - far)]
+        if half and len(found) == 2 and found[1][0] <= found[0][1]:
+            return [_over(*found)]
+        return found
+
+    def _turned(self, course: Course, only: Window) -> list[Window]:
+        """τ where q₀ is inside a range."""
+        (low, high), (middle, half, _) = only, course
+        found: list[Window] = []
+        for turn in (0.0, 2 * pi, -2 * pi):
+            if half == 0.0:
+                found.append((low + turn, high + turn))
+            elif low + turn <= middle + half and high + turn >= middle - half:
+                first, last = (middle - low - turn) / half, (middle - high - turn) / half
+                first, last = acos(first) if first < 1.0 else 0.0, acos(last) if last > -1.0 else pi
+                if first == 0.0:
+                    found += [(-last, last), (2 * pi - last, 2 * pi)] if last < pi else [(-pi, 2 * pi)]
+                elif last == pi:
+                    found += [(first, 2 * pi - first), (-pi, -first)]
+                else:
+                    found += [(first, last), (-last, -first), (2 * pi - last, 2 * pi - first)]
+        return found
+
+    def _add(
+        self, curve: Curve, course: Course, way: Way, windows: list[Window], ends: list[float], bounded: bool
+    ) -> None:
+        """Between two ends that follow each other the curve is inside the limits of q₁ and q₂, or it is not."""
+        (l1, h1), (l2, h2) = self._limits[1:3]
+        taus: list[float] = []
+        for q0 in ends:
+            q0 = near_turn(q0, course.middle)
+            if course.half == 0.0:
+                taus.append(q0)
+            elif abs(q0 - course.middle) < course.half:
+                tau = acos((course.middle - q0) / course.half)
+                taus += (tau, -tau, 2 * pi - tau)
+        for first, last in windows:
+            places = [first, *sorted([tau for tau in taus if first < tau < last]), last]
+            outside = True
+            for low, high in pairwise(places):
+                middle = way((low + high) / 2)
+                if high - low > _BESIDE and l1 <= middle[1] <= h1 and (not bounded or l2 <= middle[2] <= h2):
+                    curve.pieces.append(Piece(way, low, high, middle))
+                    outside = False
+                else:
+                    if outside:
+                        self._alone(curve, way(low))
+                    outside = True
+            if outside:
+                self._alone(curve, way(last))
+
+    def _alone(self, curve: Curve, at: Moving) -> None:
+        q = at[:4]
+        if all(low <= angle <= high for angle, (low, high) in zip(q, self._limits, strict=True)):
+            curve.ends.append(q)
+
+
+def _bent(along: float, twice: float) -> float:
+    """acos(along / twice), rad: zero or π beyond the ends."""
+    return 0.0 if along >= twice else pi if along <= -twice else acos(along / twice)
+
+
+def _over(first: Window, second: Window) -> Window:
+    return min(first[0], second[0]), max(first[1], second[1])
+
+
+def _common(first: list[Window], second: list[Window]) -> list[Window]:
+    """What is in both, points and next to nothing beside them included."""
+    found = []
+    for a, b in first:
+        for c, d in second:
+            low, high = (c if c > a else a), (d if d < b else b)
+            if high - low > -_BESIDE:
+                found.append((low, high) if high > low else (high, low))
+    return found
