@@ -9,56 +9,48 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 from math import atan2, cos, hypot, inf, pi, sin, sqrt
-from typing import NamedTuple
+from typing import TypeAlias
 
 from allegro_twin.kinematics.maths import FLOATS
 
 
-class Arc(NamedTuple):
-    """The tip when one joint turns about a centre."""
-
-    r: float
-    h: float
-    """The centre, m."""
-    radius: float
-    turn: float
-    """From the joint's angle to the direction in which the tip lies from the centre, rad."""
-    low: float
-    high: float
-    """The joint's range, rad."""
-    joint: int
-    """Its place among the links' joints."""
-    others: tuple[float, ...]
-    """All the joints' angles, that of this one left out, rad."""
+Arc: TypeAlias = tuple[float, float, float, float, float, float, int, tuple[float, ...]]
+"""The tip when one joint turns about a centre: r and h of that and the radius, m; from the joint's angle to the
+direction in which the tip lies from the centre, and the joint's lowest and highest angle, rad; its place among the
+links' joints; and the angles of the others, rad."""
 
 
 def nearest_of(arcs: Iterable[Arc], r: float, h: float) -> tuple[float, tuple[float, ...]]:
-    """The square of the least distance from a point, m², and the joints there; inf where there are no arcs."""
-    least, best = inf, ()
-    bound = inf
-    for arc in arcs:
-        a, b = r - arc[0], h - arc[1]
+    """The square of the least distance from a point, m², and the joints there; inf and none where there are no arcs."""
+    least, bound = inf, inf
+    best: tuple[float, ...] = ()
+    for centre, height, radius, turn, low, high, joint, others in arcs:
+        a, b = r - centre, h - height
         square = a * a + b * b
-        distance, radius = sqrt(square), arc[2]
-        if abs(distance - radius) >= bound:
+        distance = sqrt(square)
+        gap = distance - radius
+        if gap >= bound or gap <= -bound:
             continue
-        turn, low, high = arc[3], arc[4], arc[5]
-        towards = atan2(a, b)
-        q = FLOATS.turned(towards - turn, (low + high) / 2)
-        if q < low or q > high:
-            q = low if q < low else high
-            square = square + radius * radius - 2 * distance * radius * cos(towards - turn - q)
+        q = atan2(a, b) - turn
+        away = q - (low + high) / 2
+        if away > pi or away < -pi:
+            q -= 2 * pi * round(away / (2 * pi))
+        if q < low:
+            square += radius * (radius - 2 * distance * cos(q - low))
+            q = low
+        elif q > high:
+            square += radius * (radius - 2 * distance * cos(q - high))
+            q = high
         else:
-            square = (distance - radius) ** 2
+            square = gap * gap
         if square < least:
-            joint, others = arc[6], arc[7]
             least, bound, best = square, sqrt(square) if square > 0.0 else 0.0, (*others[:joint], q, *others[joint:])
-    return least, best
+    return max(least, 0.0), best
 
 
 def edge(links: Sequence[float], low: Sequence[float], high: Sequence[float]) -> list[Arc]:
     """The arcs of two or three links: of each joint, with those before it at a limit."""
-    arcs = []
+    arcs: list[Arc] = []
     for joint in range(len(links)):
         for before in product(*zip(low[:joint], high[:joint], strict=True)):
             r, h, towards = 0.0, 0.0, 0.0
@@ -67,8 +59,8 @@ def edge(links: Sequence[float], low: Sequence[float], high: Sequence[float]) ->
                 r, h = r + link * sin(towards), h + link * cos(towards)
             for behind in _stiff(links[joint:], low[joint + 1 :], high[joint + 1 :]):
                 radius, lean = _frozen(links[joint:], behind)
-                arcs.append(Arc(r, h, radius, towards + lean, low[joint], high[joint], joint, (*before, *behind)))
-    return arcs
+                arcs.append((r, h, radius, towards + lean, low[joint], high[joint], joint, (*before, *behind)))
+    return sorted(arcs, key=lambda arc: -arc[2] - hypot(arc[0], arc[1]))  # The outermost is most often the nearest.
 
 
 def _stiff(links: Sequence[float], low: Sequence[float], high: Sequence[float]) -> list[tuple[float, ...]]:
@@ -76,7 +68,7 @@ def _stiff(links: Sequence[float], low: Sequence[float], high: Sequence[float]) 
     if not low:
         return [()]
     if len(low) == 1:
-        return [(angle,) for angle in {low[0], high[0], *_within((0.0, pi), low[0], high[0])}]
+        return [(angle,) for angle in bends(low[0], high[0])]
     first, second, tip = links
     found = set(product((low[0], high[0]), (low[1], high[1])))
     found |= set(product(_within((0.0, pi), low[0], high[0]), _within((0.0, pi), low[1], high[1])))
@@ -87,6 +79,11 @@ def _stiff(links: Sequence[float], low: Sequence[float], high: Sequence[float]) 
         lean = -atan2(tip * sin(angle), second + tip * cos(angle))
         found |= {(q, angle) for q in _within((lean, lean + pi), low[0], high[0])}
     return sorted(found)
+
+
+def bends(low: float, high: float) -> list[float]:
+    """The angles of a joint between two links at which the edge can be reached: at a limit, in line, or folded."""
+    return sorted({low, high, *_within((0.0, pi), low, high)})
 
 
 def _within(angles: Iterable[float], low: float, high: float) -> list[float]:

@@ -47,7 +47,7 @@ def solve(chain: Chain, bounds: Bounds, target: Target[Array]) -> Solutions:
 
 def _solve(chain: Chain, bounds: Bounds, target: Target[Array], joints: Array, within: Flags, angle: Array) -> None:
     """Fills joints (4, k, n), within (k, n) and angle (k, n)."""
-    asked = chain.asked(target)
+    asked = chain.asked(ARRAYS, target)
     found, left = chain.branches(ARRAYS, target, asked)
     for branch, (q, off) in enumerate(zip(found, left, strict=True)):
         for joint, values in enumerate(q):
@@ -84,7 +84,7 @@ def _improved(chain: Chain, bounds: Bounds, asked: Asked[Array], joints: Array, 
 def _nearest(chain: Chain, bounds: Bounds, target: Target[Array], missing: Flags, *, limits: bool) -> Nearest:
     n, rows = len(target.angle), np.flatnonzero(missing)
     posture, point, distance = np.full((n, 4), nan), np.stack(target.position, axis=-1), np.zeros(n)
-    asked, angles = chain.asked(target), target.angle[rows].tolist()
+    asked, angles = chain.asked(ARRAYS, target), target.angle[rows].tolist()
     for row, value, one in zip(rows.tolist(), angles, _rows(asked, rows), strict=True):
         posture[row], point[row], distance[row] = nearest(chain, bounds, one, target.mode, value, limits=limits)
     shape = target.shape

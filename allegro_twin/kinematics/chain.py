@@ -9,7 +9,6 @@ from typing import Generic, NamedTuple
 from allegro_twin.kinematics.finger import ImaFinger
 from allegro_twin.kinematics.frame import Frame
 from allegro_twin.kinematics.maths import Maths, T
-from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.kinematics.planar import Branch
 from allegro_twin.kinematics.target import Target
 from allegro_twin.kinematics.thumb import Thumb
@@ -23,7 +22,8 @@ class Asked(NamedTuple, Generic[T]):
     x: T
     y: T
     z: T
-    turn: Entries[T] | None
+    turn: tuple[T, ...] | None
+    """An orientation as the forms take it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,11 @@ class Chain:
     fk: Callable[[float, float, float, float], Point]
     """From the hand's joints, rad, to the tip in the palm, m."""
 
-    def asked(self, target: Target[T]) -> Asked[T]:
-        turn = None if target.rotation is None else self.frame.turned_into(target.rotation)
-        return Asked(*self.frame.into(*target.position), turn)
+    def asked(self, m: Maths[T], target: Target[T]) -> Asked[T]:
+        x, y, z = self.frame.into(*target.position)
+        if target.rotation is None:
+            return Asked(x, y, z, None)
+        return Asked(x, y, z, self.forms.view(m, self.frame.turned_into(target.rotation)))
 
     def branches(self, m: Maths[T], target: Target[T], asked: Asked[T]) -> tuple[list[Branch[T]], list[T]]:
         """All closed-form branches, NaN where there is none, and the angle left to the rotation asked for, rad.

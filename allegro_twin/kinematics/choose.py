@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import cos, inf, sin
+from math import cos, inf, sin, sqrt
 from typing import TypeAlias
 
 from allegro_twin.kinematics.curve import Curve, Moving, Posture, Way
-from allegro_twin.kinematics.orientation import Entries
 
 Value: TypeAlias = Callable[[Moving], tuple[float, float]]
 """What a posture costs, and how fast that grows with τ."""
@@ -33,24 +32,17 @@ def nearest_to(near: Sequence[float]) -> Value:
     return value
 
 
-def turned_to(wanted: Entries[float]) -> Value:
-    """Minus the trace of the thumb's rotation from R* to R = Rx(-q₀) Rz(q₁) Ry(ψ): the less, the nearer.
-
-    With B = Rx(q₀) R* and Q = Rz(q₁) Ry(ψ), tr(R*ᵀ R) = tr(Bᵀ Q).
-    """
-    a0, a1, a2, b0, b1, b2, d0, d1, d2 = wanted
+def turned_to(view: tuple[float, ...]) -> Value:
+    """Minus the square of cos(θ/2), of the angle θ to the thumb's orientation with these q₀, q₁ and ψ (`Thumb.angle_to`)."""
+    n0, n1, n, _, _ = view
 
     def value(at: Moving) -> tuple[float, float]:
         q0, q1, q2, q3, t0, t1, t2, t3 = at
-        c, s, c1, s1, cb, sb = cos(q0), sin(q0), cos(q1), sin(q1), cos(q2 + q3), sin(q2 + q3)
-        e0, e1, e2 = c * b0 - s * d0, c * b1 - s * d1, c * b2 - s * d2
-        f0, f1, f2 = s * b0 + c * d0, s * b1 + c * d1, s * b2 + c * d2
-        along, across = a0 * cb + a2 * sb + e1, e0 * cb + e2 * sb - a1
-        trace = c1 * along + s1 * across + f2 * cb - f0 * sb
-        swing = c1 * across - s1 * along
-        bend = c1 * (a2 * cb - a0 * sb) + s1 * (e2 * cb - e0 * sb) - f2 * sb - f0 * cb
-        turn = e2 * cb - e0 * sb - c1 * f1 - s1 * (f0 * cb + f2 * sb)
-        return -trace, -(t0 * turn + t1 * swing + (t2 + t3) * bend)
+        d, b, less, more = (q2 + q3 - n) / 2.0, (q0 - n0) / 2.0, (q1 - n1) / 2.0, (q1 + n1) / 2.0
+        cd, sd, cb, sb, cm, sp = cos(d), sin(d), cos(b), sin(b), cos(less), sin(more)
+        w = cd * cb * cm - sd * sb * sp
+        turn, swing = cd * sb * cm + sd * cb * sp, cd * cb * sin(less) + sd * sb * cos(more)
+        return -w * w, w * (t0 * turn + t1 * swing + (t2 + t3) * (sd * cb * cm + cd * sb * sp))
 
     return value
 
@@ -63,7 +55,7 @@ def cheapest(curve: Curve, value: Value) -> tuple[float, Posture | None]:
         if cost < least:
             least, best = cost, posture
     for piece in curve.pieces:
-        places = [(tau, *value(at), at) for tau, at in piece.knots()]
+        places = [(tau, *value(at), at) for tau, at in piece.knots]
         for low, high in pairwise(places):
             for _, cost, _, at in (low, high, *bottoms(piece.at, value, low, high)):
                 if cost < least:
@@ -97,24 +89,32 @@ def _hidden(low: Place, high: Place) -> float | None:
 
 
 def _bottom(way: Way, value: Value, falling: Place, rising: Place) -> Place:
-    """Where the slope is zero between two places: through three of them, τ as a parabola of slope."""
-    low, high = falling[0], rising[0]
-    second, third = (falling, rising) if -falling[2] > rising[2] else (rising, falling)
-    first = second
-    for _ in range(STEPS):
-        to = crossing((first[0], first[2]), (second[0], second[2]), (third[0], third[2]))
+    """Where the slope is zero between two places: first as of a cubic, then τ as a parabola of slope."""
+    low, high, to = falling[0], rising[0], _least(falling, rising)
+    first, second, third = falling, rising, falling
+    for step in range(STEPS):
         if not low < to < high:
             to = (low + high) / 2
         at = way(to)
-        step = to - third[0]
-        first, second, third = second, third, (to, *value(at), at)
-        if abs(step) < CLOSE:
+        if step:
+            first, second = second, third
+        moved, third = to - third[0], (to, *value(at), at)
+        if abs(moved) < CLOSE:
             break
         if third[2] < 0.0:
             low = to
         else:
             high = to
+        to = crossing((first[0], first[2]), (second[0], second[2]), (to, third[2]))
     return third
+
+
+def _least(falling: Place, rising: Place) -> float:
+    """Where a cubic with the same costs and slopes is least (Nocedal & Wright, Numerical Optimization, eq. 3.59)."""
+    (a, cost, ga, _), (b, then, gb, _) = falling, rising
+    mean = ga + gb - 3.0 * (then - cost) / (b - a)
+    root = sqrt(mean * mean - ga * gb)
+    return b - (b - a) * (gb + root - mean) / (gb - ga + 2.0 * root)
 
 
 def crossing(first: tuple[float, float], second: tuple[float, float], third: tuple[float, float]) -> float:

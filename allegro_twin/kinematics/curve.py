@@ -41,22 +41,11 @@ class Course(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A part of the curve inside the limits: τ from `low` to `high`."""
+    """A part of the curve."""
 
     at: Way
-    low: float
-    high: float
-    middle: Moving
-    """Half way."""
-
-    def knots(self) -> list[tuple[float, Moving]]:
-        """τ in ascending order and the postures there, so many that between two there is one hill or one valley."""
-        at, low, high, middle = self
-        count = max(2, 2 * ceil((high - low) / (2 * _STEP)))
-        half = count // 2
-        inner = [middle if k == half else at(low + (high - low) * k / count) for k in range(1, count)]
-        taus = [low + (high - low) * k / count for k in range(count + 1)]
-        return list(zip(taus, (at(low), *inner, at(high)), strict=True))
+    knots: list[tuple[float, Moving]]
+    """τ in ascending order, its ends among them, and the postures there."""
 
 
 class Curve(NamedTuple):
@@ -72,3 +61,13 @@ def near_turn(angle: float, middle: float) -> float:
     if angle > middle + pi:
         return angle - 2 * pi
     return angle + 2 * pi if angle < middle - pi else angle
+
+
+def piece(at: Way, low: float, high: float, middle: Moving) -> Piece:
+    """From one τ to another, with so many knots that between two there is one hill or one valley, or it shows."""
+    wide = high - low
+    if wide <= 2.0 * _STEP:
+        return Piece(at, [(low, at(low)), (low + wide / 2.0, middle), (high, at(high))])
+    count = 2 * ceil(wide / (2.0 * _STEP))
+    taus = [low + wide * k / count for k in range(count + 1)]
+    return Piece(at, [(tau, middle if 2 * k == count else at(tau)) for k, tau in enumerate(taus)])

@@ -42,11 +42,15 @@ class ImaFinger:
         """R = Rz(q₀) Ry(φ), shape (4, ...) → (..., 3, 3)."""
         return turn_then_bend(q[0], q[1] + q[2] + q[3])
 
-    def turn(self, m: Maths[T], q: Branch[T]) -> Entries[T]:
-        """R, back."""
+    def view(self, m: Maths[T], turn: Entries[T]) -> tuple[T, ...]:
+        """An orientation as what follows takes it: row by row."""
+        return turn
+
+    def angle_to(self, m: Maths[T], q: Branch[T], view: tuple[T, ...]) -> T:
+        """The angle of the rotation from the orientation of a posture to another, rad."""
         q0, q1, q2, q3 = q
         c0, s0, c, s = m.cos(q0), m.sin(q0), m.cos(q1 + q2 + q3), m.sin(q1 + q2 + q3)
-        return c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c
+        return angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
 
     def at_pitch(self, m: Maths[T], x: T, y: T, z: T, pitch: T) -> list[Branch[T]]:
         """Both sides of the abduction axis times both elbows: four branches."""
@@ -57,32 +61,32 @@ class ImaFinger:
         return [*self._bent(m, reach, z, turn, pitch, s, c), *self._bent(m, -reach, z, away, pitch, s, c)]
 
     def at_rotation(
-        self, m: Maths[T], x: T, y: T, z: T, wanted: Entries[T]
+        self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]
     ) -> tuple[list[Branch[T]], list[T]]:
         """Position exact; on either side of the abduction axis the pitch that comes nearest to R, and the angle left."""
         reach = m.root(x * x + y * y)
         on_axis = reach <= TOUCH  # R says which q₀, where the position does not.
-        x, y = m.choose(on_axis, wanted[4], x), m.choose(on_axis, -wanted[1], y)
+        x, y = m.choose(on_axis, view[4], x), m.choose(on_axis, -view[1], y)
         length = m.root(x * x + y * y)
         length = m.choose(length > 0.0, length, 1.0)
         cosine, sine, turn = x / length, y / length, m.atan2(y, x)
         away = turn - m.copysign(reach * 0.0 + np.pi, turn)
         found, left = [], []
         for r, q0, c0, s0 in ((reach, turn, cosine, sine), (-reach, away, -cosine, -sine)):
-            s, c = self._nearest_pitch(m, r, z, c0, s0, wanted)
+            s, c = self._nearest_pitch(m, r, z, c0, s0, view)
             found += self._bent(m, r, z, q0, m.atan2(s, c), s, c)
-            angle = angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), wanted)
+            angle = angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
             left += [angle, angle]
         return found, left
 
-    def _nearest_pitch(self, m: Maths[T], r: T, h: T, c0: T, s0: T, wanted: Entries[T]) -> tuple[T, T]:
+    def _nearest_pitch(self, m: Maths[T], r: T, h: T, c0: T, s0: T, view: tuple[T, ...]) -> tuple[T, T]:
         """sin φ and cos φ of the nearest rotation at which the rest of the finger reaches (r, h).
 
         φ = atan2(B₀₂ - B₂₀, B₀₀ + B₂₂), B = Rz(q₀)ᵀ R, is the nearest. With (r, h) = D (sin α, cos α),
         d² = D² + t² - 2 t D cos(φ - α) must lie in [(l₁ - l₂)², (l₁ + l₂)²], and so cos(φ - α) between two bounds.
         """
         tip = self.links[2]
-        s, c = c0 * wanted[2] + s0 * wanted[5] - wanted[6], c0 * wanted[0] + s0 * wanted[3] + wanted[8]
+        s, c = c0 * view[2] + s0 * view[5] - view[6], c0 * view[0] + s0 * view[3] + view[8]
         length = m.root(s * s + c * c)
         none = length <= 1e-12  # Half a turn off at every pitch.
         length = m.choose(none, 1.0, length)

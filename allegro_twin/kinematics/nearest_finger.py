@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import acos, atan2, cos, hypot, inf, pi, sin, sqrt
 
-from allegro_twin.kinematics.arcs import Arc, edge, nearest_of
+from allegro_twin.kinematics.arcs import Arc, bends, edge, nearest_of
 from allegro_twin.kinematics.curve import TOLERANCE, Posture
 from allegro_twin.kinematics.finger_curve import FingerFamily
 from allegro_twin.kinematics.maths import FLOATS
@@ -25,6 +25,10 @@ class FingerNearest:
         self._edge = edge(links, low[1:], high[1:])
         self._middles = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
         self._family = family
+        first, second, _ = links
+        self._first = [(q1, first * sin(q1), first * cos(q1)) for q1 in (low[1], high[1])]
+        ends = [(q2, first + second * cos(q2), second * sin(q2)) for q2 in bends(low[2], high[2])]
+        self._second = [(q2, hypot(along, aside), atan2(aside, along)) for q2, along, aside in ends]
 
     def at(self, x: float, y: float, z: float, pitch: float | None) -> tuple[float, Posture | None]:
         """The least distance, m, and the posture that has it; inf and none where none has the pitch."""
@@ -40,7 +44,7 @@ class FingerNearest:
             posture = self._freely(r, h)
         else:
             curve = self._family.through(0.0, r, h)
-            postures = [piece.middle[:4] for piece in curve.pieces] or curve.ends
+            postures = [piece.knots[1][1][:4] for piece in curve.pieces] or curve.ends
             posture = postures[0][1:] if postures else ()
         return (0.0, posture) if posture else nearest_of(self._edge, r, h)
 
@@ -82,26 +86,25 @@ class FingerNearest:
                 least, best = square, (q1, q2, phi - q1 - q2)
         return least, best
 
-    def _held(self, phi: float) -> Iterator[Arc]:
-        """The edge of what the first two links reach while q₃ = φ - q₁ - q₂ is inside its limits."""
+    def _held(self, phi: float) -> list[Arc]:
+        """The edge of what the first two links reach while q₃ = φ - q₁ - q₂ is inside its limits.
+
+        Of the joints of an arc the first is q₁. The second is q₂; or, where a one follows, q₁ + q₂.
+        """
         (_, l1, l2, l3), (_, h1, h2, h3), (first, second, _) = self._low, self._high, self._links
         least, most = phi - h3, phi - l3  # Of the direction of the second link.
-        for q1 in (l1, h1):
-            r, h = first * sin(q1), first * cos(q1)
-            yield from _arc(r, h, second, 0.0, max(q1 + l2, least), min(q1 + h2, most), 1, (q1, 1.0))
-        for q2 in (l2, h2, *(q for q in (0.0, pi) if l2 < q < h2)):
-            along, aside = first + second * cos(q2), second * sin(q2)
-            lean = atan2(aside, along)
+        arcs: list[Arc] = []
+        for q1, r, h in self._first:
+            low, high = max(q1 + l2, least), min(q1 + h2, most)
+            if low <= high + TOLERANCE:
+                arcs.append((r, h, second, 0.0, low, max(low, high), 1, (q1, 1.0)))
+        for q2, length, lean in self._second:
             low, high = max(l1, least - q2), min(h1, most - q2)
-            yield from _arc(0.0, 0.0, hypot(along, aside), lean, low, high, 0, (q2, 0.0))
+            if low <= high + TOLERANCE:
+                arcs.append((0.0, 0.0, length, lean, low, max(low, high), 0, (q2, 0.0)))
         for towards in (least, most):
-            r, h = second * sin(towards), second * cos(towards)
-            yield from _arc(r, h, first, 0.0, max(l1, towards - h2), min(h1, towards - l2), 0, (towards, 1.0))
-
-
-def _arc(
-    r: float, h: float, radius: float, turn: float, low: float, high: float, joint: int, others: tuple[float, ...]
-) -> Iterator[Arc]:
-    """An arc, if there is anything of it."""
-    if low <= high + TOLERANCE:
-        yield Arc(r, h, radius, turn, low, max(low, high), joint, others)
+            low, high = max(l1, towards - h2), min(h1, towards - l2)
+            if low <= high + TOLERANCE:
+                r, h = second * sin(towards), second * cos(towards)
+                arcs.append((r, h, first, 0.0, low, max(low, high), 0, (towards, 1.0)))
+        return arcs

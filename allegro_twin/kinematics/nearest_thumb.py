@@ -72,10 +72,10 @@ class ThumbNearest:
     def _with(self, psi: float) -> Reach:
         """With q₂ + q₃ held the first link alone bends, and the last shifts its circle."""
         (link, tip), (l2, l3), (h2, h3) = self._links, self._low[2:], self._high[2:]
-        arcs = []
+        arcs: list[Arc] = []
         for angle in full_turns(psi, l2 + l3 - TOLERANCE, h2 + h3 + TOLERANCE):
             low, high = max(l2, angle - h3), min(h2, angle - l3)
-            arcs.append(Arc(tip * sin(angle), tip * cos(angle), link, 0.0, low, max(low, high), 0, (angle,)))
+            arcs.append((tip * sin(angle), tip * cos(angle), link, 0.0, low, max(low, high), 0, (angle,)))
 
         def reach(r: float, h: float) -> InPlane:
             square, found = nearest_of(arcs, r, h)

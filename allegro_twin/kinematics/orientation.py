@@ -230,7 +230,7 @@ def is_rotation(m: Maths[T], turn: Entries[T]) -> bool:
     return not m.anywhere(off | (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0))
 
 
-def angle_left(m: Maths[T], first: Entries[T], second: Entries[T]) -> T:
+def angle_left(m: Maths[T], first: tuple[T, ...], second: tuple[T, ...]) -> T:
     """The angle of the rotation from one to the other, rad, accurate near 0 and near π.
 
     With E the relative rotation, |E - 1|² = 8 sin²(θ/2) and 1 + tr E = 4 cos²(θ/2).

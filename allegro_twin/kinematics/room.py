@@ -22,12 +22,12 @@ _NEARLY, _ASIDE = 0.01, 1e-3
 def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
     """The most room that a posture leaves each joint to its limits, rad, and the posture that leaves it."""
     most, best = -inf, None
-    for posture in curve.ends:
+    for posture in () if curve.pieces else curve.ends:  # On pieces there is more.
         room = _tightest((*posture, 0.0, 0.0, 0.0, 0.0), limits)[0]
         if room > most:
             most, best = room, posture
     for piece in curve.pieces:
-        places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots()]
+        places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots]
         for low, high in pairwise(places):
             for rising, falling in pairwise((low, *_dips(piece.at, limits, low, high), high)):
                 if falling[2][0] > most:
@@ -105,13 +105,13 @@ def _room(at: Moving, which: int, limits: Limits) -> float:
 def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, Moving]:
     """Where the room of what is tight on one side meets the room of what is tight on the other."""
     (a, first, (_, _, i)), (b, last, (_, _, j)) = rising, falling
-    before = third = None
+    before, third = a, first
     for _ in range(STEPS):
-        ga, gb = _gap(first, i, j, limits), _gap(last, i, j, limits)
-        if third is None:
-            to = (a * gb - b * ga) / (gb - ga)
+        if i == j:
+            places = [(tau, _rate(at, i)) for tau, at in ((before, third), (a, first), (b, last))]
+            to = crossing(*places)
         else:
-            to = crossing((before, _gap(third, i, j, limits)), (a, ga), (b, gb))
+            to = _meeting(a, first, b, last, i, j, limits)
         if not a < to < b:
             to = (a + b) / 2
         at = way(to)
@@ -121,19 +121,22 @@ def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, 
         if rate > 0.0:
             before, third = a, first
             a, first, i = to, at, which
-            if i != j and _rate(at, j) > 0.0:  # Where the two meet is not yet the top.
+            if _rate(at, j) > 0.0:  # Where the two meet is not yet the top.
                 i = j
         else:
             before, third = b, last
             b, last, j = to, at, which
-            if i != j and _rate(at, i) < 0.0:
+            if _rate(at, i) < 0.0:
                 j = i
     return room, at
 
 
-def _gap(at: Moving, i: int, j: int, limits: Limits) -> float:
-    """By how much one room is larger than another, rad; of one room how fast it falls."""
-    if i == j:
-        return -at[i + 4] if i < 4 else at[i]
-    first = at[i] - limits[2 * i] if i < 4 else limits[2 * i - 7] - at[i - 4]
-    return first - (at[j] - limits[2 * j] if j < 4 else limits[2 * j - 7] - at[j - 4])
+def _meeting(a: float, first: Moving, b: float, last: Moving, i: int, j: int, limits: Limits) -> float:
+    """Where two rooms are alike: τ as a cubic of their difference, through two places and with the slopes there."""
+    before, after = _room(first, i, limits) - _room(first, j, limits), _room(last, i, limits) - _room(last, j, limits)
+    rise, slope, then = after - before, _rate(first, i) - _rate(first, j), _rate(last, i) - _rate(last, j)
+    if not (slope * rise > 0.0 and then * rise > 0.0):
+        return (a * after - b * before) / rise if rise else inf
+    s = -before / rise
+    t = 1.0 - s
+    return t * t * ((1.0 + 2.0 * s) * a + s * rise / slope) + s * s * ((3.0 - 2.0 * s) * b - t * rise / then)

@@ -13,7 +13,6 @@ from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.nearest import Mode
 from allegro_twin.kinematics.nearest_finger import FingerNearest
 from allegro_twin.kinematics.nearest_thumb import ThumbNearest
-from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.kinematics.room import Limits, roomiest
 from allegro_twin.kinematics.thumb_curve import ThumbFamily
 
@@ -25,7 +24,7 @@ class Search(Protocol):
         """The posture that reaches it nearest to another, or furthest from every limit; None where none reaches it."""
         ...
 
-    def turned(self, x: float, y: float, z: float, wanted: Entries[float], angle: float) -> Posture | None:
+    def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
         """Of those that reach it the one turned nearest to an orientation; one is known that is off by an angle, rad."""
         ...
 
@@ -51,17 +50,19 @@ class FingerSearch:
             return None
         return roomiest(curve, self._limits)[1] if near is None else cheapest(curve, nearest_to(near))[1]
 
-    def turned(self, x: float, y: float, z: float, wanted: Entries[float], angle: float) -> Posture | None:
+    def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
         """The angle grows with the way from the best pitch, so the least is where that ends: at limits, or straight."""
-        curve = self._curve(x, y, z, atan2(-wanted[1], wanted[4]))
+        curve = self._curve(x, y, z, atan2(-view[1], view[4]))
         if curve is None:
             return None
-        straight = [(piece, k * pi) for piece in curve.pieces for k in (-1, 0, 1, 2) if piece.low < k * pi < piece.high]
-        ends = [*curve.ends, *(piece.at(tau)[:4] for piece, tau in straight)]
+        ends = curve.ends
+        for piece in curve.pieces:
+            low, high = piece.knots[0][0], piece.knots[-1][0]
+            ends = [*ends, *(piece.at(k * pi)[:4] for k in (-1, 0, 1, 2) if low < k * pi < high)]
         if not ends:
             return None
         c, s = cos(ends[0][0]), sin(ends[0][0])
-        across, along = c * wanted[2] + s * wanted[5] - wanted[6], c * wanted[0] + s * wanted[3] + wanted[8]
+        across, along = c * view[2] + s * view[5] - view[6], c * view[0] + s * view[3] + view[8]
 
         def agreement(q: Posture) -> float:
             pitch = q[1] + q[2] + q[3]
@@ -96,21 +97,18 @@ class ThumbSearch:
 
         return self._family.best(chosen, x, y, z)
 
-    def turned(self, x: float, y: float, z: float, wanted: Entries[float], angle: float) -> Posture | None:
+    def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
         """The tip's y axis lies at longitude -q₀ about x: so q₀ is no further from the wanted than the angle allows."""
-        value = turned_to(wanted)
-        return self._family.best(lambda curve: cheapest(curve, value)[1], x, y, z, self._window(wanted, angle))
+        value = turned_to(view)
+        return self._family.best(lambda curve: cheapest(curve, value)[1], x, y, z, self._window(view, angle))
 
-    def _window(self, wanted: Entries[float], angle: float) -> tuple[float, float] | None:
-        upright = hypot(wanted[4], wanted[7])
+    def _window(self, view: tuple[float, ...], angle: float) -> tuple[float, float] | None:
         if angle >= pi / 2:
             return None
-        mantissa, exponent = frexp(angle)
-        angle = ldexp(ceil(64 * mantissa) / 64, exponent)  # Such that the last digit of the angle does not matter.
-        if sin(angle) >= upright:
+        part = sin(angle) / cos(view[1])
+        if part >= 1.0:
             return None
-        turn = FLOATS.turned(atan2(-wanted[7], wanted[4]), (self._low[0] + self._high[0]) / 2)
-        off = asin(sin(angle) / upright)
+        turn, off = FLOATS.turned(view[0], (self._low[0] + self._high[0]) / 2), asin(part)
         return max(self._low[0], turn - off), min(self._high[0], turn + off)
 
     def nearest(self, x: float, y: float, z: float, mode: Mode, angle: float) -> tuple[float, Posture | None]:

@@ -11,7 +11,6 @@ from allegro_twin.kinematics.chain import Asked, Chain, Point
 from allegro_twin.kinematics.curve import Posture
 from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.nearest import Mode, Nearest
-from allegro_twin.kinematics.orientation import angle_left
 from allegro_twin.kinematics.planar import Flags
 from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.kinematics.target import Target
@@ -21,7 +20,7 @@ _NONE: Posture = (nan, nan, nan, nan)
 
 def solve(chain: Chain, bounds: Bounds, target: Target[float]) -> Solutions:
     """As of a batch of the shape ()."""
-    asked, sign = chain.asked(target), chain.sign
+    asked, sign = chain.asked(FLOATS, target), chain.sign
     found, left = chain.branches(FLOATS, target, asked)
     within = [bool(bounds.within(q)) for q in found]
     if target.mode == "position":
@@ -55,7 +54,7 @@ def nearer(chain: Chain, bounds: Bounds, asked: Asked[float], best: float) -> tu
     q = bounds.search.turned(asked.x, asked.y, asked.z, asked.turn, best)
     if q is None:
         return None
-    angle = angle_left(FLOATS, chain.forms.turn(FLOATS, q), asked.turn)
+    angle = chain.forms.angle_to(FLOATS, q, asked.turn)
     return (q, angle) if angle < best else None
 
 

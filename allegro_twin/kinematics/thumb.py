@@ -13,10 +13,12 @@ import numpy as np
 from allegro_twin.kinematics.finger import turn_then_bend
 from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.kinematics.maths import Maths, T
-from allegro_twin.kinematics.orientation import Entries, angle_left
+from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.kinematics.planar import TOUCH, Branch, bend, pair_of
 from allegro_twin.kinematics.quartic import FixedBend
 from allegro_twin.types import Array, Vector
+
+_GIMBAL = 1e-12  # Of cos q₁: below it q₀ and ψ turn about one axis.
 
 
 class Thumb:
@@ -51,9 +53,31 @@ class Thumb:
         inner[..., 1, :], inner[..., 2, :] = c * y + s * z, c * z - s * y
         return inner
 
-    def turn(self, m: Maths[T], q: Branch[T]) -> Entries[T]:
-        """R, back."""
-        return self._turn(m, m.cos(q[0]), m.sin(q[0]), q)
+    def view(self, m: Maths[T], turn: Entries[T]) -> tuple[T, ...]:
+        """An orientation as its q₀, q₁ in [-π/2, π/2] and ψ, rad, and cos q₀ and sin q₀: R = Rx(-q₀) Rz(q₁) Ry(ψ).
+
+        With B = Rx(q₀) R, the last row is (-sin ψ, 0, cos ψ). At q₁ = ±π/2, where q₀ and ψ are about one axis, q₀ is
+        zero.
+        """
+        upright = m.root(turn[4] * turn[4] + turn[7] * turn[7])
+        some = upright > _GIMBAL
+        length = m.choose(some, upright, 1.0)
+        c, s = m.choose(some, turn[4], 1.0) / length, m.choose(some, -turn[7], 0.0) / length
+        psi = m.atan2(-(s * turn[3] + c * turn[6]), s * turn[5] + c * turn[8])
+        return m.atan2(s, c), m.atan2(-turn[1], upright), psi, c, s
+
+    def angle_to(self, m: Maths[T], q: Branch[T], view: tuple[T, ...]) -> T:
+        """The angle of the rotation from an orientation to that of a posture, rad, accurate near 0 and near π.
+
+        It is that of Ry(2d) Rz(-q₁*) Rx(-2b) Rz(q₁), whose quaternion is a product of half angles.
+        """
+        q0, q1, q2, q3 = q
+        n0, n1, n, _, _ = view
+        d, b, less, more = (q2 + q3 - n) / 2.0, (q0 - n0) / 2.0, (q1 - n1) / 2.0, (q1 + n1) / 2.0
+        cd, sd, cb, sb = m.cos(d), m.sin(d), m.cos(b), m.sin(b)
+        w, x, y, z = cb * m.cos(less), sb * m.cos(more), sb * m.sin(more), cb * m.sin(less)
+        bent = cd * y + sd * w
+        return 2.0 * m.atan2(m.root(x * x + z * z + bent * bent), abs(cd * w - sd * y))
 
     def at_q0(self, m: Maths[T], x: T, y: T, z: T, q0: T) -> list[Branch[T]]:
         """Both sides of joint 1's axis times both elbows: four branches. On that axis q₁ is zero."""
@@ -81,27 +105,11 @@ class Thumb:
             for theta, q0, q1 in bend.roots()
         ]
 
-    def at_rotation(
-        self, m: Maths[T], x: T, y: T, z: T, wanted: Entries[T]
-    ) -> tuple[list[Branch[T]], list[T]]:
-        """Position exact, q₀ the one of R, q₀ = atan2(-R₂₁, R₁₁), and the angle left."""
-        upright = m.root(wanted[4] * wanted[4] + wanted[7] * wanted[7])
-        some = m.choose(upright > 1e-12, upright, 1.0)
-        c, s = m.choose(upright > 1e-12, wanted[4], 1.0) / some, m.choose(upright > 1e-12, -wanted[7], 0.0) / some
-        q0, on_axis = m.turned(m.atan2(s, c), self._middle[0]), m.atan2(-wanted[1], upright)
-        found = self._turned_by(m, x, y, z, q0, c, s, on_axis)
-        return found, [angle_left(m, self._turn(m, c, s, branch), wanted) for branch in found]
-
-    def _turn(self, m: Maths[T], c: T, s: T, q: Branch[T]) -> Entries[T]:
-        """R, with cos q₀ and sin q₀."""
-        _, q1, q2, q3 = q
-        c1, s1, cb, sb = m.cos(q1), m.sin(q1), m.cos(q2 + q3), m.sin(q2 + q3)
-        y0, y1, y2 = s1 * cb, c1, s1 * sb
-        return (
-            c1 * cb, -s1, c1 * sb,
-            c * y0 - s * sb, c * y1, c * y2 + s * cb,
-            -c * sb - s * y0, -s * y1, c * cb - s * y2,
-        )  # fmt: skip
+    def at_rotation(self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]) -> tuple[list[Branch[T]], list[T]]:
+        """Position exact, q₀ the one of an orientation, and the angle left. On joint 1's axis q₁ is the one of it too."""
+        q0, q1, _, c, s = view
+        found = self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), c, s, q1)
+        return found, [self.angle_to(m, branch, view) for branch in found]
 
     def _turned_by(self, m: Maths[T], x: T, y: T, z: T, q0: T, c: T, s: T, on_axis: T) -> list[Branch[T]]:
         """Both sides of joint 1's axis, with cos q₀ and sin q₀."""
@@ -116,3 +124,4 @@ class Thumb:
         half, lead, hole = bend(m, r * r + h * h, self._pair)
         towards, elbow, q0, q1 = m.atan2(r, h), half + half, q0 + hole, q1 + hole
         return [(q0, q1, towards - lead, elbow), (q0, q1, towards + lead, -elbow)]
+

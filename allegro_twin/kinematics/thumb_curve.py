@@ -12,12 +12,13 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
 from typing import NamedTuple
 
-from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn, piece
 from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH, pair_of
 from allegro_twin.kinematics.quartic import FixedBend
 
 _TOUCHED = TOUCH * TOUCH
+_TURNS = (0.0, 2 * pi, -2 * pi)
 _BESIDE = 1e-7  # rad of τ: a window this narrow is a point.
 Window = tuple[float, float]
 """A range of τ."""
@@ -54,12 +55,30 @@ class ThumbFamily:
     def best(
         self, chosen: Callable[[Curve], Posture | None], x: float, y: float, z: float, only: Window | None = None
     ) -> Posture | None:
-        """What is chosen of a curve. What is best without the limits of q₂ and keeps them is best with them too."""
-        low, high = self._limits[2]
-        posture = chosen(self.through(x, y, z, only=only))
-        if posture is None or not low <= posture[2] <= high:
+        """What is chosen of a curve. What is best without some of the limits and keeps them is best with them too."""
+        curve = None if only is None else self._short(x, y, z, *only)
+        posture = None if curve is None else chosen(curve)
+        if posture is None or not self._inside(posture):
+            posture = chosen(self.through(x, y, z, only=only))
+        if posture is None or not self._inside(posture):
             posture = chosen(self.through(x, y, z, only=only, bounded=True))
-        return posture if posture is not None and low <= posture[2] <= high else None
+        return posture if posture is not None and self._inside(posture) else None
+
+    def _short(self, x: float, y: float, z: float, low: float, high: float) -> Curve | None:
+        """The curve between two q₀, without the limits of the other joints; None where the elbow could bend back.
+
+        The elbow is bent least at one of the two.
+        """
+        way = self._way(Course(0.0, 0.0, 1.0), x, y, z)
+        first, last = way(low), way(high)
+        if min(first[3], last[3]) <= max(0.0, -self._low[3]) + TOLERANCE:
+            return None
+        middle = (low + high) / 2.0
+        return Curve([Piece(way, [(low, first), (middle, way(middle)), (high, last)])], [])
+
+    def _inside(self, q: Posture) -> bool:
+        (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
+        return l0 <= q[0] <= h0 and l1 <= q[1] <= h1 and l2 <= q[2] <= h2 and l3 <= q[3] <= h3
 
     def through(
         self, x: float, y: float, z: float, *, bounded: bool = False, only: Window | None = None
@@ -146,27 +165,28 @@ class ThumbFamily:
     def _bent(self, course: Course, whole: float, twice: float) -> list[Window]:
         """τ where q₃ is inside its limits. The elbow is straight at 0 and at π, and bent most between them."""
         middle, half, elbow = course
-        found: list[Window] = []
-        for side in self._sides:
-            near, far = _bent(whole - side.most, twice), _bent(whole - side.least, twice)
-            if half:
-                near = acos(min(1.0, near / half)) if side.most < self._pair.outer else 0.0
-                far = acos(min(1.0, far / half))
-                first, last = (near, far), (pi - far, pi - near)
-                if side.elbow < 0.0:
-                    first, last = (-far, -near), (pi + near, pi + far)
-                found = [_over(found[0], first), _over(found[1], last)] if found and near == 0.0 else [*found, first, last]
-            elif side.elbow == elbow:
-                found += [(middle + far, middle + near), (middle - near, middle - far)]
-        if half and len(found) == 2 and found[1][0] <= found[0][1]:
-            return [_over(*found)]
-        return found
+        if half == 0.0:
+            ends = [(_bent(whole - s.least, twice), _bent(whole - s.most, twice)) for s in self._sides if s.elbow == elbow]
+            return [w for near, far in ends for w in ((middle + near, middle + far), (middle - far, middle - near))]
+        ends = []  # On one side of the straight elbow, and on the other, from there on.
+        for _, least, most in self._sides:
+            near = acos(min(1.0, _bent(whole - most, twice) / half)) if most < self._pair.outer else 0.0
+            ends.append((near, acos(min(1.0, _bent(whole - least, twice) / half))))
+        (near, far), *others = ends
+        if others and near == 0.0:
+            (_, beyond), = others
+            first, last = (-beyond, far), (pi - far, pi + beyond)
+        elif self._sides[0].elbow > 0.0:
+            first, last = (near, far), (pi - far, pi - near)
+        else:
+            first, last = (-far, -near), (pi + near, pi + far)
+        return [(first[0], last[1])] if first[1] >= last[0] else [first, last]
 
     def _turned(self, course: Course, only: Window) -> list[Window]:
         """τ where q₀ is inside a range."""
         (low, high), (middle, half, _) = only, course
         found: list[Window] = []
-        for turn in (0.0, 2 * pi, -2 * pi):
+        for turn in _TURNS:
             if half == 0.0:
                 found.append((low + turn, high + turn))
             elif low + turn <= middle + half and high + turn >= middle - half:
@@ -199,7 +219,7 @@ class ThumbFamily:
             for low, high in pairwise(places):
                 middle = way((low + high) / 2)
                 if high - low > _BESIDE and l1 <= middle[1] <= h1 and (not bounded or l2 <= middle[2] <= h2):
-                    curve.pieces.append(Piece(way, low, high, middle))
+                    curve.pieces.append(piece(way, low, high, middle))
                     outside = False
                 else:
                     if outside:
@@ -209,18 +229,13 @@ class ThumbFamily:
                 self._alone(curve, way(last))
 
     def _alone(self, curve: Curve, at: Moving) -> None:
-        q = at[:4]
-        if all(low <= angle <= high for angle, (low, high) in zip(q, self._limits, strict=True)):
-            curve.ends.append(q)
+        if self._inside(at[:4]):
+            curve.ends.append(at[:4])
 
 
 def _bent(along: float, twice: float) -> float:
     """acos(along / twice), rad: zero or π beyond the ends."""
     return 0.0 if along >= twice else pi if along <= -twice else acos(along / twice)
-
-
-def _over(first: Window, second: Window) -> Window:
-    return min(first[0], second[0]), max(first[1], second[1])
 
 
 def _common(first: list[Window], second: list[Window]) -> list[Window]:
