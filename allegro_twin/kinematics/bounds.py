@@ -27,9 +27,7 @@ class Bounds:
         """Which postures are inside, to 1e-9 rad: a flag, or one for each."""
         (a, b), (c, d), (e, f), (g, h) = self._ranges
         q0, q1, q2, q3 = q
-        return (
-            (q0 >= a) & (q0 <= b) & (q1 >= c) & (q1 <= d) & (q2 >= e) & (q2 <= f) & (q3 >= g) & (q3 <= h)
-        )
+        return (q0 >= a) & (q0 <= b) & (q1 >= c) & (q1 <= d) & (q2 >= e) & (q2 <= f) & (q3 >= g) & (q3 <= h)
 
     @cached_property
     def search(self) -> Search:

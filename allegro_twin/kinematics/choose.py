@@ -12,6 +12,7 @@ from allegro_twin.kinematics.curve import Curve, Moving, Posture, Way
 Value: TypeAlias = Callable[[Moving], tuple[float, float]]
 """What a posture costs, and how fast that grows with τ."""
 _DOUBT = 0.3  # Of the lesser slope at two places: where a cubic's falls below that, it is looked at.
+_STEP = 1.0  # rad of τ between two knots, at most.
 STEPS, CLOSE = 60, 1e-6
 """So many steps at most, until one is this small, rad; by then the next would be far smaller."""
 
@@ -55,7 +56,7 @@ def cheapest(curve: Curve, value: Value) -> tuple[float, Posture | None]:
         if cost < least:
             least, best = cost, posture
     for piece in curve.pieces:
-        places = [(tau, *value(at), at) for tau, at in piece.knots]
+        places = [(tau, *value(at), at) for tau, at in piece.knots(_STEP)]
         for low, high in pairwise(places):
             for _, cost, _, at in (low, high, *bottoms(piece.at, value, low, high)):
                 if cost < least:

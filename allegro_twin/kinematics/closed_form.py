@@ -57,7 +57,9 @@ class FingerKinematics:
         The matrix product runs over one row at a time where an axis of length one precedes the joints, and then the
         result of a row does not depend on how many there are.
         """
-        return self._frame.out(self._forms.tip(np.moveaxis(np.asarray(position, dtype=np.float64) * self._signs, -1, 0)))
+        return self._frame.out(
+            self._forms.tip(np.moveaxis(np.asarray(position, dtype=np.float64) * self._signs, -1, 0))
+        )
 
     def ik(
         self,

@@ -19,7 +19,6 @@ Moving: TypeAlias = tuple[float, float, float, float, float, float, float, float
 """A posture, and the rate of each joint by τ."""
 Way: TypeAlias = Callable[[float], Moving]
 """From τ to the posture there."""
-_STEP = 0.6  # rad of τ between two knots, at most.
 
 
 class Course(NamedTuple):
@@ -41,11 +40,23 @@ class Course(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A part of the curve."""
+    """A part of the curve, from one τ to another."""
 
     at: Way
-    knots: list[tuple[float, Moving]]
-    """τ in ascending order, its ends among them, and the postures there."""
+    low: float
+    high: float
+    middle: Moving
+    """Half way."""
+
+    def knots(self, step: float) -> list[tuple[float, Moving]]:
+        """τ in ascending order, no further apart than a step if not half as far as it is long, and the postures."""
+        at, low, high, middle = self
+        wide = high - low
+        if wide <= 2.0 * step:
+            return [(low, at(low)), (low + wide / 2.0, middle), (high, at(high))]
+        count = 2 * ceil(wide / (2.0 * step))
+        taus = [low + wide * k / count for k in range(count + 1)]
+        return [(tau, middle if 2 * k == count else at(tau)) for k, tau in enumerate(taus)]
 
 
 class Curve(NamedTuple):
@@ -62,12 +73,3 @@ def near_turn(angle: float, middle: float) -> float:
         return angle - 2 * pi
     return angle + 2 * pi if angle < middle - pi else angle
 
-
-def piece(at: Way, low: float, high: float, middle: Moving) -> Piece:
-    """From one τ to another, with so many knots that between two there is one hill or one valley, or it shows."""
-    wide = high - low
-    if wide <= 2.0 * _STEP:
-        return Piece(at, [(low, at(low)), (low + wide / 2.0, middle), (high, at(high))])
-    count = 2 * ceil(wide / (2.0 * _STEP))
-    taus = [low + wide * k / count for k in range(count + 1)]
-    return Piece(at, [(tau, middle if 2 * k == count else at(tau)) for k, tau in enumerate(taus)])

@@ -60,9 +60,7 @@ class ImaFinger:
         s, c = m.sin(pitch), m.cos(pitch)
         return [*self._bent(m, reach, z, turn, pitch, s, c), *self._bent(m, -reach, z, away, pitch, s, c)]
 
-    def at_rotation(
-        self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]
-    ) -> tuple[list[Branch[T]], list[T]]:
+    def at_rotation(self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]) -> tuple[list[Branch[T]], list[T]]:
         """Position exact; on either side of the abduction axis the pitch that comes nearest to R, and the angle left."""
         reach = m.root(x * x + y * y)
         on_axis = reach <= TOUCH  # R says which q₀, where the position does not.

@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt
 from typing import NamedTuple
 
-from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Posture, Way, near_turn, piece
+from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
 from allegro_twin.kinematics.planar import TOUCH, Pair, pair_of
 
 _SMALL = 1e-6  # sin q₂ below which the elbow is straight.
@@ -155,14 +155,14 @@ class FingerFamily:
         for low, high in pairwise([*places, places[0] + 2 * pi]):
             middle = way((low + high) / 2)
             if high - low > TOLERANCE and self._inside(middle):
-                curve.pieces.append(piece(way, low, high, middle))
+                curve.pieces.append(Piece(way, low, high, middle))
         curve.ends.extend(ends)
 
     def _loop(self, curve: Curve, way: Way) -> None:
         """A curve without an end is inside the limits altogether, or nowhere."""
         middle = way(0.0)
         if self._inside(middle):
-            curve.pieces.append(piece(way, -pi, pi, middle))
+            curve.pieces.append(Piece(way, -pi, pi, middle))
 
     def _ends(self, q0: float, r: float, h: float) -> list[Posture]:
         """Where a joint is at its limit."""

@@ -30,7 +30,9 @@ class Nearest(NamedTuple):
     """From there to the target, shape (...), m; inf where no posture has the angle asked for."""
 
 
-def swung(x: float, y: float, low: float, high: float, reach: Reach, h: float) -> tuple[float, float, tuple[float, ...]]:
+def swung(
+    x: float, y: float, low: float, high: float, reach: Reach, h: float
+) -> tuple[float, float, tuple[float, ...]]:
     """The joint that turns a plane about an axis towards a target, and what is then nearest in it.
 
     Before the axis the best angle is the one that points at the target, as far as the limits let it, and behind the

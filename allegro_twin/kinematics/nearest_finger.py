@@ -44,7 +44,7 @@ class FingerNearest:
             posture = self._freely(r, h)
         else:
             curve = self._family.through(0.0, r, h)
-            postures = [piece.knots[1][1][:4] for piece in curve.pieces] or curve.ends
+            postures = [piece.middle[:4] for piece in curve.pieces] or curve.ends
             posture = postures[0][1:] if postures else ()
         return (0.0, posture) if posture else nearest_of(self._edge, r, h)
 

@@ -48,7 +48,9 @@ class ThumbNearest:
             return self._seen(x, y, z, q0, swing, reach)
 
         count = 2 * max(1, int((high - low) / (2 * _STEP) + 0.999)) if high > low else 0
-        places = [(q0, *(at := seen(q0))[:2], at) for q0 in (low + (high - low) * k / max(1, count) for k in range(count + 1))]
+        places = [
+            (q0, *(at := seen(q0))[:2], at) for q0 in (low + (high - low) * k / max(1, count) for k in range(count + 1))
+        ]
         found = [place for ends in pairwise(places) for place in bottoms(seen, _cost, *ends)]
         square, _, posture = min((place[3] for place in (*places, *found)), key=lambda at: at[0])
         return sqrt(square), posture

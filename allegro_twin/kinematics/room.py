@@ -17,6 +17,8 @@ Spot: TypeAlias = tuple[float, Moving, Tight]
 """τ, the posture there and what is tight in it."""
 _DIP = 0.1  # rad that a joint's room may be less in between than at two knots.
 _NEARLY, _ASIDE = 0.01, 1e-3
+_ALIKE = 1e-10  # rad between two rooms.
+_STEP = 0.6  # rad of τ between two knots, at most.
 
 
 def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
@@ -27,7 +29,7 @@ def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
         if room > most:
             most, best = room, posture
     for piece in curve.pieces:
-        places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots]
+        places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots(_STEP)]
         for low, high in pairwise(places):
             for rising, falling in pairwise((low, *_dips(piece.at, limits, low, high), high)):
                 if falling[2][0] > most:
@@ -86,11 +88,10 @@ def _tightest(at: Moving, limits: Limits) -> Tight:
         room, rate, which = q3 - l3, t3, 3
     if h3 - q3 < room:
         room, rate, which = h3 - q3, -t3, 7
-    if t0:  # A finger's does not move.
-        if q0 - l0 < room:
-            room, rate, which = q0 - l0, t0, 0
-        if h0 - q0 < room:
-            room, rate, which = h0 - q0, -t0, 4
+    if q0 - l0 < room:
+        room, rate, which = q0 - l0, t0, 0
+    if h0 - q0 < room:
+        room, rate, which = h0 - q0, -t0, 4
     return room, rate, which
 
 
@@ -108,15 +109,14 @@ def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, 
     before, third = a, first
     for _ in range(STEPS):
         if i == j:
-            places = [(tau, _rate(at, i)) for tau, at in ((before, third), (a, first), (b, last))]
-            to = crossing(*places)
+            to = crossing((before, _rate(third, i)), (a, _rate(first, i)), (b, _rate(last, i)))
         else:
             to = _meeting(a, first, b, last, i, j, limits)
         if not a < to < b:
             to = (a + b) / 2
         at = way(to)
         room, rate, which = _tightest(at, limits)
-        if (to - a < CLOSE or b - to < CLOSE) and which == (i if rate > 0.0 else j):
+        if b - a < CLOSE or (which in (i, j) and abs(_gap(at, i, j, limits)) < _ALIKE):
             break
         if rate > 0.0:
             before, third = a, first
@@ -140,3 +140,8 @@ def _meeting(a: float, first: Moving, b: float, last: Moving, i: int, j: int, li
     s = -before / rise
     t = 1.0 - s
     return t * t * ((1.0 + 2.0 * s) * a + s * rise / slope) + s * s * ((3.0 - 2.0 * s) * b - t * rise / then)
+
+
+def _gap(at: Moving, i: int, j: int, limits: Limits) -> float:
+    """How far two rooms are from being alike, rad; of one, how far it is from its top."""
+    return _rate(at, i) if i == j else _room(at, i, limits) - _room(at, j, limits)

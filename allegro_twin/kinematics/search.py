@@ -57,8 +57,7 @@ class FingerSearch:
             return None
         ends = curve.ends
         for piece in curve.pieces:
-            low, high = piece.knots[0][0], piece.knots[-1][0]
-            ends = [*ends, *(piece.at(k * pi)[:4] for k in (-1, 0, 1, 2) if low < k * pi < high)]
+            ends = [*ends, *(piece.at(k * pi)[:4] for k in (-1, 0, 1, 2) if piece.low < k * pi < piece.high)]
         if not ends:
             return None
         c, s = cos(ends[0][0]), sin(ends[0][0])

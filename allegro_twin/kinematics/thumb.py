@@ -124,4 +124,3 @@ class Thumb:
         half, lead, hole = bend(m, r * r + h * h, self._pair)
         towards, elbow, q0, q1 = m.atan2(r, h), half + half, q0 + hole, q1 + hole
         return [(q0, q1, towards - lead, elbow), (q0, q1, towards + lead, -elbow)]
-

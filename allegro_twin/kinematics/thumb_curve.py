@@ -12,7 +12,7 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
 from typing import NamedTuple
 
-from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn, piece
+from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Piece, Posture, Way, near_turn
 from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH, pair_of
 from allegro_twin.kinematics.quartic import FixedBend
@@ -70,19 +70,15 @@ class ThumbFamily:
         The elbow is bent least at one of the two.
         """
         way = self._way(Course(0.0, 0.0, 1.0), x, y, z)
-        first, last = way(low), way(high)
-        if min(first[3], last[3]) <= max(0.0, -self._low[3]) + TOLERANCE:
+        if min(way(low)[3], way(high)[3]) <= max(0.0, -self._low[3]) + TOLERANCE:
             return None
-        middle = (low + high) / 2.0
-        return Curve([Piece(way, [(low, first), (middle, way(middle)), (high, last)])], [])
+        return Curve([Piece(way, low, high, way((low + high) / 2.0))], [])
 
     def _inside(self, q: Posture) -> bool:
         (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
         return l0 <= q[0] <= h0 and l1 <= q[1] <= h1 and l2 <= q[2] <= h2 and l3 <= q[3] <= h3
 
-    def through(
-        self, x: float, y: float, z: float, *, bounded: bool = False, only: Window | None = None
-    ) -> Curve:
+    def through(self, x: float, y: float, z: float, *, bounded: bool = False, only: Window | None = None) -> Curve:
         """The curve through a point in the base frame moved along x to joint 1, or `only` q₀ in a range."""
         curve, square, lean = Curve([], []), y * y + z * z, atan2(z, y)
         radius = sqrt(square)
@@ -108,7 +104,9 @@ class ThumbFamily:
         ahead, upright = self._middles[:2]
         xx = x * x
         small = 1e-6 * link * tip
-        least = sqrt(half / (link * tip * hypot(y, z) * self._reach * sin(half))) if half else 0.0  # At a straight elbow.
+        least = (
+            sqrt(half / (link * tip * hypot(y, z) * self._reach * sin(half))) if half else 0.0
+        )  # At a straight elbow.
 
         def at(tau: float) -> Moving:
             if half:
@@ -166,7 +164,9 @@ class ThumbFamily:
         """τ where q₃ is inside its limits. The elbow is straight at 0 and at π, and bent most between them."""
         middle, half, elbow = course
         if half == 0.0:
-            ends = [(_bent(whole - s.least, twice), _bent(whole - s.most, twice)) for s in self._sides if s.elbow == elbow]
+            ends = [
+                (_bent(whole - s.least, twice), _bent(whole - s.most, twice)) for s in self._sides if s.elbow == elbow
+            ]
             return [w for near, far in ends for w in ((middle + near, middle + far), (middle - far, middle - near))]
         ends = []  # On one side of the straight elbow, and on the other, from there on.
         for _, least, most in self._sides:
@@ -174,7 +174,7 @@ class ThumbFamily:
             ends.append((near, acos(min(1.0, _bent(whole - least, twice) / half))))
         (near, far), *others = ends
         if others and near == 0.0:
-            (_, beyond), = others
+            ((_, beyond),) = others
             first, last = (-beyond, far), (pi - far, pi + beyond)
         elif self._sides[0].elbow > 0.0:
             first, last = (near, far), (pi - far, pi - near)
@@ -219,7 +219,7 @@ class ThumbFamily:
             for low, high in pairwise(places):
                 middle = way((low + high) / 2)
                 if high - low > _BESIDE and l1 <= middle[1] <= h1 and (not bounded or l2 <= middle[2] <= h2):
-                    curve.pieces.append(piece(way, low, high, middle))
+                    curve.pieces.append(Piece(way, low, high, middle))
                     outside = False
                 else:
                     if outside:
