@@ -13,6 +13,8 @@ Value: TypeAlias = Callable[[Moving], tuple[float, float]]
 """What a posture costs, and how fast that grows with τ."""
 _DOUBT = 0.3  # Of the lesser slope at two places: where a cubic's falls below that, it is looked at.
 _STEP = 1.0  # rad of τ between two knots, at most.
+_FLAT = 1e-6  # Of the greater: a slope that is less is that of a bottom.
+_APART = 1e-3  # rad of τ: no valley is narrower.
 STEPS, CLOSE = 60, 1e-6
 """So many steps at most, until one is this small, rad; by then the next would be far smaller."""
 
@@ -64,32 +66,35 @@ def cheapest(curve: Curve, value: Value) -> tuple[float, Posture | None]:
     return least, best
 
 
-def bottoms(way: Way, value: Value, low: Place, high: Place, depth: int = 2) -> list[Place]:
+def bottoms(way: Way, value: Value, low: Place, high: Place, depth: int = 3) -> list[Place]:
     """The bottoms of the valleys between two places."""
-    if low[2] < 0.0 < high[2]:
-        return [_bottom(way, value, low, high)]
-    tau = _hidden(low, high) if depth else None
-    if tau is None:
-        return []
-    at = way(tau)
-    between = (tau, *value(at), at)
-    return [found for ends in ((low, between), (between, high)) for found in bottoms(way, value, *ends, depth - 1)]
+    found = [bottom(way, value, low, high)] if low[2] < 0.0 < high[2] else []
+    if depth:
+        for first, last in ((low, found[0]), (found[0], high)) if found else ((low, high),):
+            tau = _hidden(first, last)
+            if tau is not None:
+                at = way(tau)
+                between = (tau, *value(at), at)
+                found += bottoms(way, value, first, between, depth - 1)
+                found += bottoms(way, value, between, last, depth - 1)
+    return found
 
 
 def _hidden(low: Place, high: Place) -> float | None:
-    """Where a cubic with the same costs and slopes, both of one sign, has the slope change its sign, or nearly so."""
+    """Where a cubic with the same costs and slopes, of one sign, turns back, or nearly so: there a valley may hide."""
     (a, cost, ga, _), (b, then, gb, _) = low, high
-    if not ga * gb > 0.0:
+    if b - a < _APART:
         return None
-    mean = (then - cost) / (b - a)
+    sign = 1.0 if ga + gb > 0.0 else -1.0
+    ga, gb, mean = sign * ga, sign * gb, sign * (then - cost) / (b - a)
+    least = min(ga, gb)
     square, linear = 3.0 * (ga + gb - 2.0 * mean), 6.0 * mean - 4.0 * ga - 2.0 * gb
-    if not 0.0 < -linear * ga < 2.0 * square * ga:
+    if least < -_FLAT * max(ga, gb) or not 0.0 < -linear < 2.0 * square:
         return None
-    least = ga - linear * linear / (4.0 * square)
-    return a - (b - a) * linear / (2.0 * square) if least / ga < _DOUBT * min(1.0, gb / ga) else None
+    return a - (b - a) * linear / (2.0 * square) if ga - linear * linear / (4.0 * square) < _DOUBT * least else None
 
 
-def _bottom(way: Way, value: Value, falling: Place, rising: Place) -> Place:
+def bottom(way: Way, value: Value, falling: Place, rising: Place) -> Place:
     """Where the slope is zero between two places: first as of a cubic, then τ as a parabola of slope."""
     low, high, to = falling[0], rising[0], _least(falling, rising)
     first, second, third = falling, rising, falling

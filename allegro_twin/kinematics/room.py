@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import inf
 from typing import TypeAlias
 
-from allegro_twin.kinematics.choose import CLOSE, STEPS, crossing
+from allegro_twin.kinematics.choose import STEPS, bottom, crossing
 from allegro_twin.kinematics.curve import Curve, Moving, Posture, Way
 
 Limits: TypeAlias = tuple[float, float, float, float, float, float, float, float]
@@ -16,8 +16,10 @@ Tight: TypeAlias = tuple[float, float, int]
 Spot: TypeAlias = tuple[float, Moving, Tight]
 """τ, the posture there and what is tight in it."""
 _DIP = 0.1  # rad that a joint's room may be less in between than at two knots.
-_NEARLY, _ASIDE = 0.01, 1e-3
+_NEARLY = 0.01
+_NARROW = 1e-9  # rad of τ.
 _ALIKE = 1e-10  # rad between two rooms.
+_FLAT = 1e-9  # The rate at the top or the bottom of a room.
 _STEP = 0.6  # rad of τ between two knots, at most.
 
 
@@ -34,7 +36,7 @@ def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
             for rising, falling in pairwise((low, *_dips(piece.at, limits, low, high), high)):
                 if falling[2][0] > most:
                     most, best = falling[2][0], falling[1][:4]
-                if rising[2][1] > 0.0 > falling[2][1]:
+                if rising[2][1] > -_FLAT and falling[2][1] < _FLAT:
                     room, found = _top(piece.at, limits, rising, falling)
                     if room > most:
                         most, best = room, found[:4]
@@ -53,27 +55,26 @@ def _dips(way: Way, limits: Limits, low: Spot, high: Spot) -> list[Spot]:
                 which = joint if before < 0.0 else joint + 4
                 if min(_room(first, which, limits), _room(last, which, limits)) < max(room, then) + _DIP:
                     found += _dip(way, limits, low, high, which)
-        found.sort()
+        found.sort(key=lambda spot: spot[0])
     return found
 
 
 def _dip(way: Way, limits: Limits, low: Spot, high: Spot, which: int) -> list[Spot]:
-    """Where the rate of a room changes its sign, or just before and behind if that room is tight there."""
+    """Where a room is least, found to rounding if it is tight there: the end of one hill and the beginning of another."""
     (a, first, _), (b, last, _) = low, high
-    for step in range(3):
-        before, after = _rate(first, which), _rate(last, which)
-        tau = a + (b - a) * before / (before - after)
-        at = way(tau)
-        tight = _tightest(at, limits)
-        if step == 0 and _room(at, which, limits) > tight[0] + _NEARLY:
-            return [(tau, at, tight)]
-        if _rate(at, which) < 0.0:
-            a, first = tau, at
-        else:
-            b, last = tau, at
-    aside = _ASIDE * (high[0] - low[0])
-    around = [(place, way(place)) for place in (max(low[0], tau - aside), min(high[0], tau + aside))]
-    return [(place, at, _tightest(at, limits)) for place, at in around]
+    before, after = _rate(first, which), _rate(last, which)
+    tau = a + (b - a) * before / (before - after)
+    at = way(tau)
+    tight = _tightest(at, limits)
+    if _room(at, which, limits) > tight[0] + _NEARLY:
+        return [(tau, at, tight)]
+
+    def value(at: Moving) -> tuple[float, float]:
+        return _room(at, which, limits), _rate(at, which)
+
+    tau, room, _, at = bottom(way, value, (a, *value(first), first), (b, *value(last), last))
+    tight = _tightest(at, limits)
+    return [(tau, at, (room, 0.0, which) if tight[2] == which else tight)]
 
 
 def _tightest(at: Moving, limits: Limits) -> Tight:
@@ -116,7 +117,7 @@ def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, 
             to = (a + b) / 2
         at = way(to)
         room, rate, which = _tightest(at, limits)
-        if b - a < CLOSE or (which in (i, j) and abs(_gap(at, i, j, limits)) < _ALIKE):
+        if b - a < _NARROW or (which in (i, j) and abs(_gap(at, i, j, limits)) < _ALIKE):
             break
         if rate > 0.0:
             before, third = a, first

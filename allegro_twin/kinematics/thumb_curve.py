@@ -19,6 +19,7 @@ from allegro_twin.kinematics.quartic import FixedBend
 
 _TOUCHED = TOUCH * TOUCH
 _TURNS = (0.0, 2 * pi, -2 * pi)
+_SHORT = 0.3  # rad of q₀.
 _BESIDE = 1e-7  # rad of τ: a window this narrow is a point.
 Window = tuple[float, float]
 """A range of τ."""
@@ -65,12 +66,14 @@ class ThumbFamily:
         return posture if posture is not None and self._inside(posture) else None
 
     def _short(self, x: float, y: float, z: float, low: float, high: float) -> Curve | None:
-        """The curve between two q₀, without the limits of the other joints; None where the elbow could bend back.
+        """The curve between two q₀ next to each other, if both are inside the limits and the elbow cannot bend back.
 
-        The elbow is bent least at one of the two.
+        Between them q₁ goes one way, and the elbow is bent least at one of the two.
         """
         way = self._way(Course(0.0, 0.0, 1.0), x, y, z)
-        if min(way(low)[3], way(high)[3]) <= max(0.0, -self._low[3]) + TOLERANCE:
+        ends = way(low)[:4], way(high)[:4]
+        least = max(0.0, -self._low[3]) + TOLERANCE
+        if high - low > _SHORT or not all(self._inside(end) and end[3] > least for end in ends):
             return None
         return Curve([Piece(way, low, high, way((low + high) / 2.0))], [])
 
