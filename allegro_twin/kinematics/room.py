@@ -20,7 +20,7 @@ _NEARLY = 0.01
 _NARROW = 1e-9  # rad of τ.
 _ALIKE = 1e-10  # rad between two rooms.
 _FLAT = 1e-9  # The rate at the top or the bottom of a room.
-_STEP = 0.6  # rad of τ between two knots, at most.
+_STEP = 0.7  # rad of τ between two knots, at most.
 
 
 def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
@@ -108,16 +108,16 @@ def _top(way: Way, limits: Limits, rising: Spot, falling: Spot) -> tuple[float, 
     """Where the room of what is tight on one side meets the room of what is tight on the other."""
     (a, first, (_, _, i)), (b, last, (_, _, j)) = rising, falling
     before, third = a, first
-    for _ in range(STEPS):
+    for step in range(STEPS):
         if i == j:
             to = crossing((before, _rate(third, i)), (a, _rate(first, i)), (b, _rate(last, i)))
         else:
             to = _meeting(a, first, b, last, i, j, limits)
-        if not a < to < b:
+        if not a < to < b or step % 4 == 3:  # Now and then half of what is left, so that it ends.
             to = (a + b) / 2
         at = way(to)
         room, rate, which = _tightest(at, limits)
-        if b - a < _NARROW or (which in (i, j) and abs(_gap(at, i, j, limits)) < _ALIKE):
+        if b - a < _NARROW or (which in (i, j) and _is_top(at, i, j, limits)):
             break
         if rate > 0.0:
             before, third = a, first
@@ -136,13 +136,16 @@ def _meeting(a: float, first: Moving, b: float, last: Moving, i: int, j: int, li
     """Where two rooms are alike: τ as a cubic of their difference, through two places and with the slopes there."""
     before, after = _room(first, i, limits) - _room(first, j, limits), _room(last, i, limits) - _room(last, j, limits)
     rise, slope, then = after - before, _rate(first, i) - _rate(first, j), _rate(last, i) - _rate(last, j)
-    if not (slope * rise > 0.0 and then * rise > 0.0):
+    least = rise * rise / (3.0 * (b - a))  # With a lesser slope the cubic need not go one way.
+    if not (slope * rise > least and then * rise > least):
         return (a * after - b * before) / rise if rise else inf
     s = -before / rise
     t = 1.0 - s
     return t * t * ((1.0 + 2.0 * s) * a + s * rise / slope) + s * s * ((3.0 - 2.0 * s) * b - t * rise / then)
 
 
-def _gap(at: Moving, i: int, j: int, limits: Limits) -> float:
-    """How far two rooms are from being alike, rad; of one, how far it is from its top."""
-    return _rate(at, i) if i == j else _room(at, i, limits) - _room(at, j, limits)
+def _is_top(at: Moving, i: int, j: int, limits: Limits) -> bool:
+    """Whether a room is at its top; or two are alike, and one of them rises and the other falls."""
+    if i == j:
+        return abs(_rate(at, i)) < _FLAT
+    return abs(_room(at, i, limits) - _room(at, j, limits)) < _ALIKE and _rate(at, i) >= 0.0 >= _rate(at, j)
