@@ -15,7 +15,6 @@ Tight: TypeAlias = tuple[float, float, int]
 """The least room of any joint, its rate, and whose it is: 0 to 3 below that joint, 4 to 7 above."""
 Spot: TypeAlias = tuple[float, Moving, Tight]
 """τ, the posture there and what is tight in it."""
-_DIP = 0.1  # rad that a joint's room may be less in between than at two knots.
 _NEARLY = 0.01
 _NARROW = 1e-9  # rad of τ.
 _ALIKE = 1e-10  # rad between two rooms.
@@ -25,56 +24,71 @@ _STEP = 0.7  # rad of τ between two knots, at most.
 
 def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
     """The most room that a posture leaves each joint to its limits, rad, and the posture that leaves it."""
+    found = [] if curve.pieces else [(*end, 0.0, 0.0, 0.0, 0.0) for end in curve.ends]  # On pieces there is more.
     most, best = -inf, None
-    for posture in () if curve.pieces else curve.ends:  # On pieces there is more.
-        room = _tightest((*posture, 0.0, 0.0, 0.0, 0.0), limits)[0]
+    for at in found:
+        room = _tightest(at, limits)[0]
         if room > most:
-            most, best = room, posture
+            most, best = room, at
+    dips: list[tuple[Way, Spot, Spot]] = []
     for piece in curve.pieces:
         places = [(tau, at, _tightest(at, limits)) for tau, at in piece.knots(_STEP)]
         for low, high in pairwise(places):
-            for rising, falling in pairwise((low, *_dips(piece.at, limits, low, high), high)):
-                if falling[2][0] > most:
-                    most, best = falling[2][0], falling[1][:4]
-                if rising[2][1] > -_FLAT and falling[2][1] < _FLAT:
-                    room, found = _top(piece.at, limits, rising, falling)
-                    if room > most:
-                        most, best = room, found[:4]
-    return most, best
+            room, at = _hill(piece.at, limits, low, high)
+            if room > most:
+                most, best = room, at
+        dips += [(piece.at, low, high) for low, high in pairwise(places) if _turns(low[1], high[1])]
+    for way, low, high in dips:
+        for tau, at, tight in _dips(way, limits, low, high, most):
+            for ends in ((low, (tau, at, tight)), ((tau, at, tight), high)):
+                room, at = _hill(way, limits, *ends)
+                if room > most:
+                    most, best = room, at
+    return most, None if best is None else best[:4]
 
 
-def _dips(way: Way, limits: Limits, low: Spot, high: Spot) -> list[Spot]:
-    """Both sides of where the room of a joint is least, which can part two hills: nothing else can."""
-    (_, first, (room, _, _)), (_, last, (then, _, _)) = low, high
+def _hill(way: Way, limits: Limits, low: Spot, high: Spot) -> tuple[float, Moving]:
+    """The most room between two places with one hill between them."""
+    if low[2][1] > -_FLAT and high[2][1] < _FLAT:
+        return _top(way, limits, low, high)
+    return (low[2][0], low[1]) if low[2][0] > high[2][0] else (high[2][0], high[1])
+
+
+def _turns(first: Moving, last: Moving) -> bool:
+    """Whether some joint turns back between two places."""
     _, _, _, _, a0, a1, a2, a3 = first
     _, _, _, _, b0, b1, b2, b3 = last
-    found: list[Spot] = []
-    if a0 * b0 < 0.0 or a1 * b1 < 0.0 or a2 * b2 < 0.0 or a3 * b3 < 0.0:
-        for joint, before, after in ((0, a0, b0), (1, a1, b1), (2, a2, b2), (3, a3, b3)):
-            if before * after < 0.0:
-                which = joint if before < 0.0 else joint + 4
-                if min(_room(first, which, limits), _room(last, which, limits)) < max(room, then) + _DIP:
-                    found += _dip(way, limits, low, high, which)
-        found.sort(key=lambda spot: spot[0])
+    return a0 * b0 < 0.0 or a1 * b1 < 0.0 or a2 * b2 < 0.0 or a3 * b3 < 0.0
+
+
+def _dips(way: Way, limits: Limits, low: Spot, high: Spot, most: float) -> list[Spot]:
+    """Where the room of a joint is least between two places, and tight: that alone can part two hills.
+
+    Neither is higher than the room that this joint has at its foot.
+    """
+    found = []
+    for joint in (0, 1, 2, 3):
+        before, after = low[1][joint + 4], high[1][joint + 4]
+        if before * after < 0.0:
+            which = joint if before < 0.0 else joint + 4
+            if max(_room(low[1], which, limits), _room(high[1], which, limits)) > most:
+                found += _dip(way, limits, low, high, which)
     return found
 
 
 def _dip(way: Way, limits: Limits, low: Spot, high: Spot, which: int) -> list[Spot]:
-    """Where a room is least, found to rounding if it is tight there: the end of one hill and the beginning of another."""
+    """Where a room is least, if it is tight there: the end of one hill and the beginning of another."""
     (a, first, _), (b, last, _) = low, high
     before, after = _rate(first, which), _rate(last, which)
-    tau = a + (b - a) * before / (before - after)
-    at = way(tau)
-    tight = _tightest(at, limits)
-    if _room(at, which, limits) > tight[0] + _NEARLY:
-        return [(tau, at, tight)]
+    at = way(a + (b - a) * before / (before - after))
+    if _room(at, which, limits) > _tightest(at, limits)[0] + _NEARLY:
+        return []
 
     def value(at: Moving) -> tuple[float, float]:
         return _room(at, which, limits), _rate(at, which)
 
     tau, room, _, at = bottom(way, value, (a, *value(first), first), (b, *value(last), last))
-    tight = _tightest(at, limits)
-    return [(tau, at, (room, 0.0, which) if tight[2] == which else tight)]
+    return [(tau, at, (room, 0.0, which))] if _tightest(at, limits)[2] == which else []
 
 
 def _tightest(at: Moving, limits: Limits) -> Tight:

@@ -112,12 +112,20 @@ class Thumb:
         return found, [self.angle_to(m, branch, view) for branch in found]
 
     def _turned_by(self, m: Maths[T], x: T, y: T, z: T, q0: T, c: T, s: T, on_axis: T) -> list[Branch[T]]:
-        """Both sides of joint 1's axis, with cos q₀ and sin q₀."""
+        """Both sides of joint 1's axis, on which one bends as the mirror image of the other, with cos q₀ and sin q₀."""
         across, height = c * y - s * z - self.aside, s * y + c * z - self.up
-        reach = m.root(x * x + across * across)
-        q1 = m.choose(reach <= TOUCH, on_axis, m.atan2(across, x))
+        flat = x * x + across * across
+        reach = m.root(flat)
+        half, lead, hole = bend(m, flat + height * height, self._pair)
+        towards, elbow, back = m.atan2(reach, height), half + half, -half - half
+        q0, q1 = q0 + hole, m.choose(reach <= TOUCH, on_axis, m.atan2(across, x)) + hole
         away = q1 - m.copysign(reach * 0.0 + np.pi, q1)
-        return [*self._bent(m, reach, height, q0, q1), *self._bent(m, -reach, height, q0, away)]
+        return [
+            (q0, q1, towards - lead, elbow),
+            (q0, q1, towards + lead, back),
+            (q0, away, -towards - lead, elbow),
+            (q0, away, lead - towards, back),
+        ]
 
     def _bent(self, m: Maths[T], r: T, h: T, q0: T, q1: T) -> list[Branch[T]]:
         """Both elbows on one side."""
