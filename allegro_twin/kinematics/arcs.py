@@ -13,7 +13,6 @@ from typing import TypeAlias
 
 from allegro_twin.kinematics.maths import FLOATS
 
-
 Arc: TypeAlias = tuple[float, float, float, float, float, float, int, tuple[float, ...]]
 """The tip when one joint turns about a centre: r and h of that and the radius, m; from the joint's angle to the
 direction in which the tip lies from the centre, and the joint's lowest and highest angle, rad; its place among the

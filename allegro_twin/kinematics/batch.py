@@ -14,6 +14,7 @@ from allegro_twin.kinematics.bounds import Bounds
 from allegro_twin.kinematics.chain import Asked, Chain
 from allegro_twin.kinematics.maths import ARRAYS
 from allegro_twin.kinematics.nearest import Nearest
+from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.kinematics.planar import Flags
 from allegro_twin.kinematics.single import nearer, nearest, preferred
 from allegro_twin.kinematics.solution import Solutions
@@ -97,9 +98,14 @@ def _some(target: Target[Array], rows: slice) -> Target[Array]:
         target,
         position=(x[rows], y[rows], z[rows]),
         angle=target.angle[rows],
-        rotation=None if target.rotation is None else tuple(entry[rows] for entry in target.rotation),
+        rotation=None if target.rotation is None else _entries(target.rotation, rows),
         near=None if target.near is None else tuple(joint[rows] for joint in target.near),
     )
+
+
+def _entries(rotation: Entries[Array], rows: slice) -> Entries[Array]:
+    a, b, c, d, e, f, g, h, i = (entry[rows] for entry in rotation)
+    return a, b, c, d, e, f, g, h, i
 
 
 def _rows(asked: Asked[Array], rows: NDArray[np.intp] | slice = slice(None)) -> Iterator[Asked[float]]:

@@ -1,4 +1,4 @@
-"""One finger's limits, less a margin: as its hand has them, and as the right hand's finger that is solved in its place."""
+"""One finger's limits, less a margin: as its hand has them, and as the right hand's that is solved in its place."""
 
 from __future__ import annotations
 

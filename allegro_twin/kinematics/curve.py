@@ -72,4 +72,3 @@ def near_turn(angle: float, middle: float) -> float:
     if angle > middle + pi:
         return angle - 2 * pi
     return angle + 2 * pi if angle < middle - pi else angle
-

@@ -58,10 +58,10 @@ class ImaFinger:
         turn = m.choose(reach <= TOUCH, 0.0, m.atan2(y, x))  # On the axis every q₀ does.
         away = turn - m.copysign(reach * 0.0 + np.pi, turn)
         s, c = m.sin(pitch), m.cos(pitch)
-        return [*self._bent(m, reach, z, turn, pitch, s, c), *self._bent(m, -reach, z, away, pitch, s, c)]
+        return self._bent(m, reach, z, turn, pitch, s, c) + self._bent(m, -reach, z, away, pitch, s, c)
 
     def at_rotation(self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]) -> tuple[list[Branch[T]], list[T]]:
-        """Position exact; on either side of the abduction axis the pitch that comes nearest to R, and the angle left."""
+        """Position exact; on either side of the abduction axis the pitch that turns nearest, and the angle left."""
         reach = m.root(x * x + y * y)
         on_axis = reach <= TOUCH  # R says which q₀, where the position does not.
         x, y = m.choose(on_axis, view[4], x), m.choose(on_axis, -view[1], y)

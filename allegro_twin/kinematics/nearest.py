@@ -1,8 +1,8 @@
-"""The nearest point that a finger can reach, where it cannot reach the one asked for: what both kinds of finger share."""
+"""The nearest point that a finger can reach, where it cannot reach the one asked for: what all fingers share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from math import atan2, ceil, cos, floor, inf, pi, sin
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -14,7 +14,7 @@ from allegro_twin.types import Array
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
 """What a target fixes besides the position."""
 InPlane: TypeAlias = tuple[float, tuple[float, ...]]
-"""The square of the least distance in a plane, m², and the joints that bend there; inf and none where there are none."""
+"""The square of the least distance in a plane, m², and the joints that bend; inf and none where there are none."""
 Reach: TypeAlias = Callable[[float, float], InPlane]
 """From a target r and h in the plane, m, to what is nearest to it."""
 
@@ -39,7 +39,8 @@ def swung(
     axis the opposite one. The square of the distance, m², that joint, and those that bend.
     """
     towards, middle = atan2(y, x), (low + high) / 2
-    least, best, joints = inf, low, ()
+    least, best = inf, low
+    joints: tuple[float, ...] = ()
     for angle in (towards, towards + pi):
         q = min(high, max(low, FLOATS.turned(angle, middle)))
         c, s = cos(q), sin(q)

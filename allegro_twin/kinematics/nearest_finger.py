@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import acos, atan2, cos, hypot, inf, pi, sin, sqrt
+from math import acos, atan2, cos, hypot, inf, sin, sqrt
 
 from allegro_twin.kinematics.arcs import Arc, bends, edge, nearest_of
 from allegro_twin.kinematics.curve import TOLERANCE, Posture
@@ -65,13 +65,14 @@ class FingerNearest:
             towards = atan2(r, h)
             for first, second in ((towards - lead, half + half), (towards + lead, -half - half)):
                 free = first, second, pitch - first - second
-                q = tuple(FLOATS.turned(a, b) for a, b in zip(free, self._middles[1:], strict=True))
-                if all(a <= b <= c for a, b, c in zip(self._low[1:], q, self._high[1:], strict=True)):
-                    yield q
+                q1, q2, q3 = (FLOATS.turned(a, b) for a, b in zip(free, self._middles[1:], strict=True))
+                if all(a <= b <= c for a, b, c in zip(self._low[1:], (q1, q2, q3), self._high[1:], strict=True)):
+                    yield q1, q2, q3
 
     def _with(self, pitch: float, r: float, h: float) -> InPlane:
         """With q₁ + q₂ + q₃ held the first two links reach for what is the last link less."""
-        tip, least, best = self._links[2], inf, ()
+        tip, least = self._links[2], inf
+        best: tuple[float, ...] = ()
         low, high = sum(self._low[1:]) - TOLERANCE, sum(self._high[1:]) + TOLERANCE
         for phi in full_turns(pitch, low, high):
             a, b = r - tip * sin(phi), h - tip * cos(phi)

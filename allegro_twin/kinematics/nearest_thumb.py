@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import cos, inf, pi, sin, sqrt
+from math import ceil, cos, inf, sin, sqrt
+from typing import TypeAlias
 
 from allegro_twin.kinematics.arcs import Arc, nearest_of
-from allegro_twin.kinematics.choose import bottoms
 from allegro_twin.kinematics.curve import TOLERANCE, Posture
-from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
+from allegro_twin.kinematics.valleys import Place, bottoms
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
-Seen = tuple[float, float, Posture]
+Seen: TypeAlias = tuple[float, float, Posture]
 """With one q₀ the square of the least distance, m², its slope by q₀ and the posture."""
 
 
@@ -47,12 +47,15 @@ class ThumbNearest:
         def seen(q0: float) -> Seen:
             return self._seen(x, y, z, q0, swing, reach)
 
-        count = 2 * max(1, int((high - low) / (2 * _STEP) + 0.999)) if high > low else 0
-        places = [
-            (q0, *(at := seen(q0))[:2], at) for q0 in (low + (high - low) * k / max(1, count) for k in range(count + 1))
-        ]
-        found = [place for ends in pairwise(places) for place in bottoms(seen, _cost, *ends)]
-        square, _, posture = min((place[3] for place in (*places, *found)), key=lambda at: at[0])
+        if low == high:
+            square, _, posture = seen(low)
+            return sqrt(square), posture
+        count = 2 * ceil((high - low) / (2 * _STEP))
+        found = [seen(low + (high - low) * k / count) for k in range(count + 1)]
+        places: list[Place[Seen]] = [(at[2][0], at[0], at[1], at) for at in found]
+        for ends in pairwise(places):
+            found += [place[3] for place in bottoms(seen, _cost, *ends)]
+        square, _, posture = min(found, key=_square)
         return sqrt(square), posture
 
     def _seen(self, x: float, y: float, z: float, q0: float, swing: float | None, reach: Reach) -> Seen:
@@ -88,3 +91,7 @@ class ThumbNearest:
 
 def _cost(at: Seen) -> tuple[float, float]:
     return at[0], at[1]
+
+
+def _square(at: Seen) -> float:
+    return at[0]

@@ -26,13 +26,19 @@ _LEAST = 1e-300
 
 
 class FixedBend(Generic[T]):
-    """A target dx, y, z from joint 1's axis, and the section ℓ, e, G, m: of one target or of a row for each."""
+    """A target Δ, y, z from joint 1's axis, and the section ℓ, e, G, m: of one target or of a row for each."""
 
     def __init__(self, m: Maths[T], target: tuple[T, T, T], ay: float, length: float, e: T, g: T) -> None:
-        self._m, (self._dx, self._y, self._z), self._ay = m, target, ay
-        self._length, self._e, self._g = length, e, g
-        self._square, self._dd = self._y * self._y + self._z * self._z, self._dx * self._dx
-        self._k0 = self._square - ay * ay + self._dd - length * length - e * e - g * g
+        self._m: Maths[T] = m
+        self._ay, self._length = ay, length
+        self._dx: T = target[0]
+        self._y: T = target[1]
+        self._z: T = target[2]
+        self._e: T = e
+        self._g: T = g
+        self._dd: T = self._dx * self._dx
+        self._square: T = self._y * self._y + self._z * self._z
+        self._k0: T = self._square - ay * ay + self._dd - length * length - e * e - g * g
 
     def roots(self) -> list[tuple[T, T, T]]:
         """θ, q₀, q₁, rad, of at most four ways; NaN where there is none."""
@@ -47,7 +53,7 @@ class FixedBend(Generic[T]):
             for other, aside in done:
                 again = again | (abs(s * other - c * aside) < _SAME) & (c * other + s * aside > 0.0)
             done.append((c, s))
-            found.append(self._finished(c, s, swing, r, again))
+            found.append(self._finished(c, s, swing, r, self._m.choose(again, np.nan, 0.0)))
         return found
 
     def _starts(self) -> list[Way[T]]:
@@ -98,11 +104,13 @@ class FixedBend(Generic[T]):
 
     def _swing(self, c: T, s: T) -> T:
         """m of θ, m."""
-        return (self._k0 - 2.0 * self._length * (self._e * s + self._g * c)) / (2.0 * self._ay)
+        swing: T = (self._k0 - 2.0 * self._length * (self._e * s + self._g * c)) / (2.0 * self._ay)
+        return swing
 
     def _slope(self, c: T, s: T) -> T:
         """dm/dθ, m."""
-        return (self._g * s - self._e * c) * self._length / self._ay
+        slope: T = (self._g * s - self._e * c) * self._length / self._ay
+        return slope
 
     def _polished(self, way: Way[T]) -> tuple[T, T, T, T]:
         """Newton's steps on f, as long as they lead nearer: cos θ, sin θ, m and r."""
@@ -122,12 +130,12 @@ class FixedBend(Generic[T]):
             r, off = m.choose(nearer, reach, r), m.choose(nearer, then, off)
         return c, s, swing, r
 
-    def _finished(self, c: T, s: T, swing: T, r: T, again: object) -> tuple[T, T, T]:
+    def _finished(self, c: T, s: T, swing: T, r: T, hole: T) -> tuple[T, T, T]:
         """All three angles, if they lead to the target."""
         m, along, across, up = self._m, self._dx, self._ay + swing, self._g + self._length * c
         missed = abs(m.root(swing * swing + self._dd) - abs(r)) > TOUCH
         missed |= abs(m.root(across * across + up * up) - m.root(self._square)) > TOUCH
-        hole = m.choose(missed | again, np.nan, 0.0)  # type: ignore[operator]  # Flags, or one.
+        hole = m.choose(missed, np.nan, hole)
         side = m.copysign(1.0 + r * 0.0, r)
         q1 = m.choose(abs(r) <= TOUCH, 0.0, m.atan2(side * swing, side * along))  # On the axis every q₁ does.
         q0 = m.atan2(up, across) - m.atan2(self._z, self._y)

@@ -9,6 +9,7 @@ from allegro_twin.kinematics.curve import TOLERANCE
 from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH
+from allegro_twin.kinematics.quartic import FixedBend
 from allegro_twin.kinematics.scalar_bend import (
     Posture,
     Ranges,
@@ -20,7 +21,6 @@ from allegro_twin.kinematics.scalar_bend import (
     thumb_at_q0,
     turned,
 )
-from allegro_twin.kinematics.quartic import FixedBend
 from allegro_twin.types import Vector
 
 _ONLY_THUMB = "only the thumb is solved with q0, q1 or psi; use at_pitch"

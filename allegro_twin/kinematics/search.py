@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import asin, atan2, ceil, cos, frexp, hypot, inf, ldexp, pi, sin
+from math import asin, atan2, cos, inf, pi, sin
 from typing import Protocol
 
 from allegro_twin.kinematics.choose import cheapest, nearest_to, turned_to
@@ -25,7 +25,7 @@ class Search(Protocol):
         ...
 
     def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
-        """Of those that reach it the one turned nearest to an orientation; one is known that is off by an angle, rad."""
+        """Of those that reach it the one turned nearest to an orientation; one is known to be off by an angle, rad."""
         ...
 
     def nearest(self, x: float, y: float, z: float, mode: Mode, angle: float) -> tuple[float, Posture | None]:

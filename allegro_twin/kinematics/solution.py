@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -116,10 +116,11 @@ class Solutions:
 
         def cost(row: tuple[float, list[float]]) -> float:
             if row[0] > least:
-                return inf
+                return math.inf
             if wish is None:
-                return -min(min(q - low, high - q) for q, low, high in zip(row[1], lower, upper, strict=True))
-            return sum((q - n) ** 2 for q, n in zip(row[1], wish, strict=True))
+                rooms = [min(q - low, high - q) for q, low, high in zip(row[1], lower, upper, strict=True)]
+                return -float(min(rooms))
+            return math.dist(row[1], wish)
 
         angle, posture = min(rows, key=cost) if len(rows) > 1 else rows[0]
         return Best(np.array(posture), np.asarray(True), np.zeros(()), np.asarray(angle))

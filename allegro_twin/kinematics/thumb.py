@@ -106,7 +106,7 @@ class Thumb:
         ]
 
     def at_rotation(self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]) -> tuple[list[Branch[T]], list[T]]:
-        """Position exact, q₀ the one of an orientation, and the angle left. On joint 1's axis q₁ is the one of it too."""
+        """Position exact, q₀ the one of an orientation, and the angle left. On joint 1's axis q₁ is its too."""
         q0, q1, _, c, s = view
         found = self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), c, s, q1)
         return found, [self.angle_to(m, branch, view) for branch in found]

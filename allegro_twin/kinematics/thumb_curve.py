@@ -1,8 +1,8 @@
 """The postures of the thumb that reach one point, inside the limits of q₀, q₁ and q₃, and of q₂ where it is `bounded`.
 
 With P the distance from joint 0's axis, v_y = P cos u and v_z = P sin u at u = q₀ + β, and from joint 2 to the tip
-d² = K - 2 P ρ cos(u - δ): so the q₀ at which q₁ or q₃ is at a limit, or q₃ straight, is an arc cosine. That of q₂ is the
-root of a quartic, and is sought only where what was chosen without that limit does not keep it.
+d² = K - 2 P ρ cos(u - δ): so the q₀ at which q₁ or q₃ is at a limit, or q₃ straight, is an arc cosine. That of q₂ is
+the root of a quartic, and is sought only where what was chosen without that limit does not keep it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
 from typing import NamedTuple
 
-from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
 from allegro_twin.kinematics.maths import FLOATS
 from allegro_twin.kinematics.planar import TOUCH, pair_of
 from allegro_twin.kinematics.quartic import FixedBend
@@ -157,7 +157,8 @@ class ThumbFamily:
 
     def _bending(self, x: float, y: float, z: float) -> list[float]:
         """q₀ where q₂ is at a limit."""
-        found, (link, tip) = [], self._links
+        link, tip = self._links
+        found: list[float] = []
         for q2 in (self._low[2], self._high[2]):
             bend = FixedBend(FLOATS, (x, y, z), self._aside, tip, link * sin(q2), self._up + link * cos(q2))
             found += [q0 for _, q0, _ in bend.roots() if q0 == q0]

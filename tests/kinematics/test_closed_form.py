@@ -13,7 +13,7 @@ from allegro_twin.kinematics.geometry import load_geometry
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, THUMBS, held, postures, solve
+from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, held, postures, solve
 
 N = 100_000
 HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
