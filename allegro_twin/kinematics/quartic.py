@@ -19,9 +19,10 @@ Way = tuple[T, T]
 """cos θ and sin θ."""
 _POLISHES = 3
 _SPLIT = 134217729.0  # 2²⁷ + 1: Veltkamp's split leaves the upper half of a number's digits.
-_BESIDE = 1e-6  # m from joint 1's axis; there two roots are nearly one, and Ferrari's are only good to 1e-8.
+_BESIDE = 1e-7  # m from joint 1's axis; there two roots are nearly one, and Ferrari's are only good to 1e-8 rad.
+_AROUND, _STRAIGHT = 1e-5, 1e-6  # rad from the axis: which two they are, and how far K is a line there.
 _NEAR = 1e-3  # rad that a start can be from its root; a complex pair is not to wander to another's.
-_SAME = 1e-10  # rad between two roots that are one.
+_SAME, _ALIKE = 1e-10, 1e-3  # rad of θ and of q₁ between two roots that are one.
 _LEAST = 1e-300
 
 
@@ -46,13 +47,14 @@ class FixedBend(Generic[T]):
         if self._m.anywhere(abs(self._dx) < _BESIDE):
             ways = self._beside_axis(ways)
         found: list[tuple[T, T, T]] = []
-        done: list[Way[T]] = []
+        done: list[tuple[T, T, T]] = []
         for way in ways:
             c, s, swing, r = self._polished(way)
             again = c != c
-            for other, aside in done:
-                again = again | (abs(s * other - c * aside) < _SAME) & (c * other + s * aside > 0.0)
-            done.append((c, s))
+            for other, aside, then in done:
+                alike = (abs(s * other - c * aside) < _SAME) & (c * other + s * aside > 0.0)
+                again = again | alike & (abs(swing - then) <= _ALIKE * abs(r))  # Beside the axis q₁ tells two apart.
+            done.append((c, s, swing))
             found.append(self._finished(c, s, swing, r, self._m.choose(again, np.nan, 0.0)))
         return found
 
@@ -95,7 +97,8 @@ class FixedBend(Generic[T]):
             step, other = (-swing * slope + part) / lean, (-swing * slope - part) / lean
             moved = []
             for c, s in ways:
-                near = beside & (c * cosine + s * sine > 1.0 - _BESIDE)
+                near = beside & (abs(s * cosine - c * sine) < _AROUND) & (c * cosine + s * sine > 0.0)
+                near = near & (abs(step) < _STRAIGHT)
                 to = _turned(m, cosine, sine, step)
                 moved.append((m.choose(near, to[0], c), m.choose(near, to[1], s)))
                 step = m.choose(near, other, step)
@@ -174,6 +177,7 @@ def _largest(m: Maths[T], a: T, b: T, c: T) -> T:
     ratio = m.choose(three, -r / m.choose(three, scale * scale * scale, 1.0), 1.0)
     one = -m.copysign(m.cbrt(abs(r) + m.root(r * r - cube)), r)
     one = one + q / m.choose(abs(one) > _LEAST, one, np.inf)
+    ratio = m.choose(abs(ratio) <= 1.0, ratio, m.copysign(1.0 + 0.0 * ratio, ratio))
     z = m.choose(three, 2.0 * scale * m.cos(m.acos(ratio) / 3.0), one) - third
     z = _SPLIT * z - (_SPLIT * z - z)  # What an arc cosine and a cube root leave in the last digits goes.
     for _ in range(2):

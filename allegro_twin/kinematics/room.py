@@ -24,9 +24,9 @@ _STEP = 0.7  # rad of τ between two knots, at most.
 
 def roomiest(curve: Curve, limits: Limits) -> tuple[float, Posture | None]:
     """The most room that a posture leaves each joint to its limits, rad, and the posture that leaves it."""
-    found = [] if curve.pieces else [(*end, 0.0, 0.0, 0.0, 0.0) for end in curve.ends]  # On pieces there is more.
     most, best = -inf, None
-    for at in found:
+    for end in curve.ends:
+        at = (*end, 0.0, 0.0, 0.0, 0.0)
         room = _tightest(at, limits)[0]
         if room > most:
             most, best = room, at

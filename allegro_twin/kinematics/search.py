@@ -94,12 +94,14 @@ class ThumbSearch:
         def chosen(curve: Curve) -> Posture | None:
             return (roomiest(curve, self._limits) if near is None else cheapest(curve, nearest_to(near)))[1]
 
-        return self._family.best(chosen, x, y, z)
+        free = (self._low[1] + self._high[1]) / 2 if near is None else near[1]
+        return self._family.best(chosen, (x, y, z), free)
 
     def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
         """The tip's y axis lies at longitude -q₀ about x: so q₀ is no further from the wanted than the angle allows."""
         value = turned_to(view)
-        return self._family.best(lambda curve: cheapest(curve, value)[1], x, y, z, self._window(view, angle))
+        only = self._window(view, angle)
+        return self._family.best(lambda curve: cheapest(curve, value)[1], (x, y, z), view[1], only)
 
     def _window(self, view: tuple[float, ...], angle: float) -> tuple[float, float] | None:
         if angle >= pi / 2:

@@ -14,12 +14,13 @@ from typing import NamedTuple
 
 from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
 from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.planar import TOUCH, pair_of
+from allegro_twin.kinematics.planar import TOUCH, bend, pair_of
 from allegro_twin.kinematics.quartic import FixedBend
 
 _TOUCHED = TOUCH * TOUCH
 _TURNS = (0.0, 2 * pi, -2 * pi)
 _SHORT = 0.3  # rad of q₀.
+_AXIS = 1e-6  # m from joint 1's axis.
 _BESIDE = 1e-7  # rad of τ: a window this narrow is a point.
 Window = tuple[float, float]
 """A range of τ."""
@@ -54,41 +55,67 @@ class ThumbFamily:
                 self._sides.append(Side(elbow, squares[0], squares[1] if least > 0.0 else self._pair.outer))
 
     def best(
-        self, chosen: Callable[[Curve], Posture | None], x: float, y: float, z: float, only: Window | None = None
+        self,
+        chosen: Callable[[Curve], Posture | None],
+        target: tuple[float, float, float],
+        free: float,
+        only: Window | None = None,
     ) -> Posture | None:
-        """What is chosen of a curve. What is best without some of the limits and keeps them is best with them too."""
-        curve = None if only is None else self._short(x, y, z, *only)
+        """What is chosen of a curve. What is best without some of the limits and keeps them is best with them too.
+
+        On joint 1's axis q₁ is `free`, as far as its limits let it.
+        """
+        free = min(self._high[1], max(self._low[1], free))
+        curve = None if only is None else self._short(target, free, *only)
         posture = None if curve is None else chosen(curve)
         if posture is None or not self._inside(posture):
-            posture = chosen(self.through(x, y, z, only=only))
+            posture = chosen(self._through(target, free, only, bounded=False))
         if posture is None or not self._inside(posture):
-            posture = chosen(self.through(x, y, z, only=only, bounded=True))
+            posture = chosen(self._through(target, free, only, bounded=True))
         return posture if posture is not None and self._inside(posture) else None
 
-    def _short(self, x: float, y: float, z: float, low: float, high: float) -> Curve | None:
+    def _short(self, target: tuple[float, float, float], free: float, low: float, high: float) -> Curve | None:
         """The curve between two q₀ next to each other, if both are inside the limits and the elbow cannot bend back.
 
         Between them q₁ goes one way, and the elbow is bent least at one of the two.
         """
-        way = self._way(Course(0.0, 0.0, 1.0), x, y, z)
+        way = self._way(Course(0.0, 0.0, 1.0), target, free)
         ends = way(low)[:4], way(high)[:4]
         least = max(0.0, -self._low[3]) + TOLERANCE
         if high - low > _SHORT or not all(self._inside(end) and end[3] > least for end in ends):
             return None
         return Curve([Piece(way, low, high, way((low + high) / 2.0))], [])
 
+    def _beside_axis(self, target: tuple[float, float, float], q1: float) -> list[Posture]:
+        """With one q₁: beside joint 1's axis, where the others hardly move while it goes through all its range."""
+        (x, y, z), found = target, []
+        r = x / cos(q1)
+        across = self._aside + r * sin(q1)
+        up = sqrt(max(0.0, y * y + z * z - across * across))
+        for above in (up, -up):
+            q0, h = near_turn(atan2(above, across) - atan2(z, y), self._middles[0]), above - self._up
+            half, lead, hole = bend(FLOATS, r * r + h * h, self._pair)
+            for side in (1.0, -1.0) if hole == 0.0 else ():
+                posture = (q0, q1, atan2(r, h) - side * lead, side * (half + half))
+                if self._inside(posture):
+                    found.append(posture)
+        return found
+
     def _inside(self, q: Posture) -> bool:
         (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
         return l0 <= q[0] <= h0 and l1 <= q[1] <= h1 and l2 <= q[2] <= h2 and l3 <= q[3] <= h3
 
-    def through(self, x: float, y: float, z: float, *, bounded: bool = False, only: Window | None = None) -> Curve:
+    def _through(self, target: tuple[float, float, float], free: float, only: Window | None, *, bounded: bool) -> Curve:
         """The curve through a point in the base frame moved along x to joint 1, or `only` q₀ in a range."""
+        x, y, z = target
         curve, square, lean = Curve([], []), y * y + z * z, atan2(z, y)
         radius = sqrt(square)
         whole, twice = x * x + square + self._reach * self._reach, 2.0 * radius * self._reach
         straight = _bent(whole - self._pair.outer, twice)
         if straight == 0.0:
             return curve
+        if abs(x) < _AXIS:
+            curve.ends.extend(self._beside_axis(target, free))
         middle = near_turn(self._towards - lean, self._middles[0])
         ends = self._swinging(x, radius, lean)
         if bounded:
@@ -98,10 +125,11 @@ class ThumbFamily:
             bent = self._bent(course, whole, twice)
             windows = _common(bent, self._turned(course, only or (self._low[0], self._high[0])))
             if windows:
-                self._add(curve, course, self._way(course, x, y, z), windows, ends, bounded)
+                self._add(curve, course, self._way(course, target, free), windows, ends, bounded)
         return curve
 
-    def _way(self, course: Course, x: float, y: float, z: float) -> Way:
+    def _way(self, course: Course, target: tuple[float, float, float], free: float) -> Way:
+        x, y, z = target
         (even, inner, outer, _, _), (link, tip), aside, up = self._pair, self._links, self._aside, self._up
         middle, half, sense = course
         ahead, upright = self._middles[:2]
@@ -126,7 +154,7 @@ class ThumbFamily:
             r, q1 = sqrt(flat), atan2(b, x)
             square = flat + h * h
             if flat < _TOUCHED:  # On joint 1's axis, where q₁ is free.
-                q1, flat = 0.0, inf
+                q1, flat = free, inf
             elif abs(q1 - upright) > pi / 2:
                 q1, r = (q1 - pi if q1 > 0.0 else q1 + pi), -r
             u = (outer - square) / (square - inner) if square > inner else inf
@@ -146,7 +174,7 @@ class ThumbFamily:
 
     def _swinging(self, x: float, radius: float, lean: float) -> list[float]:
         """q₀ where q₁ is at a limit."""
-        found = []
+        found: list[float] = []
         if radius > TOUCH:
             for swing in self._swings:
                 across = (self._aside + x * swing) / radius

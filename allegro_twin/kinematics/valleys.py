@@ -17,8 +17,9 @@ Value = Callable[[A], tuple[float, float]]
 _DOUBT = 0.3  # Of the lesser slope at two places: where a cubic's falls below that, it is looked at.
 _APART = 1e-3  # of τ: no valley is narrower.
 _FLAT = 1e-6  # Of the greater: a slope that is less is that of a bottom.
-STEPS, CLOSE = 60, 1e-6
-"""So many steps at most, until one of τ is this small; by then the next would be far smaller."""
+_CLOSE, _GAIN = 1e-6, 1e-14  # A step of τ, and what it gains, after which the next would be far smaller.
+STEPS = 60
+"""So many at most."""
 
 
 def bottoms(way: Way[A], value: Value[A], low: Place[A], high: Place[A], depth: int = 3) -> list[Place[A]]:
@@ -60,7 +61,7 @@ def bottom(way: Way[A], value: Value[A], falling: Place[A], rising: Place[A]) ->
         if step:
             first, second = second, third
         moved, third = to - third[0], (to, *value(at), at)
-        if abs(moved) < CLOSE:
+        if abs(moved) < _CLOSE and abs(moved * third[2]) < _GAIN:
             break
         if third[2] < 0.0:
             low = to
