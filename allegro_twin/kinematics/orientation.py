@@ -33,12 +33,10 @@ def euler_from_matrix(rotation: ArrayLike) -> Array:
     Where pitch is ±π/2 only roll ∓ yaw is determined; what is returned still gives back R, because roll is taken from
     Rz(yaw)ᵀ R and not from R itself.
     """
-    r = np.asarray(rotation, dtype=np.float64)
-    yaw = np.arctan2(r[..., 1, 0], r[..., 0, 0])
-    pitch = np.arctan2(-r[..., 2, 0], np.hypot(r[..., 0, 0], r[..., 1, 0]))
-    s, c = np.sin(yaw), np.cos(yaw)
-    roll = np.arctan2(s * r[..., 0, 2] - c * r[..., 1, 2], c * r[..., 1, 1] - s * r[..., 0, 1])
-    return np.stack([roll, pitch, yaw], axis=-1)
+    a, b, c, d, e, f, g, _, _ = entries_of_matrix(rotation)
+    yaw, pitch = np.arctan2(d, a), np.arctan2(-g, np.hypot(a, d))
+    s, k = np.sin(yaw), np.cos(yaw)
+    return np.stack([np.arctan2(s * c - k * f, k * e - s * b), pitch, yaw], axis=-1)
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -51,16 +49,11 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
 
     The largest column of 4 q qᵀ, a matrix that is linear in R, is q up to its length: accurate at every angle.
     """
-    r = np.asarray(rotation, dtype=np.float64)
-    a, b, c = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
-    x, y, z = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
-    xy, xz, yz = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
+    a, xy, xz, yx, b, yz, zx, zy, c = entries_of_matrix(rotation)
+    x, y, z, xy, xz, yz = zy - yz, xz - zx, yx - xy, xy + yx, xz + zx, yz + zy
     rows = (
-        (1 + a + b + c, x, y, z),
-        (x, 1 + a - b - c, xy, xz),
-        (y, xy, 1 - a + b - c, yz),
-        (z, xz, yz, 1 - a - b + c),
-    )
+        (1 + a + b + c, x, y, z), (x, 1 + a - b - c, xy, xz), (y, xy, 1 - a + b - c, yz), (z, xz, yz, 1 - a - b + c)
+    )  # fmt: skip
     outer = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     largest = np.argmax(np.einsum("...ii->...i", outer), axis=-1)
     column = np.take_along_axis(outer, largest[..., None, None], axis=-1)[..., 0]
@@ -72,15 +65,9 @@ def quaternion_from_euler(angles: ArrayLike) -> Array:
     """The quaternion of Rz(yaw) Ry(pitch) Rx(roll), shape (..., 3) → (..., 4)."""
     halves = [angle / 2.0 for angle in _columns(angles, 3, "Euler angles", "roll, pitch, yaw")]
     (cr, cp, cy), (sr, sp, sy) = map(np.cos, halves), map(np.sin, halves)
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.stack([w, x, y, z], axis=-1)
 
 
 def quaternion_from_vector(turn: ArrayLike) -> Array:
@@ -100,19 +87,12 @@ def vector_from_quaternion(quaternion: ArrayLike) -> Array:
     return np.asarray(axis * scale[..., None])
 
 
-def product(first: Array, second: Array) -> Array:
+def product(first: ArrayLike, second: ArrayLike) -> Array:
     """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4)."""
-    a, b, c, d = (first[..., k] for k in range(4))
-    w, x, y, z = (second[..., k] for k in range(4))
-    return np.stack(
-        [
-            a * w - b * x - c * y - d * z,
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-        ],
-        axis=-1,
-    )
+    a, b, c, d = np.moveaxis(np.asarray(first, dtype=np.float64), -1, 0)
+    w, x, y, z = np.moveaxis(np.asarray(second, dtype=np.float64), -1, 0)
+    i, j, k = a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
+    return np.stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1)
 
 
 def conjugate(quaternion: ArrayLike) -> Array:
@@ -125,7 +105,7 @@ def mirrored(quaternion: ArrayLike) -> Array:
     return np.asarray(quaternion, dtype=np.float64) * (1.0, -1.0, 1.0, -1.0)
 
 
-def turned_by(quaternion: Array, turn: Array) -> Array:
+def turned_by(quaternion: ArrayLike, turn: ArrayLike) -> Array:
     """An orientation (..., 4) turned by a rotation vector (..., 3), rad, in the axes of the world."""
     return product(quaternion_from_vector(turn), quaternion)
 
@@ -146,18 +126,14 @@ def slerp(first: ArrayLike, second: ArrayLike, part: ArrayLike) -> Array:
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
     """The angle of the rotation from one matrix (..., 3, 3) to another, shape (...), rad."""
-    return angle_left(ARRAYS, split(first), split(second))
+    return angle_left(ARRAYS, entries_of_matrix(first), entries_of_matrix(second))
 
 
 def angle_between_quaternions(first: Array, second: Array) -> Array:
-    """Likewise of quaternions (..., 4) of any length.
-
-    Kahan's formula for the angle of two vectors, of which the turn is twice.
-    """
+    """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
     p, q = first / _length(first)[..., None], second / _length(second)[..., None]
     apart, along = _length(p - q), _length(p + q)
-    turn: Array = 4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along))
-    return turn
+    return np.asarray(4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along)))
 
 
 def facing(x: ArrayLike, z: ArrayLike) -> Array:
@@ -169,9 +145,14 @@ def facing(x: ArrayLike, z: ArrayLike) -> Array:
     first = along / _length(along)[..., None]
     last = towards - first * np.add.reduce(first * towards, axis=-1)[..., None]
     if not (_length(last) > 1e-6).all():
-        raise ConfigError(f"fingers {towards.tolist()} must not be parallel to facing {along.tolist()}")
+        raise ConfigError(f"wrist: fingers {towards.tolist()} must not be parallel to facing {along.tolist()}")
     last = last / _length(last)[..., None]
     return np.stack([first, np.cross(last, first), last], axis=-1)
+
+
+def quaternion_facing(x: ArrayLike, z: ArrayLike) -> Array:
+    """The orientation of a palm that looks along `x` with its fingers towards `z`, world axes, (..., 3) → (..., 4)."""
+    return quaternion_from_matrix(facing(x, z))
 
 
 def gravity_from_quaternion(quaternion: ArrayLike, size: float = STANDARD_GRAVITY) -> Array:
@@ -192,14 +173,11 @@ def quaternion_from_gravity(gravity: ArrayLike) -> Array:
     return np.asarray(turn / _length(turn)[..., None])
 
 
-def split(rotation: ArrayLike) -> Entries[Array]:
+def entries_of_matrix(rotation: ArrayLike) -> Entries[Array]:
     """The entries of a matrix, shape (..., 3, 3) → nine of (...)."""
     r = np.asarray(rotation, dtype=np.float64)
-    return (
-        r[..., 0, 0], r[..., 0, 1], r[..., 0, 2],
-        r[..., 1, 0], r[..., 1, 1], r[..., 1, 2],
-        r[..., 2, 0], r[..., 2, 1], r[..., 2, 2],
-    )  # fmt: skip
+    a, b, c, d, e, f, g, h, i = np.moveaxis(r.reshape(*r.shape[:-2], 9), -1, 0)
+    return a, b, c, d, e, f, g, h, i
 
 
 def entries_of_quaternion(w: T, x: T, y: T, z: T) -> Entries[T]:
@@ -252,8 +230,7 @@ def _matrix(entries: Entries[Array]) -> Array:
 
 def _length(vector: Array) -> Array:
     """Of vectors (..., k), shape (...)."""
-    size: Array = np.sqrt(np.add.reduce(vector * vector, axis=-1))
-    return size
+    return np.asarray(np.sqrt(np.add.reduce(vector * vector, axis=-1)))
 
 
 def _unit(quaternion: ArrayLike) -> tuple[Array, ...]:
