@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.chain import Asked, Chain
-from allegro_twin.kinematics.maths import ARRAYS
-from allegro_twin.kinematics.nearest import Nearest
+from allegro_twin.kinematics.forms.chain import Asked, Chain
+from allegro_twin.kinematics.forms.maths import ARRAYS
+from allegro_twin.kinematics.forms.planar import Flags
 from allegro_twin.kinematics.orientation import Entries
-from allegro_twin.kinematics.planar import Flags
+from allegro_twin.kinematics.search.nearest import Nearest
 from allegro_twin.kinematics.single import nearer, nearest, preferred
 from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.kinematics.target import Target

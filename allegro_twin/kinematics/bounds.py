@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import cached_property
 from math import pi
 
-from allegro_twin.kinematics.curve import TOLERANCE
-from allegro_twin.kinematics.finger import ImaFinger
-from allegro_twin.kinematics.maths import T
-from allegro_twin.kinematics.planar import Branch
-from allegro_twin.kinematics.search import FingerSearch, Search, ThumbSearch
-from allegro_twin.kinematics.thumb import Thumb
+from allegro_twin.kinematics.forms.finger import ImaFinger
+from allegro_twin.kinematics.forms.maths import T
+from allegro_twin.kinematics.forms.planar import Branch
+from allegro_twin.kinematics.forms.thumb import Thumb
+from allegro_twin.kinematics.search.curve import TOLERANCE
+from allegro_twin.kinematics.search.fingers import FingerSearch, Search, ThumbSearch
 from allegro_twin.types import Vector, frozen
 
 

@@ -8,15 +8,15 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics import batch, single
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.chain import Chain
-from allegro_twin.kinematics.finger import ImaFinger
-from allegro_twin.kinematics.frame import Frame
+from allegro_twin.kinematics.forms.chain import Chain
+from allegro_twin.kinematics.forms.finger import ImaFinger
+from allegro_twin.kinematics.forms.frame import Frame
+from allegro_twin.kinematics.forms.thumb import Thumb
 from allegro_twin.kinematics.geometry import load_geometry
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.scalar import ScalarKinematics
 from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.kinematics.target import read_target
-from allegro_twin.kinematics.thumb import Thumb
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

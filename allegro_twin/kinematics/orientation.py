@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.maths import ARRAYS, Maths, T
+from allegro_twin.kinematics.forms.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
 
 Entries = tuple[T, T, T, T, T, T, T, T, T]

@@ -5,12 +5,10 @@ from __future__ import annotations
 from math import atan, atan2, cos, hypot, pi, sin, sqrt
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.curve import TOLERANCE
-from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.planar import TOUCH
-from allegro_twin.kinematics.quartic import FixedBend
-from allegro_twin.kinematics.scalar_bend import (
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import TOUCH
+from allegro_twin.kinematics.forms.quartic import FixedBend
+from allegro_twin.kinematics.forms.scalar_bend import (
     Posture,
     Ranges,
     Solve,
@@ -21,6 +19,8 @@ from allegro_twin.kinematics.scalar_bend import (
     thumb_at_q0,
     turned,
 )
+from allegro_twin.kinematics.geometry import Geometry
+from allegro_twin.kinematics.search.curve import TOLERANCE
 from allegro_twin.types import Vector
 
 _ONLY_THUMB = "only the thumb is solved with q0, q1 or psi; use at_pitch"

@@ -7,11 +7,11 @@ from math import inf, nan
 import numpy as np
 
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.chain import Asked, Chain, Point
-from allegro_twin.kinematics.curve import Posture
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.nearest import Mode, Nearest
-from allegro_twin.kinematics.planar import Flags
+from allegro_twin.kinematics.forms.chain import Asked, Chain, Point
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import Flags
+from allegro_twin.kinematics.search.curve import Posture
+from allegro_twin.kinematics.search.nearest import Mode, Nearest
 from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.kinematics.target import Target
 

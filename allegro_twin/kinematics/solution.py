@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.kinematics.nearest import Nearest
-from allegro_twin.kinematics.planar import Flags
+from allegro_twin.kinematics.forms.planar import Flags
+from allegro_twin.kinematics.search.nearest import Nearest
 from allegro_twin.types import Array, Vector
 
 _ALIKE = 1e-6  # rad: orientations no further apart count as equally near.

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.maths import ARRAYS, FLOATS, Maths, T
-from allegro_twin.kinematics.nearest import Mode
+from allegro_twin.kinematics.forms.maths import ARRAYS, FLOATS, Maths, T
 from allegro_twin.kinematics.orientation import Entries, entries_of_euler, entries_of_quaternion, is_rotation
+from allegro_twin.kinematics.search.nearest import Mode
 from allegro_twin.types import Array
 
 _SHAPES: dict[str, tuple[int, ...]] = {"rotation": (3, 3), "quaternion": (4,), "euler": (3,), "near": (4,)}

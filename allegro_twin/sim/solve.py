@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.maths import ARRAYS
+from allegro_twin.kinematics.forms.maths import ARRAYS
 from allegro_twin.kinematics.orientation import angle_between, entries_of_matrix, is_rotation
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec

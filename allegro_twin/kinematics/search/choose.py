@@ -7,8 +7,8 @@ from itertools import pairwise
 from math import cos, inf, sin
 from typing import TypeAlias
 
-from allegro_twin.kinematics.curve import Curve, Moving, Posture
-from allegro_twin.kinematics.valleys import Value, bottoms
+from allegro_twin.kinematics.search.curve import Curve, Moving, Posture
+from allegro_twin.kinematics.search.valleys import Value, bottoms
 
 _STEP = 1.0  # rad of τ between two knots, at most.
 Cost: TypeAlias = Value[Moving]

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from math import atan2, ceil, cos, floor, inf, pi, sin
 from typing import Literal, NamedTuple, TypeAlias
 
-from allegro_twin.kinematics.arcs import edge, nearest_of
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.planar import bend, pair_of
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import bend, pair_of
+from allegro_twin.kinematics.search.arcs import edge, nearest_of
 from allegro_twin.types import Array
 
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from math import asin, atan2, cos, inf, pi, sin
 from typing import Protocol
 
-from allegro_twin.kinematics.choose import cheapest, nearest_to, turned_to
-from allegro_twin.kinematics.curve import Curve, Posture
-from allegro_twin.kinematics.finger_curve import FingerFamily
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.nearest import Mode
-from allegro_twin.kinematics.nearest_finger import FingerNearest
-from allegro_twin.kinematics.nearest_thumb import ThumbNearest
-from allegro_twin.kinematics.room import Limits, roomiest
-from allegro_twin.kinematics.thumb_curve import ThumbFamily
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.search.choose import cheapest, nearest_to, turned_to
+from allegro_twin.kinematics.search.curve import Curve, Posture
+from allegro_twin.kinematics.search.finger_curve import FingerFamily
+from allegro_twin.kinematics.search.nearest import Mode
+from allegro_twin.kinematics.search.nearest_finger import FingerNearest
+from allegro_twin.kinematics.search.nearest_thumb import ThumbNearest
+from allegro_twin.kinematics.search.room import Limits, roomiest
+from allegro_twin.kinematics.search.thumb_curve import ThumbFamily
 
 
 class Search(Protocol):

@@ -10,28 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
-from typing import NamedTuple
 
-from allegro_twin.kinematics.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.planar import TOUCH, bend, pair_of
-from allegro_twin.kinematics.quartic import FixedBend
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import TOUCH, bend, pair_of
+from allegro_twin.kinematics.forms.quartic import FixedBend
+from allegro_twin.kinematics.search.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.search.windows import (
+    BESIDE,
+    Side,
+    Window,
+    bent_inside,
+    clamped_acos,
+    common,
+    turned_inside,
+)
 
 _TOUCHED = TOUCH * TOUCH
-_TURNS = (0.0, 2 * pi, -2 * pi)
 _SHORT = 0.3  # rad of q₀.
 _AXIS = 1e-6  # m from joint 1's axis.
-_BESIDE = 1e-7  # rad of τ: a window this narrow is a point.
-Window = tuple[float, float]
-"""A range of τ."""
-
-
-class Side(NamedTuple):
-    """One sign of the elbow, and d², m², where it is bent most and least."""
-
-    elbow: float
-    least: float
-    most: float
 
 
 class ThumbFamily:
@@ -111,7 +107,7 @@ class ThumbFamily:
         curve, square, lean = Curve([], []), y * y + z * z, atan2(z, y)
         radius = sqrt(square)
         whole, twice = x * x + square + self._reach * self._reach, 2.0 * radius * self._reach
-        straight = _bent(whole - self._pair.outer, twice)
+        straight = clamped_acos(whole - self._pair.outer, twice)
         if straight == 0.0:
             return curve
         if abs(x) < _AXIS:
@@ -122,8 +118,8 @@ class ThumbFamily:
             ends += self._bending(x, y, z)
         for sense in (1.0,) if straight < pi else (1.0, -1.0):
             course = Course(middle, straight if straight < pi else 0.0, sense)
-            bent = self._bent(course, whole, twice)
-            windows = _common(bent, self._turned(course, only or (self._low[0], self._high[0])))
+            bent = bent_inside(course, self._sides, self._pair.outer, whole, twice)
+            windows = common(bent, turned_inside(course, only or (self._low[0], self._high[0])))
             if windows:
                 self._add(curve, course, self._way(course, target, free), windows, ends, bounded)
         return curve
@@ -192,46 +188,6 @@ class ThumbFamily:
             found += [q0 for _, q0, _ in bend.roots() if q0 == q0]
         return found
 
-    def _bent(self, course: Course, whole: float, twice: float) -> list[Window]:
-        """τ where q₃ is inside its limits. The elbow is straight at 0 and at π, and bent most between them."""
-        middle, half, elbow = course
-        if half == 0.0:
-            ends = [
-                (_bent(whole - s.least, twice), _bent(whole - s.most, twice)) for s in self._sides if s.elbow == elbow
-            ]
-            return [w for near, far in ends for w in ((middle + near, middle + far), (middle - far, middle - near))]
-        ends = []  # On one side of the straight elbow, and on the other, from there on.
-        for _, least, most in self._sides:
-            near = acos(min(1.0, _bent(whole - most, twice) / half)) if most < self._pair.outer else 0.0
-            ends.append((near, acos(min(1.0, _bent(whole - least, twice) / half))))
-        (near, far), *others = ends
-        if others and near == 0.0:
-            ((_, beyond),) = others
-            first, last = (-beyond, far), (pi - far, pi + beyond)
-        elif self._sides[0].elbow > 0.0:
-            first, last = (near, far), (pi - far, pi - near)
-        else:
-            first, last = (-far, -near), (pi + near, pi + far)
-        return [(first[0], last[1])] if first[1] >= last[0] else [first, last]
-
-    def _turned(self, course: Course, only: Window) -> list[Window]:
-        """τ where q₀ is inside a range."""
-        (low, high), (middle, half, _) = only, course
-        found: list[Window] = []
-        for turn in _TURNS:
-            if half == 0.0:
-                found.append((low + turn, high + turn))
-            elif low + turn <= middle + half and high + turn >= middle - half:
-                first, last = (middle - low - turn) / half, (middle - high - turn) / half
-                first, last = acos(first) if first < 1.0 else 0.0, acos(last) if last > -1.0 else pi
-                if first == 0.0:
-                    found += [(-last, last), (2 * pi - last, 2 * pi)] if last < pi else [(-pi, 2 * pi)]
-                elif last == pi:
-                    found += [(first, 2 * pi - first), (-pi, -first)]
-                else:
-                    found += [(first, last), (-last, -first), (2 * pi - last, 2 * pi - first)]
-        return found
-
     def _add(
         self, curve: Curve, course: Course, way: Way, windows: list[Window], ends: list[float], bounded: bool
     ) -> None:
@@ -250,7 +206,7 @@ class ThumbFamily:
             outside = True
             for low, high in pairwise(places):
                 middle = way((low + high) / 2)
-                if high - low > _BESIDE and l1 <= middle[1] <= h1 and (not bounded or l2 <= middle[2] <= h2):
+                if high - low > BESIDE and l1 <= middle[1] <= h1 and (not bounded or l2 <= middle[2] <= h2):
                     curve.pieces.append(Piece(way, low, high, middle))
                     outside = False
                 else:
@@ -263,19 +219,3 @@ class ThumbFamily:
     def _alone(self, curve: Curve, at: Moving) -> None:
         if self._inside(at[:4]):
             curve.ends.append(at[:4])
-
-
-def _bent(along: float, twice: float) -> float:
-    """acos(along / twice), rad: zero or π beyond the ends."""
-    return 0.0 if along >= twice else pi if along <= -twice else acos(along / twice)
-
-
-def _common(first: list[Window], second: list[Window]) -> list[Window]:
-    """What is in both, points and next to nothing beside them included."""
-    found = []
-    for a, b in first:
-        for c, d in second:
-            low, high = (c if c > a else a), (d if d < b else b)
-            if high - low > -_BESIDE:
-                found.append((low, high) if high > low else (high, low))
-    return found

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from allegro_twin.kinematics.forms.maths import Maths, T
+from allegro_twin.kinematics.forms.planar import TOUCH, Branch, bend, pair_of
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.maths import Maths, T
 from allegro_twin.kinematics.orientation import Entries, angle_left
-from allegro_twin.kinematics.planar import TOUCH, Branch, bend, pair_of
 from allegro_twin.types import Array, Vector
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.kinematics.maths import Maths, T
+from allegro_twin.kinematics.forms.maths import Maths, T
 
 TOUCH = 1e-13
 """A target this far outside the workspace counts as on its border, m: far above rounding, far below any use."""

@@ -12,8 +12,8 @@ from typing import Generic
 
 import numpy as np
 
-from allegro_twin.kinematics.maths import Maths, T
-from allegro_twin.kinematics.planar import TOUCH
+from allegro_twin.kinematics.forms.maths import Maths, T
+from allegro_twin.kinematics.forms.planar import TOUCH
 
 Way = tuple[T, T]
 """cos θ and sin θ."""

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, NamedTuple
 
-from allegro_twin.kinematics.finger import ImaFinger
-from allegro_twin.kinematics.frame import Frame
-from allegro_twin.kinematics.maths import Maths, T
-from allegro_twin.kinematics.planar import Branch
+from allegro_twin.kinematics.forms.finger import ImaFinger
+from allegro_twin.kinematics.forms.frame import Frame
+from allegro_twin.kinematics.forms.maths import Maths, T
+from allegro_twin.kinematics.forms.planar import Branch
+from allegro_twin.kinematics.forms.thumb import Thumb
 from allegro_twin.kinematics.target import Target
-from allegro_twin.kinematics.thumb import Thumb
 
 Point = tuple[float, float, float]
 

@@ -11,7 +11,7 @@ from itertools import product
 from math import atan2, cos, hypot, inf, pi, sin, sqrt
 from typing import TypeAlias
 
-from allegro_twin.kinematics.maths import FLOATS
+from allegro_twin.kinematics.forms.maths import FLOATS
 
 Arc: TypeAlias = tuple[float, float, float, float, float, float, int, tuple[float, ...]]
 """The tip when one joint turns about a centre: r and h of that and the radius, m; from the joint's angle to the

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from allegro_twin.kinematics.forms.maths import T
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.maths import T
 from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.types import Array, Vector
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.kinematics.finger import turn_then_bend
+from allegro_twin.kinematics.forms.finger import turn_then_bend
+from allegro_twin.kinematics.forms.maths import Maths, T
+from allegro_twin.kinematics.forms.planar import TOUCH, Branch, bend, pair_of
+from allegro_twin.kinematics.forms.quartic import FixedBend
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.maths import Maths, T
 from allegro_twin.kinematics.orientation import Entries
-from allegro_twin.kinematics.planar import TOUCH, Branch, bend, pair_of
-from allegro_twin.kinematics.quartic import FixedBend
 from allegro_twin.types import Array, Vector
 
 _GIMBAL = 1e-12  # Of cos q₁: below it q₀ and ψ turn about one axis.

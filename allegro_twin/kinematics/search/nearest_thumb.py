@@ -7,10 +7,10 @@ from itertools import pairwise
 from math import ceil, cos, inf, sin, sqrt
 from typing import TypeAlias
 
-from allegro_twin.kinematics.arcs import Arc, nearest_of
-from allegro_twin.kinematics.curve import TOLERANCE, Posture
-from allegro_twin.kinematics.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
-from allegro_twin.kinematics.valleys import Place, bottoms
+from allegro_twin.kinematics.search.arcs import Arc, nearest_of
+from allegro_twin.kinematics.search.curve import TOLERANCE, Posture
+from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
+from allegro_twin.kinematics.search.valleys import Place, bottoms
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
 Seen: TypeAlias = tuple[float, float, Posture]

@@ -12,8 +12,8 @@ from math import atan, atan2, copysign, cos, inf, pi, sin, sqrt, tan
 from typing import NamedTuple, Protocol
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.maths import FLOATS
-from allegro_twin.kinematics.planar import TOUCH
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import TOUCH
 
 Posture = tuple[float, float, float, float]
 """Joints from the palm outward, rad."""

@@ -6,8 +6,8 @@ from itertools import pairwise
 from math import inf
 from typing import TypeAlias
 
-from allegro_twin.kinematics.curve import Curve, Moving, Posture, Way
-from allegro_twin.kinematics.valleys import STEPS, bottom, crossing
+from allegro_twin.kinematics.search.curve import Curve, Moving, Posture, Way
+from allegro_twin.kinematics.search.valleys import STEPS, bottom, crossing
 
 Limits: TypeAlias = tuple[float, float, float, float, float, float, float, float]
 """Lowest and highest of each joint in turn, rad."""
