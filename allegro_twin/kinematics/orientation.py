@@ -162,15 +162,14 @@ def gravity_from_quaternion(quaternion: ArrayLike, size: float = STANDARD_GRAVIT
 
 
 def quaternion_from_gravity(gravity: ArrayLike) -> Array:
-    """An orientation of the palm in the world with this gravity, (..., 3) → (..., 4), m/s².
-
-    Which of them, about the vertical, is free: it is the one of the shortest turn.
-    """
+    """An orientation of the palm in the world with this gravity, the least turned one, (..., 3) → (..., 4), m/s²."""
     down = np.asarray(gravity, dtype=np.float64)
     x, y, z = np.moveaxis(-down / _length(down)[..., None], -1, 0)
-    over = 1.0 + z < _NO_LENGTH  # Upside down: half a turn about x is one of the shortest.
-    turn = np.stack([np.where(over, 0.0, 1.0 + z), np.where(over, 1.0, y), np.where(over, 0.0, -x), 0.0 * z], axis=-1)
-    return np.asarray(turn / _length(turn)[..., None])
+    flat = np.hypot(x, y)
+    great = np.sqrt((1.0 + np.abs(z)) / 2.0)  # Of cos(θ/2) and sin(θ/2) the greater; the other follows from sin θ.
+    w, v = np.where(z < 0, flat / (2.0 * great), great), np.where(z < 0, great, flat / (2.0 * great))
+    some = np.where(flat > 0, flat, 1.0)
+    return np.stack([w, np.where(flat > 0, v * y / some, v), -v * x / some, 0.0 * z], axis=-1)
 
 
 def entries_of_matrix(rotation: ArrayLike) -> Entries[Array]:

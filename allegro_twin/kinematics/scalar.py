@@ -15,6 +15,7 @@ from allegro_twin.kinematics.forms.scalar_bend import (
     clear,
     finger_at_pitch,
     lead_of,
+    none,
     reach_of,
     thumb_at_q0,
     turned,
@@ -82,6 +83,7 @@ class ScalarKinematics:
     def at_q1(self, x: float, y: float, z: float, q1: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with q₁."""
         self._needs_thumb()
+        none(x, y, z, q1)
         (l0, h0), (l1, h1), _, _ = self._limits
         x, y, z = self._in_base(x, y, z)
         r = (x - self._offset[0]) / cos(q1)
@@ -104,6 +106,7 @@ class ScalarKinematics:
     def at_psi(self, x: float, y: float, z: float, psi: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with ψ = q₂ + q₃."""
         self._needs_thumb()
+        none(x, y, z, psi)
         (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
         x, y, z = self._in_base(x, y, z)
         (ax, ay, az), (link, tip) = self._offset, self._links
