@@ -49,7 +49,7 @@ class ImaFinger:
     def angle_to(self, m: Maths[T], q: Branch[T], view: tuple[T, ...]) -> T:
         """The angle of the rotation from the orientation of a posture to another, rad."""
         q0, q1, q2, q3 = q
-        c0, s0, c, s = m.cos(q0), m.sin(q0), m.cos(q1 + q2 + q3), m.sin(q1 + q2 + q3)
+        (c0, s0), (c, s) = m.circle(q0), m.circle(q1 + q2 + q3)
         return angle_left(m, (c0 * c, -s0, c0 * s, s0 * c, c0, s0 * s, -s, 0.0 * s, c), view)
 
     def at_pitch(self, m: Maths[T], x: T, y: T, z: T, pitch: T) -> list[Branch[T]]:
@@ -57,7 +57,7 @@ class ImaFinger:
         reach = m.root(x * x + y * y)
         turn = m.choose(reach <= TOUCH, 0.0, m.atan2(y, x))  # On the axis every q₀ does.
         away = turn - m.copysign(reach * 0.0 + np.pi, turn)
-        s, c = m.sin(pitch), m.cos(pitch)
+        c, s = m.turn(pitch)
         return self._bent(m, reach, z, turn, pitch, s, c) + self._bent(m, -reach, z, away, pitch, s, c)
 
     def at_rotation(self, m: Maths[T], x: T, y: T, z: T, view: tuple[T, ...]) -> tuple[list[Branch[T]], list[T]]:

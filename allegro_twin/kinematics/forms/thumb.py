@@ -74,19 +74,21 @@ class Thumb:
         q0, q1, q2, q3 = q
         n0, n1, n, _, _ = view
         d, b, less, more = (q2 + q3 - n) / 2.0, (q0 - n0) / 2.0, (q1 - n1) / 2.0, (q1 + n1) / 2.0
-        cd, sd, cb, sb = m.cos(d), m.sin(d), m.cos(b), m.sin(b)
-        w, x, y, z = cb * m.cos(less), sb * m.cos(more), sb * m.sin(more), cb * m.sin(less)
+        (cd, sd), (cb, sb), (cl, sl), (cm, sm) = m.circle(d), m.circle(b), m.circle(less), m.circle(more)
+        w, x, y, z = cb * cl, sb * cm, sb * sm, cb * sl
         bent = cd * y + sd * w
         return 2.0 * m.atan2(m.root(x * x + z * z + bent * bent), abs(cd * w - sd * y))
 
     def at_q0(self, m: Maths[T], x: T, y: T, z: T, q0: T) -> list[Branch[T]]:
         """Both sides of joint 1's axis times both elbows: four branches. On that axis q₁ is zero."""
-        return self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), m.cos(q0), m.sin(q0), x * 0.0)
+        c, s = m.turn(q0)
+        return self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), c, s, x * 0.0)
 
     def at_q1(self, m: Maths[T], x: T, y: T, z: T, q1: T) -> list[Branch[T]]:
         """Tip above or below the axis of joint 0, times both elbows: four branches."""
-        r = x / m.cos(q1)
-        across = self.aside + r * m.sin(q1)
+        c, s = m.turn(q1)
+        r = x / c
+        across = self.aside + r * s
         radius, direction, q1 = m.root(y * y + z * z), m.atan2(z, y), m.turned(q1, self._middle[1])
         square = (radius - across) * (radius + across)
         up, hole = m.root(square), m.choose(square < -2.0 * radius * TOUCH, np.nan, 0.0)
@@ -99,7 +101,8 @@ class Thumb:
     def at_psi(self, m: Maths[T], x: T, y: T, z: T, psi: T) -> list[Branch[T]]:
         """The real roots of a quartic: at most four branches."""
         link, tip = self.links
-        bend = FixedBend(m, (x, y, z), self.aside, link, tip * m.sin(psi), self.up + tip * m.cos(psi))
+        c, s = m.turn(psi)
+        bend = FixedBend(m, (x, y, z), self.aside, link, tip * s, self.up + tip * c)
         return [
             (m.turned(q0, self._middle[0]), q1, theta, m.turned(psi - theta, self._middle[3]))
             for theta, q0, q1 in bend.roots()
