@@ -75,18 +75,28 @@ def _preferred(
 def _improved(chain: Chain, bounds: Bounds, asked: Asked[Array], joints: Array, within: Flags, angle: Array) -> None:
     """Where no branch inside the limits is sure to be turned the nearest, the first becomes what is."""
     best = np.where(within, angle, np.inf).min(axis=0)
-    rows = np.flatnonzero((best > chain.forms.settled) | np.isinf(best))
-    for row, known, one in zip(rows.tolist(), best[rows].tolist(), _rows(asked, rows), strict=True):
-        better = nearer(chain, bounds, one, known)
-        if better is not None:
-            joints[:, 0, row], angle[0, row], within[0, row] = *better, True
+    rows = np.flatnonzero((best > chain.forms.settled) & (best < np.inf))
+    left = [np.flatnonzero(np.isinf(best))]
+    if rows.size:
+        q, off, sure = chain.nearer(ARRAYS, _picked(asked, rows), best[rows])
+        known = np.asarray(sure) & np.asarray(bounds.within(q))
+        better = known & (off < best[rows])
+        for joint, values in enumerate(q):
+            joints[joint, 0, rows[better]] = values[better]
+        angle[0, rows[better]], within[0, rows[better]] = off[better], True
+        left.append(rows[~known])
+    rows = np.concatenate(left)
+    for row, least, one in zip(rows.tolist(), best[rows].tolist(), _rows(_picked(asked, rows)), strict=True):
+        found = nearer(chain, bounds, one, least)
+        if found is not None:
+            joints[:, 0, row], angle[0, row], within[0, row] = *found, True
 
 
 def _nearest(chain: Chain, bounds: Bounds, target: Target[Array], missing: Flags, *, limits: bool) -> Nearest:
     n, rows = len(target.angle), np.flatnonzero(missing)
     posture, point, distance = np.full((n, 4), nan), np.stack(target.position, axis=-1), np.zeros(n)
     asked, angles = chain.asked(ARRAYS, target), target.angle[rows].tolist()
-    for row, value, one in zip(rows.tolist(), angles, _rows(asked, rows), strict=True):
+    for row, value, one in zip(rows.tolist(), angles, _rows(_picked(asked, rows)), strict=True):
         posture[row], point[row], distance[row] = nearest(chain, bounds, one, target.mode, value, limits=limits)
     shape = target.shape
     return Nearest(posture.reshape(*shape, 4), point.reshape(*shape, 3), distance.reshape(shape))
@@ -108,9 +118,14 @@ def _entries(rotation: Entries[Array], rows: slice) -> Entries[Array]:
     return a, b, c, d, e, f, g, h, i
 
 
-def _rows(asked: Asked[Array], rows: NDArray[np.intp] | slice = slice(None)) -> Iterator[Asked[float]]:
+def _picked(asked: Asked[Array], rows: NDArray[np.intp]) -> Asked[Array]:
+    turn = None if asked.turn is None else tuple(entry[rows] for entry in asked.turn)
+    return Asked(asked.x[rows], asked.y[rows], asked.z[rows], turn)
+
+
+def _rows(asked: Asked[Array]) -> Iterator[Asked[float]]:
     """One after the other, in plain numbers."""
-    points = zip(*(values[rows].tolist() for values in asked[:3]), strict=True)
-    turns = repeat(None) if asked.turn is None else zip(*(entry[rows].tolist() for entry in asked.turn), strict=True)
+    points = zip(*(values.tolist() for values in asked[:3]), strict=True)
+    turns = repeat(None) if asked.turn is None else zip(*(entry.tolist() for entry in asked.turn), strict=True)
     for (x, y, z), turn in zip(points, turns, strict=False):
         yield Asked(x, y, z, turn)

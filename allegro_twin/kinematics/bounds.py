@@ -7,9 +7,8 @@ from math import pi
 
 from allegro_twin.kinematics.forms.finger import ImaFinger
 from allegro_twin.kinematics.forms.maths import T
-from allegro_twin.kinematics.forms.planar import Branch
+from allegro_twin.kinematics.forms.planar import TOLERANCE, Branch
 from allegro_twin.kinematics.forms.thumb import Thumb
-from allegro_twin.kinematics.search.curve import TOLERANCE
 from allegro_twin.kinematics.search.fingers import FingerSearch, Search, ThumbSearch
 from allegro_twin.types import Vector, frozen
 

@@ -6,7 +6,7 @@ from math import atan, atan2, cos, hypot, pi, sin, sqrt
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.forms.maths import FLOATS
-from allegro_twin.kinematics.forms.planar import TOUCH
+from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH
 from allegro_twin.kinematics.forms.quartic import FixedBend
 from allegro_twin.kinematics.forms.scalar_bend import (
     Posture,
@@ -21,7 +21,6 @@ from allegro_twin.kinematics.forms.scalar_bend import (
     turned,
 )
 from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.search.curve import TOLERANCE
 from allegro_twin.types import Vector
 
 _ONLY_THUMB = "only the thumb is solved with q0, q1 or psi; use at_pitch"

@@ -28,7 +28,7 @@ def solve(chain: Chain, bounds: Bounds, target: Target[float]) -> Solutions:
         found, left, within = [q or _NONE], [0.0], [q is not None]
     elif target.mode == "rotation":
         best = min([angle for angle, ok in zip(left, within, strict=True) if ok], default=inf)
-        better = nearer(chain, bounds, asked, best) if best > chain.forms.settled or best == inf else None
+        better = _improved(chain, bounds, asked, best)
         if better is not None:
             found[0], left[0], within[0] = *better, True
 
@@ -40,6 +40,17 @@ def solve(chain: Chain, bounds: Bounds, target: Target[float]) -> Solutions:
 
     rows = np.array([(sign * q0, q1, q2, q3) for q0, q1, q2, q3 in found])
     return Solutions(rows, np.array(within), np.array(left), bounds.lower, bounds.upper, search)
+
+
+def _improved(chain: Chain, bounds: Bounds, asked: Asked[float], best: float) -> tuple[Posture, float] | None:
+    """As `nearer`, if the best closed form is not sure to be it."""
+    if best <= chain.forms.settled and best < inf:
+        return None
+    if best < inf:
+        q, angle, sure = chain.nearer(FLOATS, asked, best)
+        if sure and bounds.within(q):
+            return (q, angle) if angle < best else None
+    return nearer(chain, bounds, asked, best)
 
 
 def preferred(chain: Chain, bounds: Bounds, asked: Asked[float], near: tuple[float, ...] | None) -> Posture | None:

@@ -55,3 +55,10 @@ class Chain:
             return [], []
         found: list[Branch[T]] = getattr(self.forms, f"at_{target.mode}")(m, x, y, z, target.angle)
         return found, [x * 0.0] * len(found)
+
+    def nearer(self, m: Maths[T], asked: Asked[T], angle: T) -> tuple[Branch[T], T, object]:
+        """As `Thumb.nearer`: the branches of a finger are turned nearest as they are."""
+        x, y, z, turn = asked
+        assert isinstance(self.forms, Thumb)
+        assert turn is not None
+        return self.forms.nearer(m, (x, y, z), turn, angle)

@@ -11,6 +11,8 @@ from allegro_twin.kinematics.forms.maths import Maths, T
 
 TOUCH = 1e-13
 """A target this far outside the workspace counts as on its border, m: far above rounding, far below any use."""
+TOLERANCE = 1e-9
+"""A joint this far beyond its limit counts as on it, rad: the same as `HandSpec.posture`."""
 Flags = NDArray[np.bool_]
 _LEAST = 1e-300
 Branch = tuple[T, T, T, T]

@@ -12,8 +12,9 @@ import numpy as np
 
 from allegro_twin.kinematics.forms.finger import turn_then_bend
 from allegro_twin.kinematics.forms.maths import Maths, T
-from allegro_twin.kinematics.forms.planar import TOUCH, Branch, bend, pair_of
+from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH, Branch, bend, pair_of
 from allegro_twin.kinematics.forms.quartic import FixedBend
+from allegro_twin.kinematics.forms.turned import Turning
 from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.types import Array, Vector
@@ -35,6 +36,10 @@ class Thumb:
         """a_y, and a_z + c, m."""
         self._pair = pair_of(*self.links)
         self._middle = [float(low + high) / 2 for low, high in zip(lower, upper, strict=True)]
+        bent, one_side = max(0.0, -float(lower[3])) + TOLERANCE, -np.pi / 2 < lower[1] and upper[1] < np.pi / 2
+        link, tip = self.links
+        self._alone = link * link + tip * tip + 2.0 * link * tip * float(np.cos(bent)) if one_side else 0.0
+        """d² below which only a positive elbow and cos q₁ > 0 can be inside the limits, m²."""
 
     def tip(self, q: Array) -> tuple[Array, Array, Array]:
         """The fingertip, shape (4, ...) → three of (...)."""
@@ -113,6 +118,19 @@ class Thumb:
         q0, q1, _, c, s = view
         found = self._turned_by(m, x, y, z, m.turned(q0, self._middle[0]), c, s, q1)
         return found, [self.angle_to(m, branch, view) for branch in found]
+
+    def nearer(self, m: Maths[T], target: tuple[T, T, T], view: tuple[T, ...], angle: T) -> tuple[Branch[T], T, object]:
+        """The posture turned nearest to an orientation, how far it is turned, and whether none within is turned nearer.
+
+        One inside the limits is known to be off by an angle, rad, at most.
+        """
+        n0, _, _, c0, s0 = view
+        k, sure = Turning(m, target, view, (self.aside, self.up), self.links).nearest(angle, self._alone)
+        c, s = (1.0 - k * k) / (1.0 + k * k), (k + k) / (1.0 + k * k)
+        q0 = m.turned(n0 - 2.0 * m.atan(k), self._middle[0])
+        found = self._turned_by(m, *target, q0, c0 * c + s0 * s, s0 * c - c0 * s, k * 0.0)
+        q1, q2, q3 = (m.choose(target[0] > 0.0, a, b) for a, b in zip(found[0][1:], found[2][1:], strict=True))
+        return (q0, q1, q2, q3), self.angle_to(m, (q0, q1, q2, q3), view), sure
 
     def _turned_by(self, m: Maths[T], x: T, y: T, z: T, q0: T, c: T, s: T, on_axis: T) -> list[Branch[T]]:
         """Both sides of joint 1's axis, on which one bends as the mirror image of the other, with cos q₀ and sin q₀."""

@@ -11,8 +11,6 @@ from collections.abc import Callable
 from math import acos, ceil, pi
 from typing import NamedTuple, TypeAlias
 
-TOLERANCE = 1e-9
-"""A joint this far beyond its limit counts as on it, rad: the same as `HandSpec.posture`."""
 Posture: TypeAlias = tuple[float, float, float, float]
 """Joints from the palm outward, rad."""
 Moving: TypeAlias = tuple[float, float, float, float, float, float, float, float]

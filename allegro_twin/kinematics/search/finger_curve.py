@@ -11,8 +11,8 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt
 from typing import NamedTuple
 
-from allegro_twin.kinematics.forms.planar import TOUCH, Pair, pair_of
-from allegro_twin.kinematics.search.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH, Pair, pair_of
+from allegro_twin.kinematics.search.curve import Course, Curve, Moving, Piece, Posture, Way, near_turn
 
 _SMALL = 1e-6  # sin q₂ below which the elbow is straight.
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from math import acos, atan2, cos, hypot, inf, sin, sqrt
 
 from allegro_twin.kinematics.forms.maths import FLOATS
-from allegro_twin.kinematics.forms.planar import bend, pair_of
+from allegro_twin.kinematics.forms.planar import TOLERANCE, bend, pair_of
 from allegro_twin.kinematics.search.arcs import Arc, bends, edge, nearest_of
-from allegro_twin.kinematics.search.curve import TOLERANCE, Posture
+from allegro_twin.kinematics.search.curve import Posture
 from allegro_twin.kinematics.search.finger_curve import FingerFamily
 from allegro_twin.kinematics.search.nearest import InPlane, full_turns, swung
 

@@ -7,8 +7,9 @@ from itertools import pairwise
 from math import ceil, cos, inf, sin, sqrt
 from typing import TypeAlias
 
+from allegro_twin.kinematics.forms.planar import TOLERANCE
 from allegro_twin.kinematics.search.arcs import Arc, nearest_of
-from allegro_twin.kinematics.search.curve import TOLERANCE, Posture
+from allegro_twin.kinematics.search.curve import Posture
 from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
 from allegro_twin.kinematics.search.valleys import Place, bottoms
 

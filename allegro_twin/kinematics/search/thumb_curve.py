@@ -12,9 +12,9 @@ from itertools import pairwise
 from math import acos, atan, atan2, cos, hypot, inf, pi, sin, sqrt, tan
 
 from allegro_twin.kinematics.forms.maths import FLOATS
-from allegro_twin.kinematics.forms.planar import TOUCH, bend, pair_of
+from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH, bend, pair_of
 from allegro_twin.kinematics.forms.quartic import FixedBend
-from allegro_twin.kinematics.search.curve import TOLERANCE, Course, Curve, Moving, Piece, Posture, Way, near_turn
+from allegro_twin.kinematics.search.curve import Course, Curve, Moving, Piece, Posture, Way, near_turn
 from allegro_twin.kinematics.search.windows import (
     BESIDE,
     Side,
@@ -26,7 +26,6 @@ from allegro_twin.kinematics.search.windows import (
 )
 
 _TOUCHED = TOUCH * TOUCH
-_SHORT = 0.3  # rad of q₀.
 _AXIS = 1e-6  # m from joint 1's axis.
 
 
@@ -62,25 +61,10 @@ class ThumbFamily:
         On joint 1's axis q₁ is `free`, as far as its limits let it.
         """
         free = min(self._high[1], max(self._low[1], free))
-        curve = None if only is None else self._short(target, free, *only)
-        posture = None if curve is None else chosen(curve)
-        if posture is None or not self._inside(posture):
-            posture = chosen(self._through(target, free, only, bounded=False))
+        posture = chosen(self._through(target, free, only, bounded=False))
         if posture is None or not self._inside(posture):
             posture = chosen(self._through(target, free, only, bounded=True))
         return posture if posture is not None and self._inside(posture) else None
-
-    def _short(self, target: tuple[float, float, float], free: float, low: float, high: float) -> Curve | None:
-        """The curve between two q₀ next to each other, if both are inside the limits and the elbow cannot bend back.
-
-        Between them q₁ goes one way, and the elbow is bent least at one of the two.
-        """
-        way = self._way(Course(0.0, 0.0, 1.0), target, free)
-        ends = way(low)[:4], way(high)[:4]
-        least = max(0.0, -self._low[3]) + TOLERANCE
-        if high - low > _SHORT or not all(self._inside(end) and end[3] > least for end in ends):
-            return None
-        return Curve([Piece(way, low, high, way((low + high) / 2.0))], [])
 
     def _beside_axis(self, target: tuple[float, float, float], q1: float) -> list[Posture]:
         """With one q₁: beside joint 1's axis, where the others hardly move while it goes through all its range."""
