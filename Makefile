@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: demo demo-all test test-all bench models install clean
+.PHONY: demo demo-all test test-socketcan test-all bench models install clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -18,6 +18,10 @@ test: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/pytest -n $(JOBS)
+	$(BIN)/python -m tests.socketcan.guest --color=no
+
+test-socketcan: $(READY)
+	$(BIN)/python -m tests.socketcan.guest
 
 test-all: test
 	$(BIN)/pytest -n $(JOBS) -m long

@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from allegro_twin.description.calibration import Version
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
 from allegro_twin.spec import Side
-from allegro_twin.wire.codec import Version
 
 PerJoint = float | list[float]
 """One value for every joint, or one each."""
@@ -70,6 +70,15 @@ class FaultSettings(Settings):
     script: tuple[FaultEvent, ...] = ()
 
 
+class FirmwareSettings(Settings):
+    """Where sources disagree on what a hand does; for virtual hands. docs/protocol.md"""
+
+    servo: Literal["required", "ignored"] = "required"
+    """`ignored`: torques act and reports come without "servo on", as notes on a real v4 say."""
+    clip: Literal["driver", "full"] = "driver"
+    """The most that a motor follows: what the manufacturer's driver sends, or its full PWM."""
+
+
 class CanSettings(Settings):
     """A hand on a CAN bus, real or virtual."""
 
@@ -91,6 +100,8 @@ class CanSettings(Settings):
     """s without a whole report after which the hand counts as silent."""
     deadman: Positive | None = 0.1
     """s without a call from the program after which the hand is cut off; null: never."""
+    keeper: bool = True
+    """Have a process of its own watch, which also leaves the hand limp when the program dies; docs/safety.md."""
     velocity_cutoff: Positive = 30.0
     """Hz, of the low-pass behind joint velocities."""
     gravity: Vector3 | None = None
@@ -100,6 +111,8 @@ class CanSettings(Settings):
     realtime: bool | Literal["try"] = False
     """Ask the kernel for real-time scheduling (Linux; needs permission), so that a busy machine misses no period;
     `try`: go on with a warning where it is not allowed."""
+    firmware: FirmwareSettings | None = None
+    """How a virtual hand differs from what the manual says of one."""
     scene: SimSettings | None = None
     """Where a virtual hand is; only `interface: allegro-virtual` and `allegro-twin firmware` look at it."""
     faults: FaultSettings | None = None

@@ -21,6 +21,14 @@ class ConfigError(HandError, ValueError):
     """Fix the YAML, or the argument that stands for it: an unknown key, a wrong shape, a period that does not fit."""
 
 
+class SelfCollision(ConfigError):
+    """Ask for another posture, or go there by another: the hand would meet itself. The message names the parts."""
+
+
+class MotionStalled(HandError):
+    """Free the fingers, or go another way: a motion met something. The hand holds where it was stopped."""
+
+
 class CommandError(HandError, ValueError):
     """Fix the controller: a NaN, a wrong length, a kind of command that this hand does not accept."""
 

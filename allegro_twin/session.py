@@ -45,6 +45,8 @@ class Outcome:
     report: Report | None
     notes: tuple[str, ...]
     """What was asked for and could not be had, and warnings."""
+    unconfirmed: str = ""
+    """Why it is not sure that the hand was left limp; empty when it is."""
 
 
 Advance = Callable[[float], None]
@@ -74,11 +76,12 @@ def perform(
         for sample in samples:
             last = sample.state
             advance(last.t)
+        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         assert last is not None  # The loop yields at least the state after reset.
         report = rig.trial.report() if rig.trial is not None else None
         if rig.wire is not None:
             notes += rig.wire.warnings()
-        return Outcome(last, report, tuple(notes))
+    return Outcome(last, report, tuple(notes), "" if rig.wire is None else rig.wire.unconfirmed)
 
 
 def write_reports(path: Path, reports: dict[str, Report]) -> None:
@@ -141,7 +144,7 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
         raise ConfigError(
             f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
         )
-    from allegro_twin.wire.log import WireLog
+    from allegro_twin.wire.tools.log import WireLog
 
     with closing(WireLog(path, Path(config.backend.channel).name)) as log:
         rig.wire.listen(log)
@@ -160,6 +163,8 @@ def _kept(
         meta |= rig.sim.meta()
     if rig.trial is not None:
         meta |= rig.trial.meta()
+    if rig.wire is not None:
+        meta["calibration"] = rig.wire.calibration
     return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 

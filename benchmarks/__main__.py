@@ -4,19 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from benchmarks import bus_cost, deadman, gym, inverse_kinematics, loop_cost, memory, startup, two_processes, wire
+from benchmarks import (
+    bus_cost,
+    deadman,
+    deaths,
+    gym,
+    inverse_kinematics,
+    loop_cost,
+    memory,
+    startup,
+    two_processes,
+    wire,
+)
 
-BENCHMARKS = (loop_cost, inverse_kinematics, startup, memory, wire, bus_cost, deadman, two_processes, gym)
+BENCHMARKS = (loop_cost, inverse_kinematics, startup, memory, wire, bus_cost, deadman, deaths, two_processes, gym)
 
 
 def show(figures: Iterable[tuple[str, float, float, str]]) -> None:
     """One a line, as they come."""
     for what, measured, bar, unit in figures:
-        print(f"{what:<64}{measured:>10.2f} {unit:<2}{bar:>8} {unit}", flush=True)
+        print(f"{what:<72}{measured:>10.2f} {unit:<2}{bar:>8} {unit}", flush=True)
 
 
 def main() -> None:
-    print(f"{'what':<64}{'measured':>12}{'bar':>10}")
+    print(f"{'what':<72}{'measured':>12}{'bar':>10}")
     for benchmark in BENCHMARKS:
         show(benchmark.figures())
 

@@ -29,17 +29,17 @@ def config(scene: dict[str, Any], *, bus: bool) -> RunConfig:
 
 
 def figures() -> Iterator[Figure]:
-    yield "period through the virtual bus, backend alone", _ratio(_bare(bus=False), _bare(bus=True)), 2.5, "x"
+    yield "period through the virtual bus, backend alone", _ratio(_bare(bus=False), _bare(bus=True)), 2.0, "x"
     yield (
         "period through the virtual bus, PID + guard",
         _ratio(_loop(ALONE, bus=False), _loop(ALONE, bus=True)),
-        2.5,
+        2.0,
         "x",
     )
     yield (
         "period through the virtual bus, at a grasp",
         _ratio(_loop(GRASP, bus=False), _loop(GRASP, bus=True)),
-        2.5,
+        2.0,
         "x",
     )
 

@@ -1,10 +1,12 @@
-"""How soon a hand is cut off whose program hangs, and what of a core one and two hands take in real time.
+"""What of a core hands and their keepers take in real time, and how soon a hand is cut off where there is no keeper.
 
-The hands are a program of their own; the time is from the program's last call to the servo-off frame.
+The hands are a program of their own; the time is from the program's last call to the servo-off frame. With keepers:
+benchmarks/deaths.py.
 """
 
 from __future__ import annotations
 
+import os
 import statistics
 import subprocess
 import sys
@@ -19,11 +21,12 @@ import numpy as np
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.link import Link, open_bus
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.v4 import SERVO_OFF
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec.v4 import SERVO_OFF
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.buses import open_bus
+from allegro_twin.wire.host.settings import HostSettings
 
 Figure = tuple[str, float, float, str]
 PATIENCE, ROUNDS, SECONDS = 0.1, 10, 5.0
@@ -32,10 +35,12 @@ PATIENCE, ROUNDS, SECONDS = 0.1, 10, 5.0
 def figures() -> Iterator[Figure]:
     for what, hang in (("sleeps", _sleep), ("spins in Python", _spin)):
         times = [1000.0 * seconds for seconds in _cut_off(hang)]
-        yield f"cut-off, the program {what}: median of {ROUNDS}", statistics.median(times), 120.0, "ms"
-        yield f"cut-off, the program {what}: worst of {ROUNDS}", max(times), 200.0, "ms"
+        yield f"cut-off without a keeper, the program {what}: median of {ROUNDS}", statistics.median(times), 120.0, "ms"
+        yield f"cut-off without a keeper, the program {what}: worst of {ROUNDS}", max(times), 200.0, "ms"
     for hands in (1, 2):
-        yield f"share of a core, hands driven: {hands}, torque alone", 100.0 * _share(hands), 30.0 * hands, "%"
+        driver, keeper = _shares(hands)
+        yield f"share of a core, hands driven: {hands}, torque alone", 100.0 * driver, 30.0 * hands, "%"
+        yield "  each keeper", 100.0 * keeper, 2.0, "%"
 
 
 def _sleep() -> None:
@@ -51,18 +56,19 @@ def _spin() -> None:
 class _Driven:
     """A hand in another process, driven over slcan."""
 
-    def __init__(self, folder: Path, *, deadman: float | None) -> None:
+    def __init__(self, folder: Path, *, deadman: float | None, keeper: bool) -> None:
         self._tty = folder / "hand.tty"
         command = [sys.executable, "-m", "benchmarks.two_processes", "counting", str(self._tty)]
         self._program = subprocess.Popen(command)
         while not self._tty.exists() and self._program.poll() is None:
             time.sleep(0.05)
         self.off: list[float] = []
-        terms = Terms(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman)
+        settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), timeout=2.0, deadman=deadman, keeper=keeper)
         options = {"sleep_after_open": 0.0}
-        self._link = Link(open_bus("slcan", str(self._tty), 1_000_000, options))
+        bus = open_bus("slcan", str(self._tty), 1_000_000, options)
+        self._link = AdapterLink(bus, way=bus.way)  # type: ignore[attr-defined]  # Ours has one.
         self._link.listen(self._listen)
-        self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, terms)
+        self.backend = CanBackend(load_spec(), make_codec("v4"), self._link.port, settings)
 
     def _listen(self, message: can.Message) -> None:
         if message.arbitration_id >> 2 == SERVO_OFF:
@@ -81,7 +87,7 @@ class _Driven:
 def _cut_off(hang: Callable[[], None]) -> list[float]:
     times = []
     with tempfile.TemporaryDirectory() as folder:
-        driven = _Driven(Path(folder), deadman=PATIENCE)
+        driven = _Driven(Path(folder), deadman=PATIENCE, keeper=False)
         for _ in range(ROUNDS):
             driven.backend.reset()
             for _ in range(20):
@@ -94,19 +100,27 @@ def _cut_off(hang: Callable[[], None]) -> list[float]:
     return times
 
 
-def _share(hands: int) -> float:
-    """Of one core, this process's alone."""
+def _shares(hands: int) -> tuple[float, float]:
+    """Of one core: what drives the hands, and each of their keepers."""
     with ExitStack() as stack:
         folders = [Path(stack.enter_context(tempfile.TemporaryDirectory())) for _ in range(hands)]
-        driven = [_Driven(folder, deadman=1.0) for folder in folders]
+        patience = PATIENCE if hands == 1 else 1.0  # The first waits while the second says hello.
+        driven = [_Driven(folder, deadman=patience, keeper=True) for folder in folders]
         for one in driven:
             stack.callback(one.close)
             one.backend.reset()
-        cpu, begin = time.process_time(), time.perf_counter()
+        keepers = [one.backend.keeper for one in driven]
+        cpu, kept, begin = time.process_time(), sum(map(_spent, keepers)), time.perf_counter()
         while (elapsed := time.perf_counter() - begin) < SECONDS:
             for one in driven:
                 one.step()
-        return (time.process_time() - cpu) / elapsed
+        return (time.process_time() - cpu) / elapsed, (sum(map(_spent, keepers)) - kept) / elapsed / hands
+
+
+def _spent(process: int) -> float:
+    """CPU time of a process, s."""
+    fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

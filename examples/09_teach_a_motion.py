@@ -14,13 +14,14 @@ with Hand.open("sim_right") as hand:
     bend = np.clip(start + np.tile([0.0, 0.6, 0.5, 0.3], 4), *hand.limits)
     shown = Moves([Waypoint(bend, seconds=1.0), Waypoint(start, seconds=1.0)]).begin(start)
     person = Guide(hand.sim, lambda t: shown(t - began).position)
-    with hand.listening(person), hand.teach() as lesson:
+    with hand.listening(person), hand.teach() as demonstration:
         hand.wait(2.5)
     person.let_go()
-    motion = lesson.motion()
+    motion = demonstration.motion()
     print(f"taught {motion.times[-1]:.2f} s with {len(motion.times)} knots")
     hand.play(motion, speed=2.0)
     library = Library()
     library.add("wave", trajectory_entry(motion.times, motion.positions, hand.spec), hand.spec)
     library.store("wave", "library/taught.yaml")
+    hand.play("wave")  # From now on by its name, on either hand: allegro-twin play wave.
 print("stored in library/taught.yaml, for the right and the left hand")

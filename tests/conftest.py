@@ -13,6 +13,7 @@ from allegro_twin.build.wired import Scene, make_can
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
@@ -23,8 +24,7 @@ from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.codec import Version
+from allegro_twin.wire.host.backend import CanBackend
 
 MakeSim = Callable[..., SimBackend]
 

@@ -15,7 +15,8 @@ PACKAGE = ROOT / "allegro_twin"
 LAYERS = [
     {"errors", "types", "spec"},
     {"backend", "files"},
-    {"description", "kinematics", "control", "loop", "safety"},
+    {"kinematics"},
+    {"description", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
     {"config", "view", "evaluate", "identify", "grasping"},
@@ -48,6 +49,8 @@ HOMES = {
     "rich": {"cli"},
     "typer": {"cli"},
 }
+FLOORS = {"wire": ["codec", "host", "device", "tools"]}
+"""Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -97,6 +100,22 @@ def test_imports_point_down_and_never_sideways(path: Path) -> None:
         known = theirs if layer(theirs) < len(LAYERS) else ""
         same = known == mine or (layer(mine) == 0 and layer(known) == 0)
         assert same or known == "" or layer(known) < layer(mine), f"{path.name} imports {module} from the side or above"
+
+
+@pytest.mark.parametrize("room_", FLOORS)
+def test_within_a_room_imports_point_down_its_floors(room_: str) -> None:
+    floors = FLOORS[room_]
+    assert {path.name for path in (PACKAGE / room_).iterdir() if path.suffix != ".pyc"} == {
+        *floors,
+        "__init__.py",
+        "__pycache__",
+    } - ({"__pycache__"} if not (PACKAGE / room_ / "__pycache__").exists() else set())
+    for path in (PACKAGE / room_).rglob("*.py"):
+        mine = path.relative_to(PACKAGE / room_).parts[0]
+        for module in imports(path) if mine in floors else []:
+            parts = module.split(".")
+            if parts[:2] == ["allegro_twin", room_] and len(parts) > 2:
+                assert floors.index(parts[2]) <= floors.index(mine), f"{path.name} imports {module} from a floor above"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -12,16 +13,19 @@ import pytest
 
 from allegro_twin.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
 from allegro_twin.hand import Hand
 from allegro_twin.hand.grasps import aperture, for_width
 from allegro_twin.hand.mover import Kind
+from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.kinematics.orientation import angle_between
+from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
 from allegro_twin.sim.guide import Guide
+from allegro_twin.spec import Side
 from allegro_twin.types import HandState, Sample, Vector
-from allegro_twin.wire.codec import Version
 from tests.conftest import can_config
 
 
@@ -175,12 +179,12 @@ def test_what_a_person_shows_is_repeated_within_a_fiftieth_of_a_radian(
     shown: list[tuple[float, Vector]] = []
     with (
         hand.listening(guide),
-        hand.teach() as lesson,
+        hand.teach() as demonstration,
         hand.listening(lambda sample: shown.append((sample.state.t, sample.state.position))),
     ):
         hand.wait(3.2)
     guide.let_go()
-    motion = lesson.motion()
+    motion = demonstration.motion()
     assert 4 < len(motion.times) < 60
     assert motion.times[-1] == pytest.approx(1.9, abs=trimmed)
     repeated: list[tuple[float, Vector]] = []
@@ -210,25 +214,25 @@ def test_a_posture_is_taught_by_leaving_the_fingers_there(hand: Hand) -> None:
     goal = np.clip(hand.state.position + 0.3, *hand.limits)
     assert hand.sim is not None
     guide = Guide(hand.sim, lambda t: goal)
-    with hand.teach() as lesson:
+    with hand.teach() as demonstration:
         with hand.listening(guide):
             hand.wait(1.5)
         guide.let_go()
         hand.wait(0.3)
-    np.testing.assert_allclose(lesson.posture(), goal, atol=0.03)
-    np.testing.assert_allclose(hand.state.position, lesson.posture(), atol=0.01)
+    np.testing.assert_allclose(demonstration.posture(), goal, atol=0.03)
+    np.testing.assert_allclose(hand.state.position, demonstration.posture(), atol=0.01)
 
 
-def test_a_lesson_without_time_or_motion_says_so(hand: Hand) -> None:
-    with hand.teach() as lesson:
+def test_a_demonstration_without_time_or_motion_says_so(hand: Hand) -> None:
+    with hand.teach() as demonstration:
         pass
-    with pytest.raises(ConfigError, match=r"no time has passed in the lesson; hand\.wait"):
-        lesson.posture()
+    with pytest.raises(ConfigError, match=r"no time has passed in the demonstration; hand\.wait"):
+        demonstration.posture()
     hand.move_to("home")
-    with hand.teach() as lesson:
+    with hand.teach() as demonstration:
         hand.wait(0.3)
     with pytest.raises(ConfigError, match="no joint moved"):
-        lesson.motion()
+        demonstration.motion()
 
 
 def test_every_way_out_leaves_the_hand_limp() -> None:
@@ -309,6 +313,77 @@ def test_a_point_out_of_reach_says_how_far_and_nothing_moves(hand: Hand) -> None
     with pytest.raises(ConfigError, match="three finite numbers"):
         hand.move_fingertips({"index": [0.0, 0.1]})
     assert hand.state.t == before
+
+
+def test_a_point_that_is_in_reach_behind_one_that_is_not_is_named_as_it_was_asked_for(hand: Hand) -> None:
+    """Around the palm's edge: the tip can be there, but not on the way of a straight line."""
+    hand.move_to("open", 3.0)
+    spec = hand.spec
+    joints = list(spec.finger("index").joints)
+    folded = FingerKinematics(spec, "index").fk([0.0, *spec.upper[joints][1:]]).position
+    place = r"index: \[" + ", ".join(f"{value:.4f}" for value in folded).replace(".", r"\.") + r"\] m is in reach, but"
+    with pytest.raises(ConfigError, match=place + " not on a straight line from here: .* cannot go on past"):
+        hand.move_fingertips({"index": folded})
+
+
+@pytest.mark.parametrize("finger", ["index", "thumb"])
+def test_a_fingertip_arrives_turned_as_it_was_asked_to_be(hand: Hand, finger: str) -> None:
+    hand.move_to("home", 3.0)
+    joints = list(hand.spec.finger(finger).joints)
+    start = hand.state.position[joints]
+    kinematics = FingerKinematics(hand.spec, finger)
+    wanted = kinematics.fk(start + np.array([0.05, 0.15, -0.1, 0.2]))
+    hand.move_fingertips({finger: wanted.position}, euler={finger: wanted.euler})
+    now = hand.fingertips()[finger]
+    np.testing.assert_allclose(now.position, wanted.position, atol=1e-3)
+    assert angle_between(now.rotation, wanted.rotation) < 0.02
+    hand.move_fingertips({finger: wanted.position}, euler={finger: wanted.euler})  # It is there: nothing to do.
+
+
+def test_a_tip_that_stays_in_its_place_can_be_turned(hand: Hand) -> None:
+    """A finger with a bent elbow has another posture for the same point."""
+    hand.move_to("home", 3.0)
+    kinematics = FingerKinematics(hand.spec, "index")
+    place = hand.fingertips()["index"].position
+    turned = kinematics.ik(place, pitch=float(hand.state.position[1:4].sum()) + 0.1).best()
+    assert turned.reached
+    hand.move_fingertips({"index": place}, euler={"index": kinematics.fk(turned.posture).euler})
+    np.testing.assert_allclose(hand.state.position[:4], turned.posture, atol=0.02)
+
+
+def test_an_orientation_that_a_tip_cannot_have_is_refused_with_the_nearest(hand: Hand) -> None:
+    hand.move_to("home", 3.0)
+    before, tip = hand.state.t, hand.fingertips()["index"]
+    sideways = tip.euler + np.array([0.5, 0.0, 0.0])
+    with pytest.raises(
+        ConfigError, match=r"index: at .* cannot have euler .* the nearest .* is (\[.*\]), \d\.\d\d rad"
+    ) as e:
+        hand.move_fingertips({"index": tip.position}, euler={"index": sideways})
+    found = re.search(r"there is \[(.*)\]", str(e.value))
+    assert found is not None
+    assert hand.state.t == before
+    hand.move_fingertips({"index": tip.position}, euler={"index": [float(v) for v in found[1].split(",")]})
+    for targets, euler, message in (
+        ({"index": tip.position}, {"ring": [0, 0, 0]}, "euler is given for ring, which has no target"),
+        ({"index": tip.position}, {"index": [0, 0]}, "index: euler is roll, pitch and yaw, rad; not"),
+        ({"index": ["a", 0, 0]}, None, r"three finite numbers, m, palm frame; not \['a', 0, 0\]"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            hand.move_fingertips(targets, euler=euler)  # type: ignore[arg-type]  # That is the point.
+
+
+def test_a_trajectory_of_the_library_is_performed_by_name_on_either_hand(side: Side) -> None:
+    with Hand.open(config(side)) as hand:
+        motion = load_trajectory("ripple", hand.spec)
+        seen: list[Sample] = []
+        with hand.listening(seen.append):
+            hand.play("ripple", speed=1.5)
+        began = seen[-1].state.t - motion.seconds / 1.5 - 0.2
+        away = [np.abs(s.state.position - motion.path(1.5)(s.state.t - began - 0.2).position).max() for s in seen]
+        assert np.median(away[len(away) // 2 :]) < 0.05
+        np.testing.assert_allclose(hand.state.position, motion.positions[-1], atol=0.02)
+        with pytest.raises(ConfigError, match="no trajectory named 'rippel'; did you mean 'ripple'"):
+            hand.play("rippel")
 
 
 @pytest.mark.parametrize("name", ["grasp_3", "grasp_4", "pinch_index", "pinch_middle", "envelop"])

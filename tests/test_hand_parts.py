@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -10,14 +10,16 @@ import pytest
 from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, PID
 from allegro_twin.control.handover import Relay
-from allegro_twin.control.teach import Taught
+from allegro_twin.control.motion import Motion
+from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hand import Hand
 from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import straight
+from allegro_twin.hand.demonstration import Demonstration
 from allegro_twin.hand.driver import Driver
 from allegro_twin.hand.grasps import aperture, felt
-from allegro_twin.hand.lesson import Lesson
+from allegro_twin.hand.watch import Goal, Watch
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp, load_posture
@@ -145,27 +147,75 @@ def test_the_aperture_is_between_the_surfaces_of_the_fingertips(spec: HandSpec, 
     assert aperture(model, home, spec, ("index", "thumb")) == pytest.approx(between - 0.024)  # Spheres of 12 mm.
 
 
-def test_a_lesson_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
+def test_a_demonstration_gives_a_leaning_joint_its_limit_and_keeps_what_is_further_beyond(spec: HandSpec) -> None:
     leaning, far = spec.upper + 0.01, spec.upper + 0.05
-    lesson = Lesson(spec)
-    lesson(sample(0, leaning))
-    np.testing.assert_array_equal(lesson.posture(), spec.upper)
-    lesson(sample(1, far))
-    np.testing.assert_array_equal(lesson.posture(), far)
+    demonstration = Demonstration(spec)
+    demonstration(sample(0, leaning))
+    np.testing.assert_array_equal(demonstration.posture(), spec.upper)
+    demonstration(sample(1, far))
+    np.testing.assert_array_equal(demonstration.posture(), far)
 
 
 def test_a_motion_that_never_settles_is_over_half_a_second_after_its_end() -> None:
     with Hand.open(config()) as hand:
+        hand.set_controller("pd")  # PID would bring it there.
         hand.move_to("home", 2.0)
         assert hand.sim is not None
         hand.move_to("open", 2.0, wait=False)
-        hand.sim.push(np.where(np.arange(16) == 2, 0.3, 0.0))
+        hand.sim.push(np.where(np.arange(16) == 2, 0.27, 0.0))
         goal = hand._mover.goal  # When the motion is over.
         assert goal is not None
         hand.wait()
         late = hand.state.t - goal.began - goal.seconds
         assert np.abs(hand.errors).max() > 0.02
     assert late == pytest.approx(0.5, abs=0.01)
+
+
+def watched(goal: Goal, gains: str, positions: Callable[[float], Vector], spec: HandSpec, seconds: float) -> list[bool]:
+    """What a watch says of a hand that is in such positions, a sample every 3 ms, until it has arrived."""
+    watch, said = Watch(goal, spec, load_gains(gains, spec), 0.003), list[bool]()
+    for tick in range(1, int(seconds / 0.003)):
+        said.append(watch(Sample(state(tick, position=positions(0.003 * tick)), TorqueCommand(np.zeros(16)))))
+        if watch.arrived or said[-1]:
+            break
+    return said
+
+
+def test_a_joint_that_does_not_move_for_half_a_second_is_stuck(spec: HandSpec, home: Vector) -> None:
+    path = Moves([Waypoint(home + 0.5, seconds=1.0, profile="linear")]).begin(home)
+    goal = Goal(path, 0.0, 1.0, pressing=np.inf)
+    said = watched(goal, "default", lambda t: home, spec, 5.0)
+    assert said[-1]
+    assert 0.003 * len(said) == pytest.approx(0.03 / 0.5 + 0.5, abs=0.01)  # Half a second after it was 0.03 rad behind.
+    assert not watched(goal, "default", lambda t: path(t - 0.05).position, spec, 5.0)[-1]
+
+
+def test_what_shakes_in_a_contact_is_stuck_three_seconds_after_its_end(spec: HandSpec, home: Vector) -> None:
+    goal = Goal(Moves([Waypoint(home + 0.5, seconds=1.0)]).begin(home), 0.0, 1.0, pressing=np.inf)
+    said = watched(goal, "default", lambda t: home + 0.3 + 0.02 * (t // 0.3 % 2), spec, 9.0)
+    assert said[-1]
+    assert 0.003 * len(said) == pytest.approx(1.0 + 3.0, abs=0.01)
+
+
+def test_what_dry_friction_alone_keeps_from_its_place_is_not_stuck(spec: HandSpec, home: Vector) -> None:
+    """With gains of 0.42 N·m/rad, 0.02 N·m of friction are 0.048 rad."""
+    goal = Goal(Moves([Waypoint(home + 0.05, seconds=0.5)]).begin(home), 0.0, 0.5, pressing=np.inf)
+    short = np.where(np.arange(16) == 4, 0.045, 0.0)
+    for gains, stuck in (("rock_paper_scissors", False), ("default", True)):
+        assert watched(goal, gains, lambda t: home + 0.05 - short, spec, 3.0)[-1] == stuck
+
+
+def test_a_hand_that_has_arrived_may_be_pushed_for_as_long_as_one_likes() -> None:
+    with Hand.open(config()) as hand:
+        hand.move_to("home", 3.0)
+        assert hand.sim is not None
+        hand.sim.push(np.where(np.arange(16) == 2, 1.0, 0.0))
+        hand.wait(2.0)
+        assert np.abs(hand.errors).max() > 0.1
+        hand.sim.push(np.zeros(16))
+        hand.wait(1.0)
+        assert np.abs(hand.errors).max() < 0.01
+        assert hand.stalled is None
 
 
 def test_a_move_is_waited_for_until_the_joints_are_there() -> None:
@@ -195,17 +245,17 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
             hand.wait(0.03)
         heard = len(told)
         hand.wait(0.03)
-        with hand.teach() as lesson:
+        with hand.teach() as demonstration:
             hand.wait(0.03)
         assert hand.controller == "pid"
-        left = lesson.posture()
+        left = demonstration.posture()
         hand.wait(0.3)
-        np.testing.assert_array_equal(lesson.posture(), left)
+        np.testing.assert_array_equal(demonstration.posture(), left)
     assert heard == len(told) == 10
 
 
 def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
-    motion = Taught(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    motion = Motion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
     with Hand.open(config()) as hand:
         for speed in (1.0, 2.0):
             hand.play(motion, speed, approach=3.0, wait=False)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -245,3 +247,21 @@ def test_all_pictures_of_a_folder_become_one_and_a_missing_one_none(tmp_path: Pa
     assert picture_all(tmp_path, ["a", "b"]) == tmp_path / "overview.png"
     with Image.open(tmp_path / "overview.png") as picture:
         assert picture.getpixel((360, 120)) == (255, 0, 0)
+
+
+def test_nothing_is_imported_while_a_hand_is_driven(tmp_path: Path) -> None:
+    """An import takes as long as many periods; the first flush of a recording had one."""
+    code = f"""
+import sys
+from pathlib import Path
+from allegro_twin.build import assemble
+from allegro_twin.config import load_config
+from allegro_twin.session import Outputs, perform
+config = load_config("can_virtual").model_copy(update={{"seconds": 0.7}})
+seen = []
+outputs = Outputs(record=Path({str(tmp_path / "run.arrow")!r}))
+perform(assemble(config), config, outputs, lambda t: seen.append(set(sys.modules)))
+print(sorted(seen[-1] - seen[0]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -11,6 +11,9 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 
+STAY = 0.5
+"""s that a hand in another program is held on after its scenario: on a busy computer its time may lag behind ours."""
+
 
 def make_backend(config: RunConfig) -> HandBackend:
     """The hand that the config describes, behind its guard. Raises HandError."""
@@ -37,14 +40,15 @@ def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
 
 
 def _wired(config: RunConfig, settings: CanSettings) -> Rig:
-    from allegro_twin.build.wired import Scene, make_can, rehearsal
+    from allegro_twin.build.wired import Scene, make_can, rehearsal, spec_of
 
-    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    spec = spec_of(config)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
     trial = scene.trial or rehearsal(config, spec)
     controller, motion = make_controller(config, spec, trial)
-    seconds = config.seconds or (motion if trial is None else trial.seconds)
+    after = 0.0 if scene.trial is not None else STAY
+    seconds = config.seconds or (motion if trial is None else trial.seconds + after)
     return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim, backend)
 
 

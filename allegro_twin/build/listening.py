@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from allegro_twin.build.wired import VIRTUAL, codec_of
 from allegro_twin.config import CanSettings, RunConfig, load_config
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse
-from allegro_twin.wire.calibration import load_wiring
-from allegro_twin.wire.link import Bus, open_bus
-from allegro_twin.wire.sniff import Sniffer
+from allegro_twin.wire.device.slcan import TAP
+from allegro_twin.wire.host.buses import Bus, open_bus
+from allegro_twin.wire.tools.sniff import Sniffer
 
 
 def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] = ()) -> tuple[Bus, Sniffer]:
@@ -29,10 +31,12 @@ def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] =
         config = config.model_copy(update={"backend": settings})
         version = codec_of(config, settings).version
         calibration = load_wiring(config.hand.model, config.hand.serial).calibration
-    own = settings.options | dict(map(_option, options))
+    own, channel = settings.options | dict(map(_option, options)), settings.channel
     if settings.interface == "slcan":
         own.setdefault("listen_only", True)  # The adapter then does not even acknowledge.
-    bus = open_bus(settings.interface, settings.channel, settings.bitrate, own)
+        if Path(channel + TAP).exists():  # A virtual hand's: a driver may have the other one.
+            channel += TAP
+    bus = open_bus(settings.interface, channel, settings.bitrate, own)
     return bus, Sniffer(version, calibration)
 
 

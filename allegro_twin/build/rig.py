@@ -18,7 +18,7 @@ from allegro_twin.types import frozen
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.sim.backend import SimBackend
-    from allegro_twin.wire.backend import CanBackend
+    from allegro_twin.wire.host.backend import CanBackend
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import logging
+from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.build.wired import VIRTUAL, Scene, fault_plan, firmware_of
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import Bus, open_bus
-from allegro_twin.wire.virtual import LockstepBus
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.lockstep import LockstepBus
+from allegro_twin.wire.host.buses import LOCAL, Bus, open_bus
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
+
+log = logging.getLogger(__name__)
 
 
 def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
@@ -33,17 +37,31 @@ def far_end(settings: CanSettings) -> Bus:
     """What is at the hand's end of a config's bus: a serial adapter on a pseudo-terminal for slcan, a daemon for
     socketcand, the same bus for everything else. Raises LinkError or ConfigError."""
     if settings.interface == "slcan":
-        from allegro_twin.wire.slcan import SlcanDevice
+        from allegro_twin.wire.device.slcan import SlcanDevice
 
         return SlcanDevice(Path(settings.channel), settings.bitrate)
     if settings.interface == "socketcand":
-        from allegro_twin.wire.socketcand import DEFAULT_PORT, SocketcandServer
+        from allegro_twin.wire.device.socketcand import DEFAULT_PORT, SocketcandServer
 
         host, port = settings.options.get("host", "127.0.0.1"), settings.options.get("port", DEFAULT_PORT)
+        if not _loopback(str(host)):
+            log.warning("listening on %s: whoever reaches port %s moves this hand", host, port)
         return SocketcandServer(settings.channel, str(host), int(port))
     if settings.interface == VIRTUAL:
         raise ConfigError(f"{VIRTUAL} is a bus inside one program; serve on slcan, socketcand or a real interface")
     return open_bus(settings.interface, settings.channel, settings.bitrate, settings.options)
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def local(settings: CanSettings) -> bool:
+    """Whether the other programs of this computer are on the same bus."""
+    return settings.interface in LOCAL
 
 
 def judged(scene: Scene, hand: Firmware) -> Report | None:

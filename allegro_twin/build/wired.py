@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from allegro_twin.build.simulated import make_trial, simulated
-from allegro_twin.config import CanSettings, FaultSettings, PositionSettings, RunConfig, SimSettings
+from allegro_twin.config import CanSettings, FaultSettings, FirmwareSettings, PositionSettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
-from allegro_twin.wire import realtime
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.calibration import load_wiring
-from allegro_twin.wire.checkup import Checkup
-from allegro_twin.wire.codec import Codec
-from allegro_twin.wire.faults import Event, FaultPlan
-from allegro_twin.wire.firmware import Firmware, Identity
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import Link, Port, shared
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
-from allegro_twin.wire.virtual import LockstepBus
+from allegro_twin.types import frozen
+from allegro_twin.wire.codec.codec import Codec
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.faults import Event, FaultPlan
+from allegro_twin.wire.device.firmware import Firmware, Identity
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.lockstep import LockstepLink
+from allegro_twin.wire.host import realtime
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.buses import shared
+from allegro_twin.wire.host.link import Port
+from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.tools.checkup import Checkup
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
@@ -46,7 +48,7 @@ def make_can(config: RunConfig, settings: CanSettings, spec: HandSpec, scene: Sc
     """The hand on its bus; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
     codec = codec_of(config, settings)
     realtime.ask(settings.realtime)
-    return CanBackend(spec, codec, opener(config, settings, spec, codec, scene), terms_of(config, settings))
+    return CanBackend(spec, codec, opener(config, settings, spec, codec, scene), host_settings(config, settings))
 
 
 def checkup_of(config: RunConfig) -> Checkup:
@@ -54,23 +56,30 @@ def checkup_of(config: RunConfig) -> Checkup:
     settings = config.backend
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {settings.kind}")
-    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    spec = spec_of(config)
     codec = codec_of(config, settings)
     realtime.ask(settings.realtime)
-    return Checkup(spec, codec, opener(config, settings, spec, codec, Scene()), terms_of(config, settings))
+    return Checkup(spec, codec, opener(config, settings, spec, codec, Scene()), host_settings(config, settings))
 
 
-def terms_of(config: RunConfig, settings: CanSettings) -> Terms:
+def host_settings(config: RunConfig, settings: CanSettings) -> HostSettings:
     """How a config wants the hand on its bus dealt with."""
-    return Terms(
+    return HostSettings(
         period=config.period,
         timeout=settings.timeout,
         deadman=settings.deadman,
         velocity_cutoff=settings.velocity_cutoff,
+        keeper=settings.keeper,
         identify=settings.identify,
         gravity=settings.gravity,
         imu_period=settings.imu,
     )
+
+
+def spec_of(config: RunConfig) -> HandSpec:
+    """The hand that a config describes; on a bus its version decides how much torque its driver lets through."""
+    version = config.backend.version if isinstance(config.backend, CanSettings) else None
+    return load_spec(config.hand.model, config.hand.side, config.hand.serial, version)
 
 
 def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
@@ -91,12 +100,16 @@ def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) 
     settings = config.backend
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {settings.kind}")
-    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    codec = codec_of(config, settings)
+    codec, quirks = codec_of(config, settings), settings.firmware or FirmwareSettings()
+    spec = spec_of(config)
+    if quirks.clip == "full":
+        limit = load_wiring(config.hand.model, config.hand.serial).calibration.full_torque(codec.version)
+        spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))
     scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), spec, step)
     who = Identity(serial=_serial(config, codec), hardware=_HARDWARE[codec.version])
     pressures = _pressures(scene.sim) if codec.version.startswith("v5") else None
-    return Firmware(scene.sim, codec, who, pressures=pressures, restart=restart)
+    servo = quirks.servo == "required"
+    return Firmware(scene.sim, codec, who, pressures=pressures, restart=restart, servo=servo)
 
 
 def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
@@ -122,7 +135,7 @@ def opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Code
         return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)
     firmware = firmware_of(config, scene, step=config.period, restart=True)
     hands = VirtualHands([firmware], fault_plan(settings.faults))
-    return lambda: Link(LockstepBus(hands, spec.name)).port()
+    return lambda: LockstepLink(hands, spec.name).port()
 
 
 def _serial(config: RunConfig, codec: Codec) -> str:

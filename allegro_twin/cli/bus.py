@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,9 +14,8 @@ from allegro_twin.errors import ConfigError
 if TYPE_CHECKING:
     from allegro_twin.build.wired import Scene
     from allegro_twin.evaluate.held import Report
-    from allegro_twin.wire.hands import VirtualHands
-    from allegro_twin.wire.link import Bus
-    from allegro_twin.wire.serve import Served
+    from allegro_twin.wire.device.hands import VirtualHands
+    from allegro_twin.wire.device.serve import Served
 
 
 def register(app: typer.Typer) -> None:
@@ -58,7 +58,7 @@ def sniff(
     """Listen to any bus and say what the frames mean. Sends nothing. A serial adapter serves one program at a time."""
     from allegro_twin.build.listening import ears_of
     from allegro_twin.cli import console, monitor
-    from allegro_twin.wire.sniff import listened
+    from allegro_twin.wire.tools.sniff import listened
 
     given = {"interface": interface, "channel": channel, "bitrate": bitrate, "version": version}
     bus, sniffer = ears_of(config, {key: value for key, value in given.items() if value is not None}, option or [])
@@ -84,12 +84,13 @@ def firmware(
     wire_log: Annotated[Path | None, typer.Option(help="Log every frame to this .blf, .log or .asc.")] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
-    from allegro_twin.build.served import far_end, virtual_hands
+    from allegro_twin.build.served import far_end, local, virtual_hands
     from allegro_twin.cli import console
     from allegro_twin.config import CanSettings, load_config
     from allegro_twin.session import write_reports
-    from allegro_twin.wire import realtime
-    from allegro_twin.wire.log import LoggedBus, WireLog
+    from allegro_twin.wire.device.serve import serve
+    from allegro_twin.wire.host import realtime
+    from allegro_twin.wire.tools.log import LoggedBus, WireLog
 
     loaded = [load_config(name) for name in configs]
     settings = loaded[0].backend
@@ -103,29 +104,28 @@ def firmware(
     names = ", ".join(f"{c.hand.side} {fw.codec.version}" for c, fw in zip(loaded, hands.firmwares, strict=True))
     console.console.print(f"{names} hand on {bus.channel_info}; Ctrl-C ends it", highlight=False, soft_wrap=True)
     try:
-        served, verdicts = _be(hands, bus, scenes, seconds)
+        served, verdicts = _be(serve(hands, bus, local=local(settings)), hands, scenes, seconds)
     finally:
         bus.shutdown()
         hands.close()
         if log is not None:
             log.close()
     if served is not None:
-        console.console.print(served.words(), highlight=False, soft_wrap=True)
+        console.console.print(served.summary(), highlight=False, soft_wrap=True)
     if report is not None:
         write_reports(report, verdicts)
 
 
 def _be(
-    hands: VirtualHands, bus: Bus, scenes: list[Scene], seconds: float | None
+    serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
 ) -> tuple[Served | None, dict[str, Report]]:
     """Serve until the time is over or Ctrl-C; what happened, and the verdicts on scenarios."""
     from allegro_twin.build.served import judged
     from allegro_twin.cli import console
-    from allegro_twin.wire.serve import serve
 
     served, verdicts = None, dict[str, "Report"]()
     with suppress(KeyboardInterrupt):
-        for served in serve(hands, bus):
+        for served in serving:
             for scene, hand in zip(scenes, hands.firmwares, strict=True):
                 if (verdict := judged(scene, hand)) is not None:
                     verdicts[hand.backend.spec.name] = verdict

@@ -8,8 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TextIO
 
-from allegro_twin.errors import HandError
+from allegro_twin.errors import HandError, MotionStalled
 from allegro_twin.hand import Hand
+from allegro_twin.types import Sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,8 @@ def pressed(hand: Hand, key: str) -> str | None:
 
 def play(hand: Hand, source: TextIO, show: Callable[[str], None]) -> None:
     """Keys from a terminal, one at a time, or from any text, until `q` or its end. Raises HandError for a fault."""
-    with _raw(source):  # Before the help invites a key: the change of mode drops what was typed.
+    # The terminal's mode first, before the help invites a key: the change drops what was typed.
+    with _raw(source), hand.listening(_stalls(hand, show)):
         show(str(pressed(hand, "?")))
         while key := source.read(1):
             if key.isspace():
@@ -75,6 +77,18 @@ def play(hand: Hand, source: TextIO, show: Callable[[str], None]) -> None:
             if answer is None:
                 return
             show(f"{hand.state.t:8.2f} s  {answer}")
+
+
+def _stalls(hand: Hand, show: Callable[[str], None]) -> Callable[[Sample], None]:
+    """Shows a motion that was stopped, at the moment in which it is given up."""
+    told: list[MotionStalled] = []
+
+    def look(sample: Sample) -> None:
+        if hand.stalled is not None and hand.stalled not in told:
+            told.append(hand.stalled)
+            show(f"{sample.state.t:8.2f} s  {hand.stalled}")
+
+    return look
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Commands for a hand that is open: go to a posture, grasp, teach, the keyboard, calibrate, show."""
+"""Commands for a hand that is open: go to a posture, grasp, teach, play, the keyboard, calibrate, show."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.")]
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    for command in (posture, grasp, teach, keyboard):
+    for command in (posture, grasp, teach, play, keyboard):
         app.command()(command)
     calibrate = typer.Typer(help="Measure a hand and write what was found into its own file.")
     calibrate.command("limits")(calibrate_limits)
@@ -78,16 +78,31 @@ def teach(
 
     with Hand.open(config, background=sys.stdin.isatty()) as hand:
         console.console.print(f"Move the fingers; {seconds:g} s from now on.")
-        with hand.teach() as lesson:
+        with hand.teach() as demonstration:
             hand.wait(seconds)
         library = Library()
         if motion:
-            shown = lesson.motion()
+            shown = demonstration.motion()
             library.add(name, trajectory_entry(shown.times, shown.positions, hand.spec), hand.spec)
         else:
-            library.add(name, posture_entry(lesson.posture(), hand.spec), hand.spec)
+            library.add(name, posture_entry(demonstration.posture(), hand.spec), hand.spec)
         library.store(name, into)
     console.console.print(f"{name} is in {into}, for the right and the left hand")
+
+
+def play(
+    name: Annotated[str, typer.Argument(help="A trajectory of the library; `allegro-twin list trajectories`.")],
+    config: Config = "sim_right",
+    speed: Annotated[float, typer.Option(help="How many times as fast as it was shown.")] = 1.0,
+    approach: Annotated[float, typer.Option(help="Peak speed on the way to where it begins, rad/s.")] = 1.0,
+) -> None:
+    """Repeat a motion that was shown to a hand, on either hand, and show where the joints are."""
+    from allegro_twin.cli import console
+    from allegro_twin.hand import Hand
+
+    with Hand.open(config) as hand:
+        hand.play(name, speed, approach=approach)
+        console.console.print(console.final_state(hand.spec, hand.state))
 
 
 def keyboard(

@@ -1,4 +1,4 @@
-"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault, 5 the grasp failed."""
+"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or a motion that met something, 5 the grasp failed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from allegro_twin.cli import bus, exchange, live, training
-from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, unknown
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help="""A digital twin of
 the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario (scenarios/**/*.yaml) what to
 grasp.""")  # fmt: skip
+
+
+_ENDS = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+]  # Windows has the first.
 
 
 class Sides(StrEnum):
@@ -101,6 +106,8 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
                 if note not in told:
                     console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
                 told.add(note)
+            if outcome.unconfirmed:
+                raise LinkError(outcome.unconfirmed)
             if outcome.report is None:
                 console.console.print(console.final_state(rig.spec, outcome.last))
             else:
@@ -204,7 +211,9 @@ training.register(app)
 
 def main() -> None:
     """Run the command line; every HandError is one line on standard error."""
-    signal.signal(signal.SIGTERM, _stop)
+    for number in _ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
+            signal.signal(number, _stop)
     logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
         app()
@@ -217,11 +226,12 @@ def main() -> None:
 
 def _stop(number: int, frame: FrameType | None) -> None:
     """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for each in (*_ENDS, signal.SIGINT):
+        signal.signal(each, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 def _exit_code(error: HandError) -> int:
     if isinstance(error, LinkError):
         return 3
-    return 4 if isinstance(error, HandFault) else 2
+    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2

@@ -11,9 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from allegro_twin.cli import console
-from allegro_twin.wire.findings import Finding
-from allegro_twin.wire.link import Message
-from allegro_twin.wire.sniff import Row, Sniffer, name_of
+from allegro_twin.wire.host.link import Message
+from allegro_twin.wire.tools.findings import Finding
+from allegro_twin.wire.tools.sniff import Row, Sniffer, name_of
 
 Heard = Iterable[tuple[float, Message | None]]
 _REFRESH = 0.25  # s.
@@ -73,7 +73,7 @@ def rows(sniffer: Sniffer, bus: str) -> Table:
 
 
 def _cells(sniffer: Sniffer, row: Row) -> tuple[str, ...]:
-    name, text = sniffer.words(row)
+    name, text = sniffer.description(row)
     raw = "remote" if row.frame.remote else row.frame.data.hex(" ")
     rate = f"{row.rate:.1f}" if row.count > 1 else ""
     return name_of(row), escape(name), str(row.count), rate, escape(text), raw

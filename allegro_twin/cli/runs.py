@@ -101,8 +101,8 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
         raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
     from allegro_twin.build.logged import make_recording
 
-    told = make_recording(load_config(config), path, target, bus)
-    return told.states, told.words()
+    found = make_recording(load_config(config), path, target, bus)
+    return found.states, found.summary()
 
 
 def _parquet(recording: Any, target: Path) -> None:

@@ -1,35 +1,15 @@
-"""From what a person showed to a trajectory: without the waiting at both ends, and with no more knots than it needs."""
+"""From what a person showed to a motion: without the waiting at both ends, and with no more knots than it needs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from allegro_twin.control.profiles import linear
-from allegro_twin.control.trajectory import Trajectory
+from allegro_twin.control.motion import Motion
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import Array, frozen
+from allegro_twin.types import Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Taught:
-    """A motion as it was shown: joint positions at times that begin at zero."""
-
-    times: Array
-    """Ascending, (k,), s."""
-    positions: Array
-    """(k, n), rad."""
-
-    def path(self, speed: float = 1.0) -> Trajectory:
-        """To follow, `speed` times as fast as it was shown. Raises ConfigError unless that is positive."""
-        if not speed > 0.0:
-            raise ConfigError(f"speed must be positive, as a multiple of the taught one; it is {speed}")
-        rows = tuple(frozen(row) for row in self.positions)
-        return Trajectory(tuple((self.times / speed).tolist()), rows, (linear,) * (len(rows) - 1))
-
-
-def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: float = 0.004) -> Taught:
+def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: float = 0.004) -> Motion:
     """The motion in a record of joint positions, trimmed and simplified. Raises ConfigError when nothing moved.
 
     What lies within `still` (rad) of the first or the last position at either end is waiting. Between its knots the
@@ -42,7 +22,7 @@ def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: fl
     end = len(positions) - int(np.argmax(moving[::-1]))
     begin, end = max(begin - 1, 0), min(end, len(positions) - 1)
     keep = _knots(times[begin : end + 1], positions[begin : end + 1], tolerance)
-    return Taught(times[begin + keep] - times[begin], positions[begin + keep])
+    return Motion(times[begin + keep] - times[begin], positions[begin + keep])
 
 
 def _knots(times: Array, positions: Array, tolerance: float) -> Array:

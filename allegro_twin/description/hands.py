@@ -8,17 +8,23 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.description import facts
+from allegro_twin.description.calibration import NOMINAL, Version
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.types import Vector, frozen
 
-_ACTUATION = ("torque_limit", "damping", "armature", "frictionloss")
+_MOTOR = ("damping", "armature", "frictionloss")
+_ACTUATION = (*_MOTOR, "torque_limit")
 
 
-def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") -> HandSpec:
+def load_spec(
+    model: str = "allegro", side: Side = "right", serial: str = "", version: Version | None = None
+) -> HandSpec:
     """The spec of a hand: nominal, or with what conf/hands/<serial>.yaml says of that very hand.
 
+    `version` is the hand's, where its file does not say; it decides how much torque its driver lets through.
     Raises ConfigError that names the file and the key.
     """
     hand = facts.load(model, side)
@@ -32,7 +38,7 @@ def load_spec(model: str = "allegro", side: Side = "right", serial: str = "") ->
         fingers=fingers,
         lower=lower,
         upper=upper,
-        actuation=load_actuation(model, len(joints), serial),
+        actuation=load_actuation(model, len(joints), serial, version),
         mirror_flips=hand.mirror_flips,
         serial=serial,
         aliases=aliases(fingers, len(joints)),
@@ -80,21 +86,31 @@ def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | N
     return ForeignModel(str(found), str(table["root"]), tuple(map(str, table["joints"])), tips)
 
 
-def load_actuation(model: str, n_joints: int, serial: str = "") -> Actuation:
-    """Motors of the nominal hand, overridden key by key by the hand's own file where it has an `actuation` block."""
+def load_actuation(model: str, n_joints: int, serial: str = "", version: Version | None = None) -> Actuation:
+    """Motors of the nominal hand, overridden key by key by the hand's own file where it has an `actuation` block.
+
+    The torque limit follows from the counts that the driver may send and from what a count is in N·m; a file that gives
+    `torque_limit`, N·m, lowers it.
+    """
     values = _actuation_block(data_root() / "conf" / "hands" / f"{model}.yaml")
     if serial:
         values = values | _actuation_block(find(serial, "hand", "conf/hands"))
-    arrays = {}
-    for key in _ACTUATION:
-        given = values[key]
-        row = [given] * n_joints if isinstance(given, int | float) else given
-        if not isinstance(row, list) or len(row) != n_joints or not all(isinstance(v, int | float) for v in row):
-            raise ConfigError(f"hand {serial or model}: actuation.{key} needs one number or {n_joints}, not {given!r}")
-        arrays[key] = frozen(row)
-        if (arrays[key] < 0).any():
-            raise ConfigError(f"hand {serial or model}: actuation.{key} must not be negative: {given!r}")
-    return Actuation(**arrays)
+    arrays = {key: _row(values[key], key, n_joints, serial or model) for key in _MOTOR}
+    wiring = load_wiring(model, serial)
+    limit = frozen(wiring.calibration.torque_limit(wiring.version or version or NOMINAL))
+    if "torque_limit" in values:
+        limit = frozen(np.minimum(limit, _row(values["torque_limit"], "torque_limit", n_joints, serial or model)))
+    return Actuation(torque_limit=limit, **arrays)
+
+
+def _row(given: object, key: str, n_joints: int, hand: str) -> Vector:
+    row = [given] * n_joints if isinstance(given, int | float) else given
+    if not isinstance(row, list) or len(row) != n_joints or not all(isinstance(v, int | float) for v in row):
+        raise ConfigError(f"hand {hand}: actuation.{key} needs one number or {n_joints}, not {given!r}")
+    array = frozen(row)
+    if (array < 0).any():
+        raise ConfigError(f"hand {hand}: actuation.{key} must not be negative: {given!r}")
+    return array
 
 
 def _actuation_block(path: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,26 +12,64 @@ from numpy.typing import ArrayLike
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.orientation import (
+    angle_between,
+    euler_from_matrix,
+    matrix_from_euler,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    slerp,
+)
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.kinematics.solution import Best
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 _STEP = 0.002  # m between the points of a line that are solved; joints run straight in between.
+_LEVER = 0.05  # m. A turn of a tip counts as this arc a radian: about its distance from the joint before its last.
+_JUMP = 0.5  # rad. A joint that goes further between two points has changed over to another posture.
+_TURNED = 0.01  # rad. An orientation that is nearer than this is met.
 
 
-def straight(spec: HandSpec, start: Vector, targets: Mapping[str, ArrayLike], speed: float) -> Moves:
+class _Line(NamedTuple):
+    """The way of one tip."""
+
+    solver: FingerKinematics
+    joints: list[int]
+    begin: Pose
+    point: Vector
+    """Where it ends, (3,), m."""
+    rotation: Array | None
+    """How it is turned then, (3, 3); None: as it comes."""
+
+    @property
+    def length(self) -> float:
+        """m; of the way, or of the arc that a turn counts as."""
+        turn = 0.0 if self.rotation is None else float(angle_between(self.begin.rotation, self.rotation))
+        return max(float(np.linalg.norm(self.point - self.begin.position)), _LEVER * turn)
+
+
+def straight(
+    spec: HandSpec,
+    start: Vector,
+    targets: Mapping[str, ArrayLike],
+    speed: float,
+    euler: Mapping[str, ArrayLike] | None = None,
+) -> Moves:
     """The motion of some fingertips from a posture (n,), rad, straight to their targets (3,), m, palm frame.
 
-    They leave and arrive together, from rest to rest; the one that travels furthest peaks at `speed`, m/s. Each point
-    takes the posture nearest to the one before. Other fingers stay. Raises ConfigError for a target out of reach, with
-    the distance to the nearest point within it.
+    They leave and arrive together, from rest to rest; the one that travels furthest peaks at `speed`, m/s. `euler`
+    says how some of them are then turned: roll, pitch, yaw, (3,), rad. Each point takes the posture nearest to the one
+    before. Other fingers stay. Raises ConfigError for a target out of reach, with the distance to the nearest point
+    within it; for an orientation that the tip cannot have there, with the nearest; and for a line that leaves the
+    reach on its way.
     """
     if not speed > 0.0:
         raise ConfigError(f"speed must be positive, in m/s; it is {speed}")
-    goals = {name: _point(spec, name, value) for name, value in targets.items()}
-    solvers = {name: FingerKinematics(spec, name) for name in goals}
-    joints = {name: list(spec.finger(name).joints) for name in goals}
-    begin = {name: solvers[name].fk(start[joints[name]]).position for name in goals}
-    furthest = max((float(np.linalg.norm(goals[name] - begin[name])) for name in goals), default=0.0)
+    if loose := [name for name in euler or {} if name not in targets]:
+        raise ConfigError(f"euler is given for {loose[0]}, which has no target position")
+    lines = [_line(spec, start, name, value, (euler or {}).get(name)) for name, value in targets.items()]
+    furthest = max((line.length for line in lines), default=0.0)
     if furthest < 1e-6:
         return Moves([Waypoint(start, seconds=1e-3)])
     seconds = furthest * (15.0 / 8.0) / speed
@@ -38,31 +77,75 @@ def straight(spec: HandSpec, start: Vector, targets: Mapping[str, ArrayLike], sp
     s = np.linspace(0.0, 1.0, count + 1)[1:]
     parts = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
     rows = np.repeat(start[None], count, axis=0)
-    for name, solver in solvers.items():
-        points = begin[name] + parts[:, None] * (goals[name] - begin[name])
-        rows[:, joints[name]] = _solved(solver, points, start[joints[name]])
+    for line in lines:
+        rows[:, line.joints] = _solved(line, parts, start[line.joints])
     return Moves([Waypoint(row, seconds=seconds / count, profile="linear") for row in rows])
 
 
-def _solved(solver: FingerKinematics, points: Array, near: Vector) -> Array:
-    """Postures for points in order, each nearest to the one before, (k, 4), rad."""
-    rows = []
-    for point in points:
-        best = solver.ik(point, near=near).best(near)
-        if not best.reached:
-            place = ", ".join(f"{value:.4f}" for value in point)
+def _line(spec: HandSpec, start: Vector, name: str, value: ArrayLike, euler: ArrayLike | None) -> _Line:
+    joints = list(spec.finger(name).joints)
+    solver = FingerKinematics(spec, name)
+    point = _three(value, f"{name}: a fingertip position is three finite numbers, m, palm frame")
+    rotation = None
+    if euler is not None:
+        rotation = matrix_from_euler(_three(euler, f"{name}: euler is roll, pitch and yaw, rad"))
+    return _Line(solver, joints, solver.fk(start[joints]), point, rotation)
+
+
+def _solved(line: _Line, parts: Array, start: Vector) -> Array:
+    """Postures for parts of a line in order, each nearest to the one before, (k, 4), rad."""
+    _check_end(line, start)
+    points = line.begin.position + parts[:, None] * (line.point - line.begin.position)
+    turns = _turned(line.begin.rotation, line.rotation, parts)
+    rows = [start]
+    for point, turn in zip(points, turns, strict=True):
+        best = _best(line.solver, point, turn, rows[-1])
+        if not best.reached or np.abs(best.posture - rows[-1]).max() > _JUMP:
             raise ConfigError(
-                f"{solver.name}: the tip cannot be at [{place}] m, palm frame; the nearest point in reach is "
-                f"{float(best.distance) * 1000:.1f} mm from there"
+                f"{line.solver.name}: {_text(line.point)} m is in reach, but not on a straight line from here: the "
+                f"finger cannot go on past {_text(point)} m; go by a point beside it"
             )
-        near = best.posture
-        rows.append(near)
-    return np.array(rows)
+        rows.append(best.posture)
+    return np.array(rows[1:])
 
 
-def _point(spec: HandSpec, name: str, value: ArrayLike) -> Vector:
-    spec.finger(name)
-    point = np.asarray(value, dtype=np.float64)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise ConfigError(f"{name}: a fingertip position is three finite numbers, m, palm frame; not {value!r}")
-    return point
+def _check_end(line: _Line, near: Vector) -> None:
+    best, name = _best(line.solver, line.point, line.rotation, near), line.solver.name
+    if not best.reached:
+        raise ConfigError(
+            f"{name}: the tip cannot be at {_text(line.point)} m, palm frame; the nearest point in reach is "
+            f"{float(best.distance) * 1000:.1f} mm from there"
+        )
+    if line.rotation is not None and best.angle > _TURNED:
+        wanted, nearest = (_text(euler_from_matrix(r)) for r in (line.rotation, line.solver.fk(best.posture).rotation))
+        raise ConfigError(
+            f"{name}: at {_text(line.point)} m the tip cannot have euler {wanted} rad; the nearest that it can have "
+            f"there is {nearest}, {float(best.angle):.2f} rad away"
+        )
+
+
+def _best(solver: FingerKinematics, point: Vector, rotation: Array | None, near: Vector) -> Best:
+    if rotation is None:
+        return solver.ik(point, near=near).best(near)
+    return solver.ik(point, rotation=rotation).best(near)
+
+
+def _turned(begin: Array, end: Array | None, parts: Array) -> list[Array | None]:
+    """The orientations at parts of the shortest turn from one to another, None where none is asked for."""
+    if end is None:
+        return [None] * len(parts)
+    return list(matrix_from_quaternion(slerp(quaternion_from_matrix(begin), quaternion_from_matrix(end), parts)))
+
+
+def _three(value: ArrayLike, what: str) -> Vector:
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{what}; not {value!r}") from error
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ConfigError(f"{what}; not {value!r}")
+    return vector
+
+
+def _text(values: Vector) -> str:
+    return f"[{', '.join(f'{value:.4f}' for value in values)}]"

@@ -14,18 +14,17 @@ from numpy.typing import ArrayLike
 from allegro_twin.build import Rig, assemble
 from allegro_twin.config import PositionSettings, RunConfig, load_config
 from allegro_twin.control.controllers import Gains
-from allegro_twin.control.teach import Taught
+from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
-from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.grasping import performer
+from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import straight
-from allegro_twin.hand.grasps import Grasped, felt, for_width, timed
-from allegro_twin.hand.lesson import Lesson
-from allegro_twin.hand.mover import KINDS, Goal, Kind, Mover
+from allegro_twin.hand.demonstration import Demonstration
+from allegro_twin.hand.grasps import Grasped, begin, felt, for_width
+from allegro_twin.hand.mover import KINDS, Kind, Mover
 from allegro_twin.kinematics.model import Pose
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
@@ -66,9 +65,11 @@ class Hand:
         self.close()
 
     def close(self) -> None:
-        """Leave the hand limp and let go of it. Idempotent."""
+        """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it."""
         self._mover.driver.close()
         self._rig.backend.close()
+        if self._rig.wire is not None and self._rig.wire.unconfirmed:
+            raise LinkError(self._rig.wire.unconfirmed)
 
     @property
     def spec(self) -> HandSpec:
@@ -97,14 +98,7 @@ class Hand:
     def set_controller(self, kind: Kind, *, torque: ArrayLike = 0.0) -> None:
         """Change the controller while the hand runs, without a jump of torque. `pd` and `pid` stay where the hand is;
         `torque` (N·m, one value or n) is for the torque controller. Raises ConfigError."""
-        if kind not in KINDS:
-            raise ConfigError(unknown("controller", kind, KINDS))
-        if kind == "torque":
-            self._mover.limp(self.spec.vector(torque, "torque"))
-        elif kind == "gravity":
-            self._mover.compensate()
-        else:
-            self._mover.hold(kind)
+        self._mover.turn_to(kind, self.spec.vector(torque, "torque"))
 
     @property
     def errors(self) -> Vector:
@@ -121,10 +115,6 @@ class Hand:
     @gravity.setter
     def gravity(self, vector: ArrayLike | None) -> None:
         """Set it where the hand reports none or is wrong about it; None: what the hand reports."""
-        if vector is not None:
-            vector = frozen(vector)
-            if vector.shape != (3,) or not np.isfinite(vector).all():
-                raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
         self._mover.set_gravity(vector)
 
     @property
@@ -151,11 +141,13 @@ class Hand:
     def move_to(
         self, posture: Posture, speed: float = 1.0, *, profile: Profile = "minimum_jerk", wait: bool = True
     ) -> None:
-        """Go to a posture: the joint that travels furthest peaks at `speed` (rad/s), all arrive together. From torque
-        or gravity compensation the hand changes to PID. Raises ConfigError before anything moves."""
-        moves = Moves([Waypoint(self._posture(posture), speed=speed, profile=profile)])
-        moves.begin(self.state.position)  # A wrong speed is an error here, not in the loop.
-        self._mover.follow("pd" if self._mover.kind == "pd" else "pid", moves)
+        """Go to a posture: the joint that travels furthest peaks at `speed` (rad/s), all arrive together; finger by
+        finger where they would meet on the way. From torque or gravity compensation the hand changes to PID. Raises
+        ConfigError before anything moves, SelfCollision among them; MotionStalled, at once or to whoever waits."""
+        mover, what = self._mover, posture if isinstance(posture, str) else "the posture"
+        wish = Waypoint(self._posture(posture), speed=speed, profile=profile)
+        legs = mover.planned(lambda start: mover.ways.legs(start, wish, self.limits, what))
+        mover.follow(mover.position_kind, Moves(legs), what)
         if wait:
             self.wait()
 
@@ -163,13 +155,23 @@ class Hand:
         """Position (m) and rotation of every fingertip in the palm frame."""
         return self._mover.model.fingertips(self.state.position)
 
-    def move_fingertips(self, targets: Mapping[str, ArrayLike], speed: float = 0.05, *, wait: bool = True) -> None:
-        """Move fingertips (centres of their spheres) straight to positions in the palm frame, (3,) each, m; the one
-        that travels furthest peaks at `speed`, m/s. Raises ConfigError before anything moves."""
-        moves = straight(self.spec, self.state.position, targets, speed)
-        for waypoint in moves.waypoints:
-            self._bounds.check(self.spec.posture(waypoint.posture))
-        self._mover.follow("pd" if self._mover.kind == "pd" else "pid", moves)
+    def move_fingertips(
+        self,
+        targets: Mapping[str, ArrayLike],
+        speed: float = 0.05,
+        *,
+        euler: Mapping[str, ArrayLike] | None = None,
+        wait: bool = True,
+    ) -> None:
+        """Move fingertips (centres of their spheres) straight to positions in the palm frame, (3,) each, m, and turn
+        those of `euler` to roll, pitch, yaw, (3,), rad; the one that travels furthest peaks at `speed`, m/s. Raises as
+        `move_to` does."""
+        mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
+        start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
+        moves = straight(self.spec, start, targets, speed, euler)
+        rows = [self._posture(waypoint.posture) for waypoint in moves.waypoints]
+        mover.ways.check_line(np.array([start, *rows]), what)
+        mover.follow(mover.position_kind, moves, what)
         if wait:
             self.wait()
 
@@ -178,18 +180,14 @@ class Hand:
     ) -> Grasped:
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp. What the hand felt
-        at its end, or, without waiting, feels now. Raises ConfigError before anything moves."""
+        at its end, or, without waiting, feels now. Raises as `move_to` does, but what stops it once it closes."""
         mover, spec = self._mover, self.spec
         stored = load_grasp(name, spec)
         if object_width is not None:
             stored = for_width(stored, object_width, mover.model, spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
-        start = self.state
-        motion = timed(stored, start.position)
-        controller = performer(stored, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
-        path = motion.moves.begin(start.position)
-        mover.drive(f"grasp {name}", controller, Goal(path, start.t, path.seconds))
+        begin(stored, mover, spec, self.limits, force)
         if wait:
             self.wait()
         now = self.state
@@ -197,33 +195,38 @@ class Hand:
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled
-        (0.02 rad, or half a second at most)."""
-        if seconds is None:
-            return self._mover.wait()
-        end = self.state.t + seconds
-        return self._mover.driver.wait(lambda sample: sample.state.t >= end - 1e-9).state
+        (0.02 rad, or half a second at most). Raises MotionStalled, once, for a motion that met something."""
+        return self._mover.wait(seconds)
+
+    @property
+    def stalled(self) -> MotionStalled | None:
+        """What stopped the last motion, if anything did."""
+        return self._mover.stalled
 
     def stop(self) -> None:
         """Stay here: PID at the present position."""
         self._mover.hold("pid")
 
     @contextmanager
-    def teach(self) -> Iterator[Lesson]:
-        """Gravity compensation while somebody moves the fingers; what happens is kept in the lesson. Afterwards the
-        hand holds where it was left."""
-        lesson = Lesson(self.spec)
+    def teach(self) -> Iterator[Demonstration]:
+        """Gravity compensation while somebody moves the fingers; what they show is kept. Afterwards the hand holds
+        where it was left."""
+        demonstration = Demonstration(self.spec)
         self.set_controller("gravity")
-        with self.listening(lesson):
-            yield lesson
+        with self.listening(demonstration):
+            yield demonstration
         self.stop()
 
-    def play(self, motion: Taught, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
-        """Go to where a taught motion begins (peak speed `approach`, rad/s), then repeat it `speed` times as fast."""
-        path = motion.path(speed)
+    def play(self, motion: str | Motion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
+        """Go to where a motion begins (peak speed `approach`, rad/s), then repeat it `speed` times as fast as it was
+        shown: one of the library's trajectories, or what a demonstration gave. Raises as `move_to` does."""
+        if isinstance(motion, str):
+            motion = load_trajectory(motion, self.spec)
+        path, what = motion.path(speed), motion.name or "the motion"
         for row in motion.positions:
             self._posture(row)
         self.move_to(motion.positions[0], approach)
-        self._mover.follow("pid", Following(path))
+        self._mover.follow("pid", Following(path), what)
         if wait:
             self.wait()
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from allegro_twin.control.trajectory import Moves, travel_time
+from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping import Timed
+from allegro_twin.grasping import Timed, performer
+from allegro_twin.hand.mover import Mover
+from allegro_twin.hand.watch import Goal
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.spec import HandSpec
@@ -33,12 +36,24 @@ class Grasped:
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
 
 
-def timed(grasp: Grasp, start: Vector) -> Timed:
-    """The grasp's motion from a posture: at its own speed, then the squeeze."""
-    waypoints = [grasp.waypoint("preshape"), grasp.waypoint("close"), grasp.waypoint("squeeze", SQUEEZE)]
-    to_preshape = travel_time(start, waypoints[0])
-    to_close = to_preshape + travel_time(waypoints[0].posture, waypoints[1])
-    return Timed(Moves(waypoints), to_preshape, to_close)
+def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vector], force: float | None) -> None:
+    """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
+    ConfigError before anything moves."""
+    wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
+    approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what))
+    state = mover.state
+    motion = timed(grasp, state.position, approach)
+    controller = performer(grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
+    path = motion.moves.begin(state.position)
+    mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
+
+
+def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> Timed:
+    """The grasp's motion from a posture: to its pre-shape, closed at its own speed, then the squeeze."""
+    close = grasp.waypoint("close")
+    to_preshape = Moves(approach).begin(start).seconds
+    to_close = to_preshape + travel_time(grasp.preshape, close)
+    return Timed(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
 
 
 def for_width(grasp: Grasp, width: float, model: HandModel, spec: HandSpec) -> Grasp:

@@ -2,47 +2,45 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allegro_twin.build import Rig
 from allegro_twin.control.controllers import PD, PID, Gains, Gravity, GravityCompensation, Torque
 from allegro_twin.control.handover import Relay
-from allegro_twin.control.trajectory import Hold, Path, Reference
+from allegro_twin.control.trajectory import Hold, Reference
+from allegro_twin.errors import ConfigError, MotionStalled, unknown
 from allegro_twin.hand.driver import Driver
+from allegro_twin.hand.watch import Goal, Watch
+from allegro_twin.hand.ways import Ways
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.loop import paced, run
-from allegro_twin.types import HandState, Sample, Vector
+from allegro_twin.types import HandState, Sample, Vector, frozen
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid"]
 KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
-_SETTLED, _STILL, _PATIENCE = 0.02, 0.05, 0.5  # rad, rad/s, s.
-
-
-class Goal(NamedTuple):
-    """What the joints are asked to do: a path, when it began and for how long it lasts, s."""
-
-    path: Path
-    began: float
-    seconds: float
-
-    def at(self, t: float) -> Vector:
-        """Where the joints should be, (n,), rad."""
-        return self.path(t - self.began).position
+T = TypeVar("T")
+_DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
 
 class Mover:
-    """Turns wishes into controllers and hands the hand over to them, and waits for what they do."""
+    """Turns wishes into controllers and hands the hand over to them, watches what they do, and waits for it."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
-        self._rig, self._gains = rig, gains
-        self.model = HandModel(rig.spec)
+        self._rig, self.gains = rig, gains
+        self.model, self.ways = HandModel(rig.spec), Ways(rig.spec)
         self.kind: Kind | str = "torque"
-        self.goal: Goal | None = None
         self.listeners: list[Callable[[Sample], None]] = []
+        self.stalled: MotionStalled | None = None
+        """What stopped the last motion, if anything did."""
+        self._told, self._changing = True, threading.Lock()
+        self._watch: Watch | None = None
         self._gravity = Gravity(self.model.gravity_torque)
         self._relay = Relay(Torque(np.zeros(rig.spec.n_joints)), rig.spec.actuation.torque_limit)
         self.driver = Driver(self._samples(background), background=background)
@@ -52,8 +50,14 @@ class Mover:
         return self.driver.latest.state
 
     @property
-    def gains(self) -> Gains:
-        return self._gains
+    def goal(self) -> Goal | None:
+        """What the joints are asked to do."""
+        return None if self._watch is None else self._watch.goal
+
+    @property
+    def position_kind(self) -> Kind:
+        """The controller that a motion takes: PD if it drives already, else PID."""
+        return "pd" if self.kind == "pd" else "pid"
 
     @property
     def gravity(self) -> Gravity:
@@ -61,8 +65,12 @@ class Mover:
         self._gravity.check(self.state)
         return self._gravity
 
-    def set_gravity(self, vector: Vector | None) -> None:
-        """Compensate this gravity from now on, or what the hand reports for None."""
+    def set_gravity(self, vector: ArrayLike | None) -> None:
+        """Compensate this gravity from now on, or what the hand reports for None. Raises ConfigError."""
+        if vector is not None:
+            vector = frozen(vector)
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
         self._gravity = Gravity(self.model.gravity_torque, vector)
         self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
 
@@ -71,42 +79,85 @@ class Mover:
 
     def drive(self, kind: Kind | str, controller: Any, goal: Goal | None = None) -> None:
         """Hand over to a controller; `goal` says what its motion is, for those who wait."""
-        self.kind, self.goal = kind, goal
-        self._relay.switch(controller)
+        with self._changing:
+            self.kind, self.stalled, self._watch = kind, None, self._watched(goal)
+            self._relay.switch(controller)
 
-    def limp(self, torque: Vector) -> None:
-        self.drive("torque", Torque(torque))
-
-    def compensate(self) -> None:
-        self.drive("gravity", GravityCompensation(self.gravity))
+    def turn_to(self, kind: Kind, torque: Vector) -> None:
+        """Another controller: the torques, (n,), N·m; gravity compensation; or stay here. Raises ConfigError."""
+        if kind == "torque":
+            self.drive("torque", Torque(torque))
+        elif kind == "gravity":
+            self.drive("gravity", GravityCompensation(self.gravity))
+        elif kind in KINDS:
+            self.hold(kind)
+        else:
+            raise ConfigError(unknown("controller", kind, KINDS))
 
     def hold(self, kind: Kind) -> None:
         """Stay where the hand is."""
         self.follow(kind, Hold(self.state.position))
 
-    def follow(self, kind: Kind, reference: Reference) -> None:
-        """Let PD or PID follow a reference from the present state on."""
-        gravity, state = self.gravity, self.state
-        limit = self._rig.spec.actuation.torque_limit
-        controller = (
-            PD(reference, self._gains, gravity) if kind == "pd" else PID(reference, self._gains, limit, gravity)
-        )
+    def follow(self, kind: Kind, reference: Reference, what: str = "the motion") -> None:
+        """Let PD or PID follow a reference from the present state on; `what` it is stands in messages."""
+        controller, state = self._position(kind, reference, self.gravity), self.state
         path = reference.begin(state.position)
-        self.drive(kind, controller, Goal(path, state.t, float(getattr(path, "seconds", 0.0))))
+        seconds = float(getattr(path, "seconds", 0.0))
+        self.drive(kind, controller, Goal(path, state.t, seconds, what, math.inf if seconds else 0.0))
 
-    def wait(self) -> HandState:
-        """Until the motion is over and the joints have settled, or half a second after it."""
-        goal = self.goal
-        return self.driver.wait(lambda sample: goal is None or self._arrived(sample.state, goal)).state
+    def planned(self, plan: Callable[[Vector], T]) -> T:
+        """What is planned from where the joints are, (n,), rad. A hand that moved on meanwhile stops first."""
+        start = self.state.position
+        found = plan(start)
+        if np.abs(self.state.position - start).max() <= _DRIFT:
+            return found
+        self.hold(self.position_kind)
+        return plan(self.wait().position)
 
-    def _arrived(self, state: HandState, goal: Goal) -> bool:
-        late = state.t - (goal.began + goal.seconds + self._rig.backend.period)
-        settled = np.abs(goal.at(state.t) - state.position).max() < _SETTLED and np.abs(state.velocity).max() < _STILL
-        return late >= _PATIENCE or (late >= 0.0 and bool(settled))
+    def wait(self, seconds: float | None = None) -> HandState:
+        """For a time, s, or until the motion is over and the joints have settled. Raises MotionStalled if it was
+        stopped and nobody was told yet."""
+        watch, end = self._watch, None if seconds is None else self.state.t + seconds - 1e-9
+
+        def over(sample: Sample) -> bool:
+            if end is not None:
+                return sample.state.t >= end
+            return watch is None or watch.arrived or self._watch is not watch
+
+        state = self.driver.wait(over).state
+        if self.stalled is not None and not self._told:
+            self._told = True
+            raise self.stalled
+        return state
+
+    def _position(self, kind: Kind, reference: Reference, gravity: Gravity) -> PD | PID:
+        if kind == "pd":
+            return PD(reference, self.gains, gravity)
+        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, gravity)
+
+    def _watched(self, goal: Goal | None) -> Watch | None:
+        return None if goal is None else Watch(goal, self._rig.spec, self.gains, self._rig.backend.period)
+
+    def _look(self, sample: Sample) -> None:
+        """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""
+        watch, state = self._watch, sample.state
+        if watch is None or not watch(sample):
+            return
+        parts = " and ".join(dict.fromkeys(part for pair in self.ways.touching(state.position) for part in pair))
+        met = f"{parts} touch" if parts else "something is in the way"
+        hold = Hold(state.position)
+        with self._changing:
+            if self._watch is not watch:
+                return  # Somebody wanted something else in the meantime.
+            self._relay.switch(self._position("pid", hold, self._gravity))
+            words = f"{watch.goal.what} stalled: {watch.words} short; {met}. The hand holds where it is"
+            self.kind, self.stalled, self._told = "pid", MotionStalled(words), False
+            self._watch = self._watched(Goal(hold.begin(state.position), state.t, 0.0))
 
     def _samples(self, background: bool) -> Iterator[Sample]:
         samples = run(self._rig.backend, self._relay)
         for sample in paced(samples) if background and self._rig.sim is not None else samples:
+            self._look(sample)
             for listener in tuple(self.listeners):
                 listener(sample)
             yield sample

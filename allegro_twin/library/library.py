@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from allegro_twin.control.motion import Motion
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files import edit
 from allegro_twin.files.assets import data_root, parse_yaml
@@ -25,7 +26,6 @@ from allegro_twin.library.entries import (
 )
 from allegro_twin.library.grasps import Grasp, build_grasp
 from allegro_twin.library.sources import Listed, check_name, one, read_all, read_file, read_shipped, shipped
-from allegro_twin.library.trajectories import Motion
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
@@ -187,7 +187,7 @@ def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
 
 def _motion(listed: Listed, entry: TrajectoryFile, spec: HandSpec) -> Motion:
     positions = joint_values(entry, spec, listed.where)["positions"]
-    return Motion(listed.name, frozen(entry.times), frozen(positions))
+    return Motion(frozen(entry.times), frozen(positions), listed.name)
 
 
 def _with(file: Path, name: str, added: _Added) -> str:

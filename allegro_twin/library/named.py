@@ -1,9 +1,10 @@
-"""Postures and grasps by name, for either hand: what most callers need of the library."""
+"""Postures, grasps and trajectories by name, for either hand: what most callers need of the library."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from allegro_twin.control.motion import Motion
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.library.sources import shipped
@@ -24,6 +25,11 @@ def posture_names() -> list[str]:
 def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
     """A grasp by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
     return Library().grasp(name, spec)
+
+
+def load_trajectory(name: str | Path, spec: HandSpec) -> Motion:
+    """A motion by name or path, for the spec's side. Raises ConfigError naming the joint and the excess."""
+    return Library().trajectory(name, spec)
 
 
 def grasp_names() -> list[str]:

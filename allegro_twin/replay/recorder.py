@@ -43,6 +43,7 @@ class Recorder:
             "period": period,
             **(meta or {}),
         }
+        pa.array(np.zeros(1))  # Its first call imports a part of NumPy: not in the middle of a motion.
         self._buffers: dict[str, Array] = {}
         self._writer: pa.RecordBatchStreamWriter | None = None
         try:

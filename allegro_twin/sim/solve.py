@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import mujoco
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.forms.maths import ARRAYS
 from allegro_twin.kinematics.orientation import angle_between, entries_of_matrix, is_rotation
+from allegro_twin.sim.clearance import touching_geoms
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector, frozen
@@ -65,7 +65,7 @@ class FingertipSolver:
         self._model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         joints = [self._model.joint(name).id for name in spec.joints]
         self._qpos, self._dof = self._model.jnt_qposadr[joints], self._model.jnt_dofadr[joints]
-        self.pairs = _pairs(self._model)
+        self.pairs = touching_geoms(self._model)
         """The geoms that are kept apart, by id."""
 
     def solve(
@@ -215,22 +215,6 @@ class FingertipSolver:
             raise ConfigError(f"clearance {clearance} m is not between 0 and {_SIGHT - _REACH:g} m; None turns it off")
         if not tolerance > 0.0 or steps < 1:
             raise ConfigError(f"tolerance {tolerance} m and steps {steps} must be above zero")
-
-
-def _pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """The geoms that the simulation lets touch: of two links that are not neighbours and not excluded by the MJCF."""
-    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
-    excluded = {int(s) for s in model.exclude_signature}
-    parent = model.body_weldid[model.body_parentid]
-
-    def touch(a: int, b: int) -> bool:
-        one, two = sorted(int(model.geom_bodyid[g]) for g in (a, b))
-        weld, other = model.body_weldid[[one, two]]
-        bits = model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
-        neighbours = weld == other or parent[weld] == other or parent[other] == weld
-        return bool(bits) and not neighbours and (one << 16) + two not in excluded
-
-    return [(a, b) for a, b in combinations(solid, 2) if touch(a, b)]
 
 
 def _finite(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:

@@ -9,21 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
+from allegro_twin.description.calibration import Version
+from allegro_twin.description.wiring import load_wiring
 from allegro_twin.gym.episode import Episode
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.loop import run
 from allegro_twin.policy.controller import PolicyController
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train.evaluation import Evaluation, fitting
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.calibration import load_wiring
-from allegro_twin.wire.codec import Version
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import Link
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
-from allegro_twin.wire.virtual import LockstepBus
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.lockstep import LockstepLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.settings import HostSettings
 
 
 def over_can(
@@ -61,5 +60,5 @@ def _on_bus(episode: Episode, version: Version) -> CanBackend:
     spec = episode.spec
     codec = make_codec(version, load_wiring(spec.model, "").calibration)
     firmware = Firmware(episode, codec, restart=True)
-    bus = Link(LockstepBus(VirtualHands([firmware]), spec.name))
-    return CanBackend(spec, codec, bus.port, Terms(period=episode.period))
+    bus = LockstepLink(VirtualHands([firmware]), spec.name)
+    return CanBackend(spec, codec, bus.port, HostSettings(period=episode.period))

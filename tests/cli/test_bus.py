@@ -17,13 +17,13 @@ import pytest
 import yaml
 
 from allegro_twin.replay.recording import load
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.frames import Frame
-from allegro_twin.wire.link import open_bus
-from allegro_twin.wire.messages import Message
-from allegro_twin.wire.sniff import Sniffer
-from allegro_twin.wire.versions import make_codec
-from allegro_twin.wire.words import describe
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.messages import Message
+from allegro_twin.wire.codec.text import describe
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.buses import open_bus
+from allegro_twin.wire.tools.sniff import Sniffer
 from tests.cli.conftest import Run
 from tests.cli.test_main import SUITE, allegro_twin
 
@@ -155,14 +155,14 @@ def test_what_python_can_logs_beside_its_errors_is_not_shown(config: Any) -> Non
 def test_no_permission_says_which_group_has_it(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     denied = PermissionError(errno.EACCES, "Permission denied")
 
-    def refuse(**_: Any) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
         if how == "directly":
             raise denied
         if how == "by number":
             raise can.CanInitializationError("no", error_code=errno.EPERM)
         raise can.CanInitializationError("could not create the serial device") from denied
 
-    monkeypatch.setattr(can, "Bus", refuse)
+    monkeypatch.setattr("allegro_twin.wire.host.slcan.SlcanBus", refuse)
     with pytest.raises(
         ConnectionError, match="slcan x.tty: no permission .*; on a serial port, join the group dialout"
     ):
@@ -245,7 +245,7 @@ def test_a_row_counts_and_what_nobody_knows_stays_raw() -> None:
     assert sniffer.line(strange) == "    2.0000       7FF  01 02"
     short = sniffer.hear(can_message(Frame(0x84, b"\x01")), 2.0)
     assert short is not None
-    assert sniffer.words(short).name == "malformed"
+    assert sniffer.description(short).name == "malformed"
     assert sniffer.hear(can.Message(is_error_frame=True), 2.0) is None
     assert (sniffer.frames, sniffer.errors, len(sniffer.rows)) == (14, 1, 2)
 

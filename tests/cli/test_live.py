@@ -35,6 +35,7 @@ def test_a_posture_and_a_grasp_show_their_outcome() -> None:
     ("arguments", "message"),
     [
         (["posture", "hom"], "no posture named 'hom'; did you mean 'home'"),
+        (["play", "rippel"], "no trajectory named 'rippel'; did you mean 'ripple'"),
         (["grasp", "quadpod", "--width", "0.5"], "an object of 500 mm needs another grasp"),
         (["grasp", "quadpod", "--force", "2"], "grasp quadpod controls position and takes no force"),
         (["grasp", "grasp_3", "--force", "-1"], "force must be positive, not -1.0"),

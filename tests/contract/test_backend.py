@@ -13,6 +13,7 @@ import pytest
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.build import make_trial
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.replay.backend import ReplayBackend
@@ -20,8 +21,7 @@ from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.codec import Version
+from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import MakeSim, on_a_bus
 
 Make = Callable[[], HandBackend]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from allegro_twin.control.motion import Motion
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
@@ -24,7 +25,6 @@ from allegro_twin.library.entries import (
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp, load_posture
-from allegro_twin.library.trajectories import Motion
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
@@ -109,7 +109,9 @@ def names(**filters: Any) -> set[str]:
 def test_every_filter_narrows_the_list() -> None:
     everything = names()
     assert {"home", "quadpod"} <= everything
-    assert names(kind="posture") == {n for n in everything if n not in names(kind="grasp")}
+    kinds = [names(kind=kind) for kind in ("posture", "grasp", "trajectory")]
+    assert set().union(*kinds) == everything
+    assert sum(map(len, kinds)) == len(everything)
     assert names(taxonomy=27) == names(taxonomy="quadpod") >= {"quadpod", "quadpod_pear"}
     assert names(taxonomy="power") | names(taxonomy="precision") | names(taxonomy="intermediate") == names(kind="grasp")
     assert "quadpod" not in names(taxonomy="power")

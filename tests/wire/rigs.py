@@ -13,19 +13,21 @@ import numpy as np
 
 from allegro_twin.build.wired import Scene, firmware_of, make_can
 from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, TorqueCommand
-from allegro_twin.wire.backend import CanBackend
-from allegro_twin.wire.codec import Codec, Version
-from allegro_twin.wire.faults import FaultPlan
-from allegro_twin.wire.firmware import Firmware
-from allegro_twin.wire.hands import VirtualHands
-from allegro_twin.wire.link import Link, Port
-from allegro_twin.wire.serve import serve
-from allegro_twin.wire.terms import Terms
-from allegro_twin.wire.versions import make_codec
-from allegro_twin.wire.virtual import LockstepBus
+from allegro_twin.wire.codec.codec import Codec
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.device.faults import FaultPlan
+from allegro_twin.wire.device.firmware import Firmware
+from allegro_twin.wire.device.hands import VirtualHands
+from allegro_twin.wire.device.lockstep import LockstepBus
+from allegro_twin.wire.device.serve import serve
+from allegro_twin.wire.host.adapter import AdapterLink
+from allegro_twin.wire.host.backend import CanBackend
+from allegro_twin.wire.host.link import Port
+from allegro_twin.wire.host.settings import HostSettings
 from tests.conftest import can_config
 
 PERIOD = 0.003
@@ -71,7 +73,7 @@ class Bench:
         self,
         version: Version = "v4",
         plan: FaultPlan | None = None,
-        terms: Terms | None = None,
+        settings: HostSettings | None = None,
         *,
         speaks: Version | None = None,
         side: Side = "right",
@@ -87,12 +89,12 @@ class Bench:
         self.bus = SpoiltBus(self.hands)
         self.opened = 0
         gravity = None if version.startswith(("v4", "v5")) else (0.0, 0.0, -9.81)
-        terms = terms or Terms(gravity=gravity, imu_period=0.0 if gravity else 0.03)
-        self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, terms)
+        settings = settings or HostSettings(gravity=gravity, imu_period=0.0 if gravity else 0.03)
+        self.backend = CanBackend(load_spec(side=side), make_codec(version), self._open, settings)
 
     def _open(self) -> Port:
         self.opened += 1
-        return Link(self.bus).port()
+        return AdapterLink(self.bus).port()
 
     def reset(self) -> HandState:
         return self.backend.reset()
@@ -105,7 +107,7 @@ class Bench:
 
     def limp(self) -> bool:
         """Whether the hand's motors do nothing."""
-        return not self.firmware.serving or not any(self.firmware._torque)
+        return not self.firmware.serving or not any(self.firmware.torque)
 
 
 def frame(identifier: int, data: bytes = b"", **more: Any) -> can.Message:

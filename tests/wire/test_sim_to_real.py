@@ -16,6 +16,8 @@ from allegro_twin.build import Rig, assemble
 from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.calibration import FULL_SCALE as FULL
+from allegro_twin.description.calibration import Version, geared
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.held import Report
 from allegro_twin.library.gains import load_gains
@@ -23,15 +25,14 @@ from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
-from allegro_twin.wire import messages as m
-from allegro_twin.wire.codec import Codec, Version
-from allegro_twin.wire.velocity import VelocityFilter
-from allegro_twin.wire.versions import make_codec
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.codec import Codec
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.velocity import VelocityFilter
 from tests.conftest import MakeSim
 from tests.wire.rigs import Bench, half_count
 
 VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
-FULL_SCALE = {"v1": 800, "v2": 800, "v3": 1200, "v4": 1200}
 SPEC = load_spec()
 
 
@@ -50,8 +51,9 @@ class Quantised:
 
     def write(self, command: Command) -> None:
         assert isinstance(command, TorqueCommand)
+        limit = np.array(self._codec.pwm_limits) / np.array(self._counts_per_torque())
         values: list[float] = []
-        for k, finger in enumerate(command.torque.reshape(4, 4).tolist()):
+        for k, finger in enumerate(np.clip(command.torque, -limit, limit).reshape(4, 4).tolist()):
             read = self._codec.decode(self._codec.encode(m.SetTorque(k, tuple(finger))))  # type: ignore[arg-type]  # Four.
             assert isinstance(read, m.SetTorque)
             values += read.torque
@@ -65,6 +67,10 @@ class Quantised:
 
     def close(self) -> None:
         self._sim.close()
+
+    def _counts_per_torque(self) -> list[float]:
+        doubled = geared(self._codec.version)
+        return [FULL[self._codec.version] / (2.0 if joint in doubled else 1.0) for joint in range(16)]
 
     def _counts(self, position: Vector) -> Vector:
         values: list[float] = []
@@ -82,7 +88,7 @@ class Quantised:
 def test_open_loop_every_tick_is_the_simulations_within_half_a_count(version: Version, make_sim: MakeSim) -> None:
     """Torques of whole counts lose nothing on the wire, so the two hands do exactly the same."""
     sim, bench = make_sim(SPEC), Bench(version)
-    scale = FULL_SCALE[version]
+    scale = FULL[version]
     here, there = sim.reset(), bench.backend.reset()
     for k in range(600):
         assert here.tick == there.tick == k
@@ -102,7 +108,8 @@ def test_closed_loop_the_bus_is_quantisation_and_the_velocity_filter_and_nothing
     controller = PD(Hold(load_posture("home", SPEC)), load_gains("default", SPEC))
     bench = Bench(version)
     bus = [sample.state for sample in until(1.5, run(bench.backend, controller))]
-    direct = [sample.state for sample in until(1.5, run(Quantised(make_sim(SPEC), make_codec(version)), controller))]
+    hand = make_sim(load_spec(version=version))
+    direct = [sample.state for sample in until(1.5, run(Quantised(hand, make_codec(version)), controller))]
     assert [state.tick for state in bus] == [state.tick for state in direct]
     for there, here in zip(bus, direct, strict=True):
         np.testing.assert_array_equal(there.position, here.position)

@@ -46,7 +46,8 @@ class Turning(Generic[T]):
         """Of a point, m, an orientation as `Thumb.view` has it, and the offset, the rise and both links, m."""
         x, y, z = point
         _, swing, psi, c, s = view
-        self._m, self._rise, self._links = m, rise, links
+        self._m: Maths[T] = m
+        self._rise, self._links = rise, links
         self._point: tuple[T, T, T] = x, c * y - s * z, s * y + c * z
         self._swing: tuple[T, T] = m.circle(swing)
         self._psi: tuple[T, T] = m.circle(psi)

@@ -1,0 +1,47 @@
+"""How warm motors get, for a hand that is not there.
+
+Nobody has published thermal data of the hand. The constants are assumed: a small geared motor that may give its full
+torque for two or three minutes. They make throttling and faults happen for the right reason, not at the right time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from allegro_twin.types import Vector
+
+AMBIENT = 25.0  # °C
+RISE = 70.0  # K above ambient that full torque leads to in the end. Assumed.
+TIME_CONSTANT = 90.0  # s. Assumed.
+THROTTLE = 70.0  # °C from which the firmware gives less torque. Assumed; the guard fades from 60 °C on.
+EVERY = 0.1  # s between two updates.
+FAULT = 85.0  # °C at which it gives none. Assumed.
+
+
+class Motors:
+    """First-order heating by the losses of a torque, ten times a second: T' = (T_a + ΔT mean(τ²)/τ_max² − T) / t."""
+
+    def __init__(self, full: Vector) -> None:
+        self._rise = RISE / np.square(full)
+        self.temperature: Vector = np.full(len(full), AMBIENT)
+        """°C, (n,)."""
+        self.share: Vector = np.ones(len(full))
+        """How much of a wanted torque each motor gives, (n,), 0 … 1."""
+        self.cold = True
+        """Whether every motor gives all of it."""
+        self._squares, self._seconds, self._steps = np.zeros(len(full)), 0.0, 0
+
+    def warm(self, torque: Vector, dt: float) -> None:
+        """Let a torque act for a while."""
+        self._squares += torque * torque
+        self._seconds += dt
+        self._steps += 1
+        if self._seconds < EVERY:
+            return
+        goal = AMBIENT + self._rise * self._squares / self._steps
+        self.temperature += (goal - self.temperature) * (1.0 - math.exp(-self._seconds / TIME_CONSTANT))
+        self.share = np.clip((FAULT - self.temperature) / (FAULT - THROTTLE), 0.0, 1.0)
+        self.cold = bool((self.share == 1.0).all())
+        self._squares, self._seconds, self._steps = np.zeros_like(torque), 0.0, 0

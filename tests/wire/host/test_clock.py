@@ -1,0 +1,65 @@
+"""Ticks count the hand's periods, however the host stamps its frames."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from allegro_twin.wire.host.clock import HandClock
+
+PERIOD = 0.003
+
+
+def ticks(clock: HandClock, *heard: tuple[float, int]) -> list[int]:
+    """Ticks after states with these stamps (s) and numbers of moments begun."""
+    out = []
+    for t, moments in heard:
+        clock.advance(t, moments)
+        out.append(clock.tick)
+    return out
+
+
+def test_a_state_a_period_is_a_tick_a_period() -> None:
+    clock = HandClock(PERIOD, 100.0, 1)
+    assert ticks(clock, *[(100.0 + k * PERIOD, 1 + k) for k in range(1, 500)]) == list(range(1, 500))
+    assert clock.t == pytest.approx(499 * PERIOD)
+
+
+def test_moments_that_were_heard_but_not_whole_are_ticks() -> None:
+    assert ticks(HandClock(PERIOD, 0.0, 1), (3 * PERIOD, 4)) == [3]
+
+
+def test_two_or_more_silent_periods_show_at_once_and_one_after_three_states() -> None:
+    assert ticks(HandClock(PERIOD, 0.0, 1), (4 * PERIOD, 2)) == [4]
+    late = [((k + 1) * PERIOD, 1 + k) for k in range(1, 6)]  # One period is missing before the first.
+    assert ticks(HandClock(PERIOD, 0.0, 1), *late) == [1, 2, 4, 5, 6]
+
+
+def test_a_state_that_is_merely_late_is_no_missed_period() -> None:
+    stamps = [0.0031, 0.0085, 0.0091, 0.0121]
+    assert ticks(HandClock(PERIOD, 0.0, 1), *[(t, 2 + k) for k, t in enumerate(stamps)]) == [1, 2, 3, 4]
+
+
+def test_a_host_whose_clock_is_set_back_loses_no_time() -> None:
+    clock = HandClock(PERIOD, 50.0, 1)
+    ticks(clock, (50.003, 2), (50.006, 3), (17.0, 4), (17.003, 5), (17.006, 6))
+    assert clock.tick == 5
+    assert clock.t == pytest.approx(0.015)
+
+
+@given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))
+def test_under_any_lateness_of_the_host_time_and_tick_agree(lateness: list[float]) -> None:
+    """Stamps are late by up to 2.4 periods, and frames come in order."""
+    clock, stamp = HandClock(PERIOD, 0.0, 1), 0.0
+    before = (-1, -1.0)
+    for k, late in enumerate(lateness, start=1):
+        stamp = max(stamp, (k + late) * PERIOD)
+        clock.advance(stamp, 1 + k)
+        assert clock.tick > before[0]
+        assert clock.t > before[1]
+        before = clock.tick, clock.t
+        assert abs(clock.tick - k) <= 3
+    for k in range(301, 320):  # A host in time again; a tick cannot be taken back.
+        clock.advance(k * PERIOD, 1 + k)
+    assert 0 <= clock.tick - 319 <= 3

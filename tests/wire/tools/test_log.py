@@ -1,0 +1,208 @@
+"""A bus log holds a session: what it becomes as a recording is what the hand's own program recorded."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble
+from allegro_twin.build.logged import make_recording
+from allegro_twin.build.wired import codec_of
+from allegro_twin.config import CanSettings, LimitSettings, RunConfig
+from allegro_twin.description.calibration import FULL_SCALE, Version
+from allegro_twin.errors import ConfigError, HandFault, RecordingError
+from allegro_twin.replay.backend import ReplayBackend, samples_of
+from allegro_twin.replay.recording import Recording, load
+from allegro_twin.session import Outputs, perform
+from allegro_twin.wire.codec import messages as m
+from allegro_twin.wire.codec.frames import Frame
+from allegro_twin.wire.codec.messages import Message
+from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.wire.tools.log import SUFFIXES, WireLog, samples_of_log
+from allegro_twin.wire.tools.samples import Found
+from tests.conftest import can_config
+
+V4 = make_codec("v4")
+FRAMES_A_SECOND = 8 / 0.003
+
+
+def logged(config: RunConfig, folder: Path, suffix: str) -> tuple[Path, Path]:
+    """Run a config; its recording and its bus log."""
+    recording, log = folder / "run.arrow", folder / f"bus{suffix}"
+    perform(assemble(config), config, Outputs(record=recording, wire_log=log))
+    return recording, log
+
+
+def exported(config: RunConfig, log: Path) -> tuple[Recording, Found]:
+    target = log.with_name("exported.arrow")
+    told = make_recording(config, log, target)
+    return load(target), told
+
+
+def candump(path: Path, *said: tuple[float, str, Message | Frame]) -> Path:
+    """As `candump -l` writes it: no direction. Each is s, bus, and a message of a v4 hand or a frame."""
+    lines = []
+    for t, bus, message in said:
+        frame = message if isinstance(message, Frame) else V4.encode(message)
+        lines.append(f"({1_700_000_000 + t:.6f}) {bus} {frame}\n")
+    path.write_text("".join(lines))
+    return path
+
+
+def reports(t: float, bus: str = "can0", bend: float = 0.1) -> list[tuple[float, str, Message | Frame]]:
+    return [(t + 1e-4 * k, bus, m.FingerPosition(k, (bend, 0.2, 0.3, 0.4))) for k in range(4)]
+
+
+def torques(t: float, torque: float) -> list[tuple[float, str, Message | Frame]]:
+    return [(t + 1e-4 * k, "can0", m.SetTorque(k, (torque, 0.0, 0.0, 0.0))) for k in range(4)]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("version", ["v2", "v4", "v5"])
+def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, suffix: str, tmp_path: Path) -> None:
+    # Soft stops out of reach: what the bus carries is what the guard let through.
+    config = can_config(version).model_copy(update={"seconds": 0.9, "limits": LimitSettings(margin=-0.5)})
+    recording, log = logged(config, tmp_path, suffix)
+    mine, (theirs, found) = load(recording), exported(config, log)
+    assert (found.states, found.missed, found.incomplete, found.malformed, found.uncommanded) == (301, 0, 0, 0, 0)
+    for name in ("tick", "position", "velocity", "torque", "temperature", "gravity"):
+        np.testing.assert_array_equal(mine.columns[name], theirs.columns[name], name)
+    np.testing.assert_allclose(mine.columns["t"], theirs.columns["t"], rtol=0, atol=1.1e-6)  # The logs' microsecond.
+    assert isinstance(config.backend, CanSettings)
+    codec = codec_of(config, config.backend)
+    count = 1.0 / FULL_SCALE[codec.version]
+    limit = np.array(codec.pwm_limits) * count
+    wanted = np.clip(mine.columns["command_torque"], -limit, limit)
+    np.testing.assert_allclose(wanted, theirs.columns["command_torque"], rtol=0, atol=count)
+    assert np.abs(wanted).max() > 10 * count
+
+
+def test_an_exported_log_replays_as_a_hand(tmp_path: Path) -> None:
+    config = can_config("v4").model_copy(update={"seconds": 0.3})
+    recording, _ = exported(config, logged(config, tmp_path, ".log")[1])
+    assert recording.complete
+    assert recording.meta["log"] == "bus.log"
+    assert recording.meta["calibration"]["version"] == "v4"
+    assert recording.meta["calibration"]["pwm_limit"][:4] == [375, 675, 450, 285]
+    samples = list(samples_of(ReplayBackend(recording)))
+    assert [sample.state.tick for sample in samples] == list(range(101))
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_log_ends_with_the_words_that_leave_the_hand_limp_also_when_the_run_fails(
+    fails: bool, tmp_path: Path
+) -> None:
+    script = [{"at": 1.2, "what": "joint_timeout"}] if fails else []
+    config = can_config("v4", faults={"script": script}).model_copy(update={"seconds": None if fails else 0.6})
+    log = tmp_path / "bus.blf"
+    with pytest.raises(HandFault, match="JOINT_TIMEOUT") if fails else nullcontext():
+        perform(assemble(config), config, Outputs(wire_log=log))
+    said = [
+        V4.decode(Frame(message.arbitration_id, bytes(message.data)))
+        for message in can.LogReader(log)
+        if not message.is_rx
+    ]
+    assert said[-6:-2] == [m.SetTorque(finger, (0.0, 0.0, 0.0, 0.0)) for finger in range(4)]
+    assert said[-2:] == [m.ServoOff(), m.SetPeriod(0.0)]
+    assert len(said) > 0.4 * FRAMES_A_SECOND / 2
+
+
+def test_a_captured_candump_has_no_directions_and_may_begin_in_the_middle(tmp_path: Path) -> None:
+    said = [*reports(0.0), *reports(0.003), *torques(0.004, 0.5), *reports(0.006), *reports(0.009)]
+    found = Found()
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *said), V4, HostSettings(), found))
+    assert [sample.state.tick for sample in samples] == [0, 1, 2, 3]
+    first, second, third, _ = samples
+    # Before the first torques nobody knows what the hand does: its torque is NaN, the command zero, and counted.
+    assert np.isnan(first.state.torque).all()
+    assert np.isnan(second.state.torque).all()
+    assert found.uncommanded == 1
+    assert (first.command.torque == 0.0).all()  # type: ignore[union-attr]
+    assert second.command.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4  # type: ignore[union-attr]
+    assert third.state.torque[[0, 4, 8, 12]].tolist() == [0.5] * 4
+    assert np.isnan(third.state.temperature).all()
+
+
+def test_what_a_hand_reports_with_its_joints_is_of_that_state_and_what_comes_later_of_the_next(tmp_path: Path) -> None:
+    warm = (0.0015, "can0", m.FingerTemperature(0, (30.0, 31.0, 32.0, 33.0)))
+    before = [*reports(0.0), warm, *torques(0.002, 0.1), *reports(0.003)]
+    after = [*reports(0.0), *torques(0.001, 0.1), warm, *reports(0.003)]
+    for frames, known in ((before, True), (after, False)):
+        first, second = samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings())
+        assert np.isfinite(first.state.temperature[:4]).all() == known
+        assert second.state.temperature[:4].tolist() == [30.0, 31.0, 32.0, 33.0]
+
+
+def test_a_lost_report_costs_two_states_and_shows_in_the_tick(tmp_path: Path) -> None:
+    """The moment that lacks it, and the next, which might hold it late."""
+    whole = [frame for k in (0, 2, 3) for frame in reports(0.003 * k, bend=0.1 * k)]
+    frames = sorted([*whole, *reports(0.003, bend=0.1)[:3]], key=lambda frame: frame[0])
+    found = Found()
+    samples = list(samples_of_log(candump(tmp_path / "c.log", *frames), V4, HostSettings(), found))
+    assert [sample.state.tick for sample in samples] == [0, 3]
+    assert found.missed == 2
+    assert "2 periods without a state" in found.summary()
+
+
+def test_of_a_log_of_two_buses_one_must_be_named(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1", 0.9), *reports(0.003))
+    with pytest.raises(ConfigError, match="hands report on can0 and on can1: say which with --bus"):
+        list(samples_of_log(path, V4, HostSettings()))
+    (only,) = samples_of_log(path, V4, HostSettings(), bus="can1")
+    assert only.state.position[0] == pytest.approx(0.9, abs=1e-4)
+
+
+def test_a_log_of_another_hand_says_whose_it_is(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0))
+    with pytest.raises(RecordingError, match="no whole v2 hand in 4 frames; but a v4, v5 or v5plus hand reports"):
+        list(samples_of_log(path, make_codec("v2"), HostSettings()))
+    with pytest.raises(RecordingError, match=r"no whole v4 hand in 3 frames$"):
+        list(samples_of_log(candump(path, *reports(0.0)[:3]), V4, HostSettings()))
+
+
+def test_a_log_of_another_period_says_which(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *[one for k in range(60) for one in reports(0.006 * k)])
+    with pytest.raises(ConfigError, match=r"reports every 6.0 ms; the config says period: 0.003 s"):
+        list(samples_of_log(path, V4, HostSettings()))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("x.log", "can0  080   [8]  00 11\n", "no bus log that python-can can read.*make it with `candump -l`"),
+        ("x.blf", "LOGG but no log", "no bus log that python-can can read"),
+        ("x.asc", "", "no whole v4 hand in 0 frames"),
+        ("missing.log", None, "no bus log at"),
+    ],
+)
+def test_what_is_no_log_is_one_error(name: str, content: str | None, message: str, tmp_path: Path) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(RecordingError, match=message):
+        list(samples_of_log(tmp_path / name, V4, HostSettings()))
+
+
+def test_a_log_that_cannot_become_a_recording_leaves_none(tmp_path: Path) -> None:
+    path = candump(tmp_path / "c.log", *reports(0.0), *reports(0.001, "can1"))
+    with pytest.raises(ConfigError):
+        make_recording(can_config("v4"), path, tmp_path / "out.arrow")
+    assert [file.name for file in tmp_path.iterdir()] == ["c.log"]
+
+
+def test_an_unknown_suffix_is_an_error_that_names_the_good_ones(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"x.txt: a bus log ends in .blf, .log or .asc"):
+        WireLog(tmp_path / "x.txt")
+
+
+def test_a_disk_that_is_full_does_not_stop_the_hand_and_is_said_at_the_end(tmp_path: Path) -> None:
+    full = tmp_path / "bus.log"
+    full.symlink_to("/dev/full")
+    config = can_config("v4").model_copy(update={"seconds": 0.9})
+    with pytest.raises(RecordingError, match="cannot go on logging the bus to .*bus.log: No space left"):
+        perform(assemble(config), config, Outputs(record=tmp_path / "run.arrow", wire_log=full))
+    assert len(load(tmp_path / "run.arrow")) == 301
