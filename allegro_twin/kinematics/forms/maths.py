@@ -63,7 +63,7 @@ def _circle(angle: float) -> tuple[float, float]:
 
 
 def _root(x: float) -> float:
-    return math.sqrt(x) if x > 0.0 else 0.0
+    return 0.0 if x <= 0.0 else math.sqrt(x)  # NaN stays NaN, as in an array.
 
 
 def _turned(angle: float, middle: float) -> float:
