@@ -60,6 +60,17 @@ def test_no_posture_of_a_dense_sampling_is_turned_nearer(key: Key, noise: float)
     assert (best.angle > 1e-4).any()  # It is not what the finger can have.
 
 
+@pytest.mark.parametrize("key", THUMBS, ids=str)
+def test_almost_half_a_turn_off_is_not_taken_for_almost_there(key: Key) -> None:
+    """Both have a small sine, by which the thumb's q₀ is bounded."""
+    finger = FINGERS[key]
+    pose = finger.fk(postures(finger, 4000, seed=9))
+    wanted = off(pose.rotation, 3.0, seed=10)
+    best = finger.ik(pose.position, rotation=wanted).best()
+    for rows in np.array_split(np.arange(4000), 8):
+        assert (best.angle[rows] <= least_angle(finger, pose.position[rows], wanted[rows], count=40) + NEARLY).all()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("noise", [0.001, 0.02, 0.1, 1.0, 3.0])
 @pytest.mark.parametrize("key", EVERY, ids=str)

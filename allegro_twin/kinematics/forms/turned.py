@@ -60,7 +60,7 @@ class Turning(Generic[T]):
         """
         m, cosine = self._m, self._swing[0]
         sine = m.sin(angle) / m.choose(cosine > _WIDE, cosine, _WIDE)
-        sine = m.choose(sine < _WIDE, sine, nan)
+        sine = m.choose((sine < _WIDE) & (angle < 1.0), sine, nan)
         edge = sine / (1.0 + m.root(1.0 - sine * sine))
         low, middle, high = self._at(-edge), self._at(edge * 0.0), self._at(edge)
         fall, rise = middle.slope - low.slope, high.slope - middle.slope

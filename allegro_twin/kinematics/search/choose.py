@@ -10,7 +10,8 @@ from typing import TypeAlias
 from allegro_twin.kinematics.search.curve import Curve, Moving, Posture
 from allegro_twin.kinematics.search.valleys import Value, bottoms
 
-_STEP = 1.0  # rad of τ between two knots, at most.
+STEP = 1.0
+"""rad of τ between two knots at most, where few valleys lie."""
 Cost: TypeAlias = Value[Moving]
 
 
@@ -41,7 +42,7 @@ def turned_to(view: tuple[float, ...]) -> Cost:
     return value
 
 
-def cheapest(curve: Curve, value: Cost) -> tuple[float, Posture | None]:
+def cheapest(curve: Curve, value: Cost, step: float = STEP) -> tuple[float, Posture | None]:
     """The least cost, and the posture that has it."""
     least, best = inf, None
     for posture in curve.ends:
@@ -49,7 +50,7 @@ def cheapest(curve: Curve, value: Cost) -> tuple[float, Posture | None]:
         if cost < least:
             least, best = cost, posture
     for piece in curve.pieces:
-        places = [(tau, *value(at), at) for tau, at in piece.knots(_STEP)]
+        places = [(tau, *value(at), at) for tau, at in piece.knots(step)]
         for low, high in pairwise(places):
             for _, cost, _, at in (low, high, *bottoms(piece.at, value, low, high)):
                 if cost < least:

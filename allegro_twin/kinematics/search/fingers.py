@@ -7,7 +7,7 @@ from math import asin, atan2, cos, inf, pi, sin
 from typing import Protocol
 
 from allegro_twin.kinematics.forms.maths import FLOATS
-from allegro_twin.kinematics.search.choose import cheapest, nearest_to, turned_to
+from allegro_twin.kinematics.search.choose import STEP, cheapest, nearest_to, turned_to
 from allegro_twin.kinematics.search.curve import Curve, Posture
 from allegro_twin.kinematics.search.finger_curve import FingerFamily
 from allegro_twin.kinematics.search.nearest import Mode
@@ -15,6 +15,8 @@ from allegro_twin.kinematics.search.nearest_finger import FingerNearest
 from allegro_twin.kinematics.search.nearest_thumb import ThumbNearest
 from allegro_twin.kinematics.search.room import Limits, roomiest
 from allegro_twin.kinematics.search.thumb_curve import ThumbFamily
+
+_FINE = 0.25  # rad of τ between two knots, where an orientation is so far off that any posture may be the nearest.
 
 
 class Search(Protocol):
@@ -101,7 +103,8 @@ class ThumbSearch:
         """The tip's y axis lies at longitude -q₀ about x: so q₀ is no further from the wanted than the angle allows."""
         value = turned_to(view)
         only = self._window(view, angle)
-        return self._family.best(lambda curve: cheapest(curve, value)[1], (x, y, z), view[1], only)
+        step = _FINE if only is None else STEP
+        return self._family.best(lambda curve: cheapest(curve, value, step)[1], (x, y, z), view[1], only)
 
     def _window(self, view: tuple[float, ...], angle: float) -> tuple[float, float] | None:
         if angle >= pi / 2:
