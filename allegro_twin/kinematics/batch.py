@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.forms.chain import Asked, Chain
+from allegro_twin.kinematics.chain import Asked, Chain
 from allegro_twin.kinematics.forms.maths import ARRAYS
 from allegro_twin.kinematics.forms.planar import Flags
 from allegro_twin.kinematics.orientation import Entries

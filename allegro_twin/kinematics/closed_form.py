@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics import batch, single
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.forms.chain import Chain
+from allegro_twin.kinematics.chain import Chain
 from allegro_twin.kinematics.forms.finger import ImaFinger
 from allegro_twin.kinematics.forms.frame import Frame
 from allegro_twin.kinematics.forms.thumb import Thumb

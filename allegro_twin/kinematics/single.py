@@ -7,7 +7,7 @@ from math import inf, nan
 import numpy as np
 
 from allegro_twin.kinematics.bounds import Bounds
-from allegro_twin.kinematics.forms.chain import Asked, Chain, Point
+from allegro_twin.kinematics.chain import Asked, Chain, Point
 from allegro_twin.kinematics.forms.maths import FLOATS
 from allegro_twin.kinematics.forms.planar import Flags
 from allegro_twin.kinematics.search.curve import Posture

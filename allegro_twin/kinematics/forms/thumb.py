@@ -12,9 +12,9 @@ import numpy as np
 
 from allegro_twin.kinematics.forms.finger import turn_then_bend
 from allegro_twin.kinematics.forms.maths import Maths, T
+from allegro_twin.kinematics.forms.nearest_turn import NearestTurn
 from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH, Branch, bend, pair_of
 from allegro_twin.kinematics.forms.quartic import FixedBend
-from allegro_twin.kinematics.forms.turned import Turning
 from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.kinematics.orientation import Entries
 from allegro_twin.types import Array, Vector
@@ -125,7 +125,7 @@ class Thumb:
         One inside the limits is known to be off by an angle, rad, at most.
         """
         n0, _, _, c0, s0 = view
-        k, sure = Turning(m, target, view, (self.aside, self.up), self.links).nearest(angle, self._alone)
+        k, sure = NearestTurn(m, target, view, (self.aside, self.up), self.links).nearest(angle, self._alone)
         c, s = (1.0 - k * k) / (1.0 + k * k), (k + k) / (1.0 + k * k)
         q0 = m.turned(n0 - 2.0 * m.atan(k), self._middle[0])
         found = self._turned_by(m, *target, q0, c0 * c + s0 * s, s0 * c - c0 * s, k * 0.0)

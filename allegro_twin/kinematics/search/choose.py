@@ -8,10 +8,10 @@ from math import cos, inf, sin
 from typing import TypeAlias
 
 from allegro_twin.kinematics.search.curve import Curve, Moving, Posture
-from allegro_twin.kinematics.search.valleys import Value, bottoms
+from allegro_twin.kinematics.search.minima import Value, minima
 
 STEP = 1.0
-"""rad of τ between two knots at most, where few valleys lie."""
+"""rad of τ between two knots at most, where few minima lie."""
 Cost: TypeAlias = Value[Moving]
 
 
@@ -52,7 +52,7 @@ def cheapest(curve: Curve, value: Cost, step: float = STEP) -> tuple[float, Post
     for piece in curve.pieces:
         places = [(tau, *value(at), at) for tau, at in piece.knots(step)]
         for low, high in pairwise(places):
-            for _, cost, _, at in (low, high, *bottoms(piece.at, value, low, high)):
+            for _, cost, _, at in (low, high, *minima(piece.at, value, low, high)):
                 if cost < least:
                     least, best = cost, at[:4]
     return least, best

@@ -102,11 +102,11 @@ class ThumbSearch:
     def turned(self, x: float, y: float, z: float, view: tuple[float, ...], angle: float) -> Posture | None:
         """The tip's y axis lies at longitude -q₀ about x: so q₀ is no further from the wanted than the angle allows."""
         value = turned_to(view)
-        only = self._window(view, angle)
+        only = self._interval(view, angle)
         step = _FINE if only is None else STEP
         return self._family.best(lambda curve: cheapest(curve, value, step)[1], (x, y, z), view[1], only)
 
-    def _window(self, view: tuple[float, ...], angle: float) -> tuple[float, float] | None:
+    def _interval(self, view: tuple[float, ...], angle: float) -> tuple[float, float] | None:
         if angle >= pi / 2:
             return None
         part = sin(angle) / cos(view[1])

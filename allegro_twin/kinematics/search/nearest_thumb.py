@@ -10,8 +10,8 @@ from typing import TypeAlias
 from allegro_twin.kinematics.forms.planar import TOLERANCE
 from allegro_twin.kinematics.search.arcs import Arc, nearest_of
 from allegro_twin.kinematics.search.curve import Posture
+from allegro_twin.kinematics.search.minima import Place, minima
 from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
-from allegro_twin.kinematics.search.valleys import Place, bottoms
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
 Seen: TypeAlias = tuple[float, float, Posture]
@@ -55,7 +55,7 @@ class ThumbNearest:
         found = [seen(low + (high - low) * k / count) for k in range(count + 1)]
         places: list[Place[Seen]] = [(at[2][0], at[0], at[1], at) for at in found]
         for ends in pairwise(places):
-            found += [place[3] for place in bottoms(seen, _cost, *ends)]
+            found += [place[3] for place in minima(seen, _cost, *ends)]
         square, _, posture = min(found, key=_square)
         return sqrt(square), posture
 

@@ -7,7 +7,7 @@ from math import inf
 from typing import TypeAlias
 
 from allegro_twin.kinematics.search.curve import Curve, Moving, Posture, Way
-from allegro_twin.kinematics.search.valleys import STEPS, bottom, crossing
+from allegro_twin.kinematics.search.minima import STEPS, crossing, minimum
 
 Limits: TypeAlias = tuple[float, float, float, float, float, float, float, float]
 """Lowest and highest of each joint in turn, rad."""
@@ -87,7 +87,7 @@ def _dip(way: Way, limits: Limits, low: Spot, high: Spot, which: int) -> list[Sp
     def value(at: Moving) -> tuple[float, float]:
         return _room(at, which, limits), _rate(at, which)
 
-    tau, room, _, at = bottom(way, value, (a, *value(first), first), (b, *value(last), last))
+    tau, room, _, at = minimum(way, value, (a, *value(first), first), (b, *value(last), last))
     return [(tau, at, (room, 0.0, which))] if _tightest(at, limits)[2] == which else []
 
 

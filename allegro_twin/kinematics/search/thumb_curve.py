@@ -15,10 +15,10 @@ from allegro_twin.kinematics.forms.maths import FLOATS
 from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH, bend, pair_of
 from allegro_twin.kinematics.forms.quartic import FixedBend
 from allegro_twin.kinematics.search.curve import Course, Curve, Moving, Piece, Posture, Way, near_turn
-from allegro_twin.kinematics.search.windows import (
+from allegro_twin.kinematics.search.intervals import (
     BESIDE,
+    Interval,
     Side,
-    Window,
     bent_inside,
     clamped_acos,
     common,
@@ -54,7 +54,7 @@ class ThumbFamily:
         chosen: Callable[[Curve], Posture | None],
         target: tuple[float, float, float],
         free: float,
-        only: Window | None = None,
+        only: Interval | None = None,
     ) -> Posture | None:
         """What is chosen of a curve. What is best without some of the limits and keeps them is best with them too.
 
@@ -85,7 +85,9 @@ class ThumbFamily:
         (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
         return l0 <= q[0] <= h0 and l1 <= q[1] <= h1 and l2 <= q[2] <= h2 and l3 <= q[3] <= h3
 
-    def _through(self, target: tuple[float, float, float], free: float, only: Window | None, *, bounded: bool) -> Curve:
+    def _through(
+        self, target: tuple[float, float, float], free: float, only: Interval | None, *, bounded: bool
+    ) -> Curve:
         """The curve through a point in the base frame moved along x to joint 1, or `only` q₀ in a range."""
         x, y, z = target
         curve, square, lean = Curve([], []), y * y + z * z, atan2(z, y)
@@ -103,9 +105,9 @@ class ThumbFamily:
         for sense in (1.0,) if straight < pi else (1.0, -1.0):
             course = Course(middle, straight if straight < pi else 0.0, sense)
             bent = bent_inside(course, self._sides, self._pair.outer, whole, twice)
-            windows = common(bent, turned_inside(course, only or (self._low[0], self._high[0])))
-            if windows:
-                self._add(curve, course, self._way(course, target, free), windows, ends, bounded)
+            intervals = common(bent, turned_inside(course, only or (self._low[0], self._high[0])))
+            if intervals:
+                self._add(curve, course, self._way(course, target, free), intervals, ends, bounded)
         return curve
 
     def _way(self, course: Course, target: tuple[float, float, float], free: float) -> Way:
@@ -173,7 +175,7 @@ class ThumbFamily:
         return found
 
     def _add(
-        self, curve: Curve, course: Course, way: Way, windows: list[Window], ends: list[float], bounded: bool
+        self, curve: Curve, course: Course, way: Way, intervals: list[Interval], ends: list[float], bounded: bool
     ) -> None:
         """Between two ends that follow each other the curve is inside the limits of q₁ and q₂, or it is not."""
         (l1, h1), (l2, h2) = self._limits[1:3]
@@ -185,7 +187,7 @@ class ThumbFamily:
             elif abs(q0 - course.middle) < course.half:
                 tau = acos((course.middle - q0) / course.half)
                 taus += (tau, -tau, 2 * pi - tau)
-        for first, last in windows:
+        for first, last in intervals:
             places = [first, *sorted([tau for tau in taus if first < tau < last]), last]
             outside = True
             for low, high in pairwise(places):

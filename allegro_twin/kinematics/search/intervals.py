@@ -12,10 +12,10 @@ from typing import NamedTuple, TypeAlias
 
 from allegro_twin.kinematics.search.curve import Course
 
-Window: TypeAlias = tuple[float, float]
+Interval: TypeAlias = tuple[float, float]
 """A range of τ, or of q₀, rad."""
 BESIDE = 1e-7
-"""A window this narrow is a point, rad of τ."""
+"""An interval this narrow is a point, rad of τ."""
 _TURNS = (0.0, 2 * pi, -2 * pi)
 
 
@@ -27,7 +27,7 @@ class Side(NamedTuple):
     most: float
 
 
-def bent_inside(course: Course, sides: Sequence[Side], outer: float, whole: float, twice: float) -> list[Window]:
+def bent_inside(course: Course, sides: Sequence[Side], outer: float, whole: float, twice: float) -> list[Interval]:
     """τ where q₃ is inside its limits, if d² = whole - twice · cos(q₀ - middle), and `outer` where it is straight."""
     middle, half, elbow = course
     if half == 0.0:
@@ -51,10 +51,10 @@ def bent_inside(course: Course, sides: Sequence[Side], outer: float, whole: floa
     return [(first[0], last[1])] if first[1] >= last[0] else [first, last]
 
 
-def turned_inside(course: Course, only: Window) -> list[Window]:
+def turned_inside(course: Course, only: Interval) -> list[Interval]:
     """τ where q₀ is inside a range."""
     (low, high), (middle, half, _) = only, course
-    found: list[Window] = []
+    found: list[Interval] = []
     for turn in _TURNS:
         if half == 0.0:
             found.append((low + turn, high + turn))
@@ -70,7 +70,7 @@ def turned_inside(course: Course, only: Window) -> list[Window]:
     return found
 
 
-def common(first: Sequence[Window], second: Sequence[Window]) -> list[Window]:
+def common(first: Sequence[Interval], second: Sequence[Interval]) -> list[Interval]:
     """What is in both, points and next to nothing beside them included."""
     found = []
     for a, b in first:

@@ -1,4 +1,4 @@
-"""Where a function of one number is least, when its slope is known too: every valley between two places."""
+"""Where a function of one number is least, when its slope is known too: every local minimum between two places."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ Way = Callable[[float], A]
 Value = Callable[[A], tuple[float, float]]
 """From that to its cost and its slope."""
 _DOUBT = 0.3  # Of the lesser slope at two places: where a cubic's falls below that, it is looked at.
-_APART = 1e-3  # of τ: no valley is narrower.
-_FLAT = 1e-6  # Of the greater: a slope that is less is that of a bottom.
+_APART = 1e-3  # of τ: no two minima are nearer.
+_FLAT = 1e-6  # Of the greater: a slope that is less is that of a minimum.
 _CLOSE, _GAIN = 1e-6, 1e-14  # A step of τ, and what it gains, after which the next would be far smaller.
 STEPS = 60
 """So many at most."""
 
 
-def bottoms(way: Way[A], value: Value[A], low: Place[A], high: Place[A], depth: int = 3) -> list[Place[A]]:
-    """The bottoms of the valleys between two places."""
-    found = [bottom(way, value, low, high)] if low[2] < 0.0 < high[2] else []
+def minima(way: Way[A], value: Value[A], low: Place[A], high: Place[A], depth: int = 3) -> list[Place[A]]:
+    """The local minima between two places."""
+    found = [minimum(way, value, low, high)] if low[2] < 0.0 < high[2] else []
     if depth:
         for first, last in ((low, found[0]), (found[0], high)) if found else ((low, high),):
             tau = _hidden(first, last)
             if tau is not None:
                 at = way(tau)
                 between = (tau, *value(at), at)
-                found += bottoms(way, value, first, between, depth - 1)
-                found += bottoms(way, value, between, last, depth - 1)
+                found += minima(way, value, first, between, depth - 1)
+                found += minima(way, value, between, last, depth - 1)
     return found
 
 
 def _hidden(low: Place[A], high: Place[A]) -> float | None:
-    """Where a cubic with the same costs and slopes, of one sign, turns back, or nearly so: there a valley may hide."""
+    """Where a cubic with the same costs and slopes, of one sign, turns back, or nearly so: there a minimum may hide."""
     (a, cost, ga, _), (b, then, gb, _) = low, high
     if b - a < _APART:
         return None
@@ -50,7 +50,7 @@ def _hidden(low: Place[A], high: Place[A]) -> float | None:
     return a - (b - a) * linear / (2.0 * square) if ga - linear * linear / (4.0 * square) < _DOUBT * least else None
 
 
-def bottom(way: Way[A], value: Value[A], falling: Place[A], rising: Place[A]) -> Place[A]:
+def minimum(way: Way[A], value: Value[A], falling: Place[A], rising: Place[A]) -> Place[A]:
     """Where the slope is zero between two places: first as of a cubic, then τ as a parabola of slope."""
     low, high, to = falling[0], rising[0], _least(falling, rising)
     first, second, third = falling, rising, falling

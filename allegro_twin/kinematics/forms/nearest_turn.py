@@ -13,7 +13,7 @@ from allegro_twin.kinematics.forms.maths import Maths, T
 from allegro_twin.kinematics.forms.planar import TOUCH
 
 _WIDE = 0.3
-"""The sine of the widest β at which one posture in the middle and two at the ends show that there is one valley."""
+"""The sine of the widest β at which one posture in the middle and two at the ends show that there is one minimum."""
 _ALIKE = 4.0
 """So many times may one half of the way rise as steeply as the other."""
 _TOUCHED = TOUCH * TOUCH
@@ -32,7 +32,7 @@ class Place(NamedTuple, Generic[T]):
     """Half of what that grows, by β."""
 
 
-class Turning(Generic[T]):
+class NearestTurn(Generic[T]):
     """The postures that reach one point with a positive elbow and cos q₁ > 0."""
 
     def __init__(
