@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import repeat
 from math import nan
 
@@ -104,8 +103,7 @@ def _nearest(chain: Chain, bounds: Bounds, target: Target[Array], missing: Flags
 
 def _some(target: Target[Array], rows: slice) -> Target[Array]:
     x, y, z = target.position
-    return replace(
-        target,
+    return target._replace(
         position=(x[rows], y[rows], z[rows]),
         angle=target.angle[rows],
         rotation=None if target.rotation is None else _entries(target.rotation, rows),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, prod
-from typing import Generic
+from typing import Generic, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +20,7 @@ _OF_FINGER = ("pitch", "rotation", "quaternion", "euler", "near")
 _OF_THUMB = ("q0", "q1", "psi", "rotation", "quaternion", "euler", "near")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Target(Generic[T]):
+class Target(NamedTuple, Generic[T]):
     """Targets in the palm frame: one, or N which came in the shape (...)."""
 
     mode: Mode
@@ -50,15 +48,10 @@ def read_target(
         raise ConfigError(
             f"{finger}: give one of {' and '.join(name for name, _ in named)}, not both; a position leaves one freedom"
         )
-    if not named:
-        name, array = "position", np.zeros(())
-    else:
-        name = named[0][0]
-        array = _array(finger, name, named[0][1], _SHAPES.get(name, ()))
     shape = points.shape[:-1]
     if shape == ():
-        return _target(FLOATS, _numbers, finger, shape, points, name, array)
-    return _target(ARRAYS, _columns, finger, shape, points, name, array)
+        return _target(FLOATS, _numbers, finger, shape, points, named)
+    return _target(ARRAYS, _columns, finger, shape, points, named)
 
 
 def _target(
@@ -67,13 +60,14 @@ def _target(
     finger: str,
     shape: tuple[int, ...],
     points: Array,
-    name: str,
-    array: Array,
+    named: Sequence[tuple[str, ArrayLike]],
 ) -> Target[T]:
     x, y, z = split(finger, "position", points, (3,), shape)
-    values = split(finger, name, array, _SHAPES.get(name, ()), shape)
-    if name == "position":
-        return Target("position", shape, (x, y, z), values[0], None, None)
+    if not named:
+        return Target("position", shape, (x, y, z), x * 0.0, None, None)
+    ((name, value),) = named
+    own = _SHAPES.get(name, ())
+    values = split(finger, name, _array(finger, name, value, own), own, shape)
     if name == "near":
         return Target("position", shape, (x, y, z), x * 0.0, None, tuple(values))
     if name in _SHAPES:
@@ -114,9 +108,8 @@ def _numbers(finger: str, name: str, array: Array, own: tuple[int, ...], shape: 
     if array.shape != own:
         raise _misfit(finger, name, array, shape)
     numbers: list[float] = array.ravel().tolist()
-    for number in numbers:
-        if not isfinite(number):
-            raise _endless(finger, name, array)
+    if not all(map(isfinite, numbers)):
+        raise _endless(finger, name, array)
     return numbers
 
 

@@ -124,13 +124,19 @@ class Thumb:
 
         One inside the limits is known to be off by an angle, rad, at most.
         """
-        n0, _, _, c0, s0 = view
+        (x, y, z), (n0, _, _, c0, s0) = target, view
         k, sure = NearestTurn(m, target, view, (self.aside, self.up), self.links).nearest(angle, self._alone)
+        if not m.anywhere(sure):
+            return (k, k, k, k), angle, sure
         c, s = (1.0 - k * k) / (1.0 + k * k), (k + k) / (1.0 + k * k)
         q0 = m.turned(n0 - 2.0 * m.atan(k), self._middle[0])
-        found = self._turned_by(m, *target, q0, c0 * c + s0 * s, s0 * c - c0 * s, k * 0.0)
-        q1, q2, q3 = (m.choose(target[0] > 0.0, a, b) for a, b in zip(found[0][1:], found[2][1:], strict=True))
-        return (q0, q1, q2, q3), self.angle_to(m, (q0, q1, q2, q3), view), sure
+        c, s = c0 * c + s0 * s, s0 * c - c0 * s
+        across, height = c * y - s * z - self.aside, s * y + c * z - self.up
+        side = m.copysign(k * 0.0 + 1.0, x)
+        r = side * m.root(x * x + across * across)
+        half, lead, _ = bend(m, r * r + height * height, self._pair)
+        q = q0, m.atan2(side * across, side * x), m.atan2(r, height) - lead, half + half
+        return q, self.angle_to(m, q, view), sure
 
     def _turned_by(self, m: Maths[T], x: T, y: T, z: T, q0: T, c: T, s: T, on_axis: T) -> list[Branch[T]]:
         """Both sides of joint 1's axis, on which one bends as the mirror image of the other, with cos q₀ and sin q₀."""
