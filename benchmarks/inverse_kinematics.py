@@ -57,9 +57,9 @@ def _ratios(name: str) -> Iterator[Figure]:
         rounds.append([*(python / ours), *(c / ours)])
     ratios = np.median(rounds, axis=0).tolist()
     without = "" if compiled else ": no compiler"
-    yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", ratios[0], 200.0, "x"
+    yield f"IK batched, {name}, times Pinocchio DLS's speed (at least)", ratios[0], 400.0, "x"
     yield f"IK scalar, {name}, times Pinocchio DLS's speed (at least)", ratios[1], 50.0, "x"
-    yield f"IK batched, {name}, times compiled DLS's speed (at least){without}", ratios[2], 12.0, "x"
+    yield f"IK batched, {name}, times compiled DLS's speed (at least){without}", ratios[2], 10.0, "x"
     yield f"IK scalar, {name}, times compiled DLS's speed (at least){without}", ratios[3], 1.0, "x"
 
 
