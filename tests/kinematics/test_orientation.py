@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -27,6 +27,7 @@ def random_rotations(seed: int) -> Array:
     return orientation.matrix_from_quaternion(np.random.default_rng(seed).normal(size=(N, 4)))
 
 
+@settings(deadline=None)
 @given(ANGLES, ANGLES, ANGLES)
 def test_roll_pitch_and_yaw_mean_what_they_mean_in_urdf(roll: float, pitch: float, yaw: float) -> None:
     expected = pin.rpy.rpyToMatrix(roll, pitch, yaw)
@@ -45,6 +46,7 @@ def test_euler_angles_survive_the_way_through_a_matrix() -> None:
     np.testing.assert_allclose(orientation.euler_from_matrix(orientation.matrix_from_euler(angles)), angles, atol=1e-13)
 
 
+@settings(deadline=None)
 @given(ANGLES, st.sampled_from([-1.0, 1.0]), ANGLES, st.floats(-1e-7, 1e-7))
 def test_in_gimbal_lock_the_angles_still_give_the_matrix_back(roll: float, up: float, yaw: float, off: float) -> None:
     turn = random_rotations(6)[0]  # There and back: the entries near zero then carry rounding, as measured ones do.
@@ -87,12 +89,14 @@ def test_two_angles_are_no_euler_angles() -> None:
         orientation.matrix_from_euler([1.0, 2.0])
 
 
+@settings(deadline=None)
 @given(ANGLES, ANGLES, ANGLES)
 def test_a_quaternion_from_euler_angles_is_that_of_their_matrix(roll: float, pitch: float, yaw: float) -> None:
     turn = orientation.matrix_from_quaternion(orientation.quaternion_from_euler([roll, pitch, yaw]))
     np.testing.assert_allclose(turn, orientation.matrix_from_euler([roll, pitch, yaw]), atol=1e-15)
 
 
+@settings(deadline=None)
 @given(VECTORS)
 def test_a_rotation_vector_survives_the_way_through_a_quaternion(vector: Array) -> None:
     quaternion = orientation.quaternion_from_vector(vector)
@@ -101,6 +105,7 @@ def test_a_rotation_vector_survives_the_way_through_a_quaternion(vector: Array) 
     np.testing.assert_allclose(orientation.matrix_from_quaternion(quaternion), pin.exp3(vector), atol=1e-15)
 
 
+@settings(deadline=None)
 @given(UNITS, UNITS)
 def test_a_product_of_quaternions_turns_as_the_product_of_their_matrices(p: Array, q: Array) -> None:
     matrix = orientation.matrix_from_quaternion
@@ -111,6 +116,7 @@ def test_a_product_of_quaternions_turns_as_the_product_of_their_matrices(p: Arra
     np.testing.assert_allclose(matrix(orientation.mirrored(p)), mirror @ matrix(p) @ mirror, atol=1e-15)
 
 
+@settings(deadline=None)
 @given(UNITS, UNITS)
 def test_the_angle_between_quaternions_is_that_between_their_matrices(p: Array, q: Array) -> None:
     first, second = orientation.matrix_from_quaternion(p), orientation.matrix_from_quaternion(q)
@@ -118,6 +124,7 @@ def test_the_angle_between_quaternions_is_that_between_their_matrices(p: Array, 
     np.testing.assert_allclose(orientation.angle_between_quaternions(p, q), expected, atol=3e-8)
 
 
+@settings(deadline=None)
 @given(UNITS, UNITS, st.floats(0.0, 1.0))
 def test_slerp_goes_the_shortest_way_at_constant_speed(p: Array, q: Array, part: float) -> None:
     between, whole = orientation.slerp(p, q, part), orientation.angle_between_quaternions(p, q)
@@ -132,6 +139,7 @@ def test_slerp_ends_where_it_should() -> None:
     np.testing.assert_allclose(orientation.slerp(p, q, [0.0, 0.25, 1.0]), np.stack([p, between, q]))
 
 
+@settings(deadline=None)
 @given(UNITS, VECTORS)
 def test_a_turn_in_the_worlds_axes_comes_from_the_left_and_about_z_it_is_found_again(q: Array, vector: Array) -> None:
     turned = orientation.matrix_from_quaternion(orientation.turned_by(q, vector))
@@ -140,6 +148,7 @@ def test_a_turn_in_the_worlds_axes_comes_from_the_left_and_about_z_it_is_found_a
     assert orientation.turn_about_z(q, about_z) == pytest.approx(vector[2], abs=1e-12)
 
 
+@settings(deadline=None)
 @given(UNITS)
 def test_gravity_in_the_palm_is_that_of_an_orientation_with_this_gravity(q: Array) -> None:
     gravity = orientation.gravity_from_quaternion(q)
