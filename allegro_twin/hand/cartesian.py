@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import (
     angle_between,
     euler_from_matrix,
@@ -28,6 +29,7 @@ from allegro_twin.types import Array, Vector
 _STEP = 0.002  # m between the points of a line that are solved; joints run straight in between.
 _LEVER = 0.05  # m. A turn of a tip counts as this arc a radian: about its distance from the joint before its last.
 _JUMP = 0.5  # rad. A joint that goes further between two points has changed over to another posture.
+_SAME = 0.001  # m. Models whose fingertips are so close together are of the same geometry.
 _TURNED = 0.01  # rad. An orientation that is nearer than this is met.
 
 
@@ -47,6 +49,22 @@ class _Line(NamedTuple):
         """m; of the way, or of the arc that a turn counts as."""
         turn = 0.0 if self.rotation is None else float(angle_between(self.begin.rotation, self.rotation))
         return max(float(np.linalg.norm(self.point - self.begin.position)), _LEVER * turn)
+
+
+def agreed(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[str]) -> None:
+    """Whether the closed form speaks of the model in use, which may be somebody else's. Raises ConfigError with the
+    difference between their fingertips."""
+    if spec.foreign is None:
+        return
+    tips = model.fingertips(posture)
+    for name in fingers:
+        closed = FingerKinematics(spec, name).fk(posture[list(spec.finger(name).joints)]).position
+        apart = float(np.linalg.norm(closed - tips[name].position))
+        if apart > _SAME:
+            raise ConfigError(
+                f"{name}: the closed form has the fingertip {apart * 1000:.1f} mm from where "
+                f"{spec.foreign.mjcf} has it; fingertips are moved on hands of the nominal geometry only: move_to takes joints"
+            )
 
 
 def straight(

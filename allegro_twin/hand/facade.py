@@ -18,7 +18,7 @@ from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hand.bounds import Bounds
-from allegro_twin.hand.cartesian import straight
+from allegro_twin.hand.cartesian import agreed, straight
 from allegro_twin.hand.demonstration import Demonstration
 from allegro_twin.hand.grasps import Grasped, begin, felt, for_width
 from allegro_twin.hand.mover import KINDS, Kind, Mover
@@ -168,6 +168,7 @@ class Hand:
         `move_to` does."""
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
+        agreed(self.spec, self._mover.model, start, targets)
         moves = straight(self.spec, start, targets, speed, euler)
         rows = [self._posture(waypoint.posture) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)

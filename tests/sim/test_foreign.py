@@ -17,6 +17,7 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.hand import Hand
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
@@ -162,6 +163,18 @@ def test_its_welded_fingertips_hold_an_object_and_are_credited_with_it(name: str
         pass
     report = rig.trial.report()
     assert report.held, report.reason
+
+
+def test_its_fingertips_are_moved_where_its_geometry_is_ours(tmp_path: Path) -> None:
+    path = menagerie_like(tmp_path, "right")
+    blocks = {"hand": {"serial": str(path)}, "backend": {"kind": "sim", "start": "home"}, "controller": {"kind": "pid"}}
+    with Hand.open(RunConfig.model_validate(blocks)) as hand:
+        there = hand.fingertips()["index"].position + np.array([0.0, 0.0, -0.005])
+        hand.move_fingertips({"index": there})
+        assert abs(hand.fingertips()["index"].position - there).max() < 0.002
+    path.write_text(path.read_text().replace("0.0267", "0.0367"))
+    with Hand.open(RunConfig.model_validate(blocks)) as hand, pytest.raises(ConfigError, match=r"10\.0 mm from where"):
+        hand.move_fingertips({"index": there})
 
 
 def test_a_hand_of_one_side_is_not_taken_for_the_other(tmp_path: Path) -> None:
