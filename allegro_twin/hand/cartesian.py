@@ -63,7 +63,7 @@ def agreed(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[
         if apart > _SAME:
             raise ConfigError(
                 f"{name}: the closed form has the fingertip {apart * 1000:.1f} mm from where "
-                f"{spec.foreign.mjcf} has it; fingertips are moved on hands of the nominal geometry only: move_to takes joints"
+                f"{spec.foreign.mjcf} has it; only hands of the nominal geometry move fingertips: use move_to"
             )
 
 
