@@ -20,6 +20,7 @@ from allegro_twin.types import Vector
 
 # What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
 # are pseudovectors, about the palm's x, y, z.
+DENSITY = 500.0  # kg/m³ of a mesh whose mass nobody says: between a hollow thing of plastic and a solid one. Assumed.
 _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
@@ -122,15 +123,19 @@ def _own(settings: ObjectSettings, folder: Path) -> objects.Thing:
         file = settings.file if settings.file.is_absolute() else folder / settings.file
         if not file.is_file():
             raise ConfigError(f"object {name}: no file at {file}")
-        if len(settings.at) != 3:
+        if len(settings.at) != 3 and shape == "mjcf":
             raise ConfigError(f"object {name}: a {shape} needs a third value in `at`: the height of its origin, m")
     else:
         file = None
         if settings.size is None or len(settings.size) != objects.N_SIZES[shape]:
             raise ConfigError(f"object {name}: a {shape} needs `size` with {objects.N_SIZES[shape]} values, m")
-    if settings.mass is None and shape != "mjcf":
+    if settings.mass is None and shape not in ("mjcf", "mesh"):
         raise ConfigError(f"object {name}: a {shape} needs `mass`, kg")
-    return objects.Thing(name, shape, settings.size or (), settings.mass or float("nan"), file, settings.scale)
+    mass = settings.mass or float("nan")
+    thing = objects.Thing(name, shape, settings.size or (), mass, file, settings.scale, settings.collision)
+    if shape == "mesh" and settings.mass is None:
+        thing = replace(thing, mass=DENSITY * thing.mesh().volume)
+    return thing
 
 
 def _mirrored(placement: objects.Placement) -> objects.Placement:

@@ -84,10 +84,13 @@ class ObjectSettings(Settings):
     size: tuple[Positive, ...] | None = None
     """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short, long diameter."""
     mass: Positive | None = None
-    """kg."""
+    """kg; of a mesh by default 500 kg/m³ times its volume."""
     file: Path | None = None
-    """Of a mesh or an MJCF; a relative path is the scenario's own."""
+    """Of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
     scale: Positive = 1.0
+    """Of a mesh: file units to m."""
+    collision: Literal["pieces", "hull"] = "pieces"
+    """How a mesh collides: as what it is, in convex pieces, or as its hull."""
     up: Literal["x", "y", "z"] = "z"
     """Which of the object's own axes points at the sky."""
     yaw: float = 0.0

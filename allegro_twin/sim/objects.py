@@ -14,8 +14,11 @@ import numpy as np
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.sim.decompose import pieces_of
+from allegro_twin.sim.meshes import Mesh, load_hull, load_mesh
 from allegro_twin.types import Array, Vector
 
+Collision: TypeAlias = Literal["pieces", "hull"]
 Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
 N_SIZES: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
 _UP = {"x": (0.5, -0.5, -0.5, -0.5), "y": (0.5, 0.5, 0.5, 0.5), "z": (1.0, 0.0, 0.0, 0.0)}
@@ -35,6 +38,8 @@ class Thing:
     """For `mesh` and `mjcf`."""
     scale: float = 1.0
     """Of a mesh: file units to m."""
+    collision: Collision = "pieces"
+    """How a mesh collides: as what it is, in convex pieces, or as its hull."""
 
     def half_extents(self) -> Array:
         """Half-sizes of the bounding box in the object's own axes, shape (3,), m. Not for files."""
@@ -47,7 +52,14 @@ class Thing:
                 return np.array([long, short, short]) / 2
             case "box", edges:
                 return np.array(edges) / 2
+            case "mesh", _:
+                return self.mesh().extents / 2
         raise ConfigError(f"object {self.name}: a {self.shape} has no size here; give its height with `at`")
+
+    def mesh(self) -> Mesh:
+        """Of a mesh: its surface, or its hull's. Raises ConfigError."""
+        assert self.file is not None
+        return load_mesh(self.file, self.scale) if self.collision == "pieces" else load_hull(self.file, self.scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +121,21 @@ def add(spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float,
         case "box", _:
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=thing.half_extents(), **look)
         case _:
-            spec.add_mesh(name=thing.name, file=str(Path(str(thing.file)).resolve()), scale=[thing.scale] * 3)
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=thing.name, **look)
+            _add_mesh(spec, body, thing, look)
+
+
+def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dict[str, Any]) -> None:
+    """What is seen, and has the mass and the inertia of the solid; and the convex pieces that touch."""
+    mesh = thing.mesh()
+    kind = mujoco.mjtGeom.mjGEOM_MESH
+    made = spec.add_mesh(name=thing.name, uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
+    made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    body.add_geom(type=kind, meshname=thing.name, contype=0, conaffinity=0, **look)
+    for number, piece in enumerate(pieces_of(mesh, str(thing.file))):
+        name = f"{thing.name}/{number}"
+        spec.add_mesh(name=name, uservert=piece.vertices.ravel())
+        touch = {key: look[key] for key in ("friction", "condim")}
+        body.add_geom(name=name, type=kind, meshname=name, mass=0.0, group=3, **touch)
 
 
 def _attach(spec: mujoco.MjSpec, placement: Placement) -> None:

@@ -1,0 +1,127 @@
+"""A user's mesh: read, checked, and measured."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import Array
+
+LARGEST, SMALLEST = 1.0, 0.002
+"""m; an object beyond these is no object for a hand, and its file probably has another unit."""
+TRIANGLES = 200_000
+"""More than that is a scan: its detail is far below what a fingertip feels, and decomposing it takes hours."""
+SUFFIXES = (".obj", ".stl")
+
+
+class Mesh(NamedTuple):
+    """Triangles of a closed surface, in m, about the middle of their bounding box."""
+
+    vertices: Array
+    """(k, 3), m."""
+    faces: Array
+    """(m, 3), indices, counter-clockwise seen from outside."""
+
+    @property
+    def extents(self) -> Array:
+        """Edges of the bounding box, (3,), m."""
+        extents: Array = np.ptp(self.vertices, axis=0)
+        return extents
+
+    @property
+    def volume(self) -> float:
+        """Enclosed, m³; negative where the faces look inwards: Σ v₀·(v₁ × v₂) / 6."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    def open_edges(self) -> int:
+        """Edges that do not join exactly two faces which run along it in opposite directions."""
+        edges = self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        ahead = {tuple(edge) for edge in edges.tolist()}
+        return len(edges) - len(ahead) + sum((b, a) not in ahead for a, b in ahead)
+
+
+@lru_cache(maxsize=32)
+def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
+    """A mesh from an .obj or .stl file, times `scale`. Raises ConfigError for what is no solid of a hand's size."""
+    mesh = _read(path, scale)
+    size = float(mesh.extents.max())
+    if not SMALLEST <= size <= LARGEST:
+        factor = (
+            f"its numbers look like millimetres: say scale: {scale / 1000:g}" if size > LARGEST else "say its scale"
+        )
+        raise ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
+    if (count := mesh.open_edges()) > 0:
+        raise ConfigError(
+            f"{path}: not a closed surface: {count} edges do not join two faces; close it, or say collision: hull"
+        )
+    if mesh.volume < 0.0:
+        raise ConfigError(f"{path}: inside out: its faces look inwards; turn their normals round")
+    return mesh
+
+
+def load_hull(path: Path, scale: float = 1.0) -> Mesh:
+    """The convex hull of a mesh, whose surface need not be closed. Raises ConfigError."""
+    return hull_of(_read(path, scale).vertices, str(path))
+
+
+def hull_of(points: Array, what: str) -> Mesh:
+    """The convex hull of points (k, 3), m. Raises ConfigError for points in one plane."""
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="hull", uservert=np.asarray(points).ravel())
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="hull")
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{what}: no solid: {_first_line(error)}") from error
+    return _oriented(_of_model(model))
+
+
+def _read(path: Path, scale: float) -> Mesh:
+    if path.suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"{path}: a mesh is {' or '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise ConfigError(f"no mesh at {path}")
+    spec = mujoco.MjSpec()
+    mesh = spec.add_mesh(name="it", file=str(path.resolve()), scale=[scale] * 3)
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # Of anything, also of what is not closed.
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="it", contype=0, conaffinity=0)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise ConfigError(f"{path}: not a readable mesh: {_first_line(error)}") from error
+    if int(model.mesh_facenum[0]) > TRIANGLES:
+        raise ConfigError(f"{path}: {int(model.mesh_facenum[0])} triangles; at most {TRIANGLES}: decimate it")
+    return _of_model(model)
+
+
+def _of_model(model: mujoco.MjModel) -> Mesh:
+    """The only mesh of a compiled model, in the axes of its file, which MuJoCo turns into those of its inertia."""
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.mesh_quat[0])
+    vertices = model.mesh_vert.astype(np.float64) @ turn.reshape(3, 3).T + model.mesh_pos[0]
+    return _welded(vertices, model.mesh_face.astype(np.int64))
+
+
+def _welded(vertices: Array, faces: Array) -> Mesh:
+    """Vertices at one place as one, faces without area left out, the middle of the bounding box at the origin."""
+    size = float(np.ptp(vertices, axis=0).max()) or 1.0
+    _, first, place = np.unique(np.round(vertices / size, 6), axis=0, return_index=True, return_inverse=True)
+    faces = place.ravel()[faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    kept = vertices[first]
+    return Mesh(kept - (kept.min(axis=0) + kept.max(axis=0)) / 2.0, faces)
+
+
+def _oriented(mesh: Mesh) -> Mesh:
+    return mesh if mesh.volume >= 0.0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

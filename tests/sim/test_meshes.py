@@ -1,0 +1,142 @@
+"""A user's mesh collides as what it is, weighs what it weighs, and says what is wrong with it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.plan import stage
+from allegro_twin.sim.decompose import pieces_of, standing_out
+from allegro_twin.sim.meshes import Mesh, hull_of, load_mesh
+from allegro_twin.sim.objects import Placement, Thing, add
+from allegro_twin.types import Array
+from tests.sim.test_scene import scenario
+
+INNER, OUTER, HALF = 0.023, 0.043, 0.010
+"""m: a ring with a hole of 46 mm."""
+
+
+def ring(corners: int = 4) -> tuple[Array, list[tuple[int, int, int]]]:
+    """A flat ring; the inscribed circles of its two polygons are INNER and OUTER."""
+    n, turn = corners, np.linspace(0.0, 2 * np.pi, corners, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) / np.cos(np.pi / n)
+    low, high = np.full((n, 1), -HALF), np.full((n, 1), HALF)
+    rows = [np.hstack([r * circle, z]) for r in (OUTER, INNER) for z in (low, high)]
+    faces = []
+    for k in range(n):
+        m = (k + 1) % n
+        faces += [
+            (k, m, n + m),
+            (k, n + m, n + k),
+            (2 * n + m, 2 * n + k, 3 * n + k),
+            (2 * n + m, 3 * n + k, 3 * n + m),
+        ]
+        faces += [
+            (n + k, n + m, 3 * n + m),
+            (n + k, 3 * n + m, 3 * n + k),
+            (m, k, 2 * n + k),
+            (m, 2 * n + k, 2 * n + m),
+        ]
+    return np.vstack(rows), faces
+
+
+def written(path: Path, vertices: Array, faces: list[tuple[int, int, int]], unit: float = 1.0) -> Path:
+    lines = [f"v {x / unit!r} {y / unit!r} {z / unit!r}" for x, y, z in vertices.tolist()]
+    path.write_text("\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces)]))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> None:
+    file = written(tmp_path / "ring.obj", *ring(), unit=0.001)
+    spec = mujoco.MjSpec()
+    add(spec, Placement(Thing("ring", "mesh", (), 0.1, file, 0.001), (0, 0, 0), (1, 0, 0, 0)), (0.8, 0.01, 0.0005))
+    spec.delete(spec.joint("ring"))
+    ball = spec.worldbody.add_body(name="ball", pos=[0.0, 0.0, 0.05])
+    ball.add_freejoint()
+    ball.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.01, 0, 0], mass=0.01)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    touched = 0
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        touched += data.ncon
+    assert data.body("ball").xpos[2] < -0.05
+    assert touched == 0
+
+
+def test_it_has_the_inertia_of_the_solid_and_not_of_its_hull(tmp_path: Path) -> None:
+    file = written(tmp_path / "ring.obj", *ring())
+    spec = mujoco.MjSpec()
+    add(spec, Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, 0), (1, 0, 0, 0)), (0.8, 0.01, 0.0005))
+    model = spec.compile()
+    assert model.body("ring").mass[0] == pytest.approx(0.1)
+    a, b = 2 * OUTER, 2 * INNER
+    about_z = 0.1 / 6 * (a**4 - b**4) / (a**2 - b**2)
+    assert model.body("ring").inertia.max() == pytest.approx(about_z, rel=1e-5)
+
+
+@pytest.mark.parametrize("corners", [4, 9])
+def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
+    corners: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = load_mesh(written(tmp_path / "ring.obj", *ring(corners)))
+    pieces = pieces_of(mesh, "ring")
+    assert 2 <= len(pieces) <= 40
+    assert standing_out(pieces, mesh) <= 0.001
+    assert sum(piece.volume for piece in pieces) == pytest.approx(mesh.volume, rel=0.05)
+    monkeypatch.setattr("coacd.run_coacd", None)
+    for again, piece in zip(pieces_of(mesh, "ring"), pieces, strict=True):
+        np.testing.assert_array_equal(again.vertices, piece.vertices)
+
+
+def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "coacd", None)
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.02
+    hull = hull_of(corners, "cube")
+    assert len(pieces_of(hull, "cube")) == 1
+    with pytest.raises(
+        ConfigError, match=r"ring is concave: its hull has 4\d % more volume.*pip install 'allegro-twin\["
+    ):
+        vertices, faces = ring()
+        pieces_of(Mesh(vertices, np.array(faces)), "ring")
+
+
+def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    turned = [(a, c, b) for a, b, c in faces]
+    for name, content, unit, message in (
+        ("mm.obj", faces, 0.001, r"122 m across with scale 1; its numbers look like millimetres: say scale: 0\.001"),
+        ("open.obj", faces[1:], 1.0, "not a closed surface: 3 edges do not join two faces"),
+        ("turned.obj", turned, 1.0, "inside out: its faces look inwards"),
+    ):
+        with pytest.raises(ConfigError, match=message) as caught:
+            load_mesh(written(tmp_path / name, vertices, content, unit))
+        assert name in str(caught.value)
+        assert "\n" not in str(caught.value)
+    (tmp_path / "no.stl").write_text("solid nothing")
+    with pytest.raises(ConfigError, match=r"no\.stl: not a readable mesh"):
+        load_mesh(tmp_path / "no.stl")
+    with pytest.raises(ConfigError, match=r"a\.ply: a mesh is \.obj or \.stl"):
+        load_mesh(tmp_path / "a.ply")
+
+
+def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(tmp_path: Path) -> None:
+    file = written(tmp_path / "ring.obj", *ring())
+    own = {"name": "ring", "shape": "mesh", "file": str(file)}
+    (placed,) = stage(scenario(objects=[own]), "right", tmp_path).things
+    assert placed.position[2] == pytest.approx(HALF, abs=2e-4)
+    volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
+    assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)
+    hole = {**own, "collision": "hull"}
+    (placed,) = stage(scenario(objects=[hole]), "right", tmp_path).things
+    assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
