@@ -34,6 +34,7 @@ from allegro_twin.wire.codec.versions import make_codec
 from allegro_twin.wire.device.firmware import Firmware
 from allegro_twin.wire.device.hands import VirtualHands
 from allegro_twin.wire.device.serve import serve
+from allegro_twin.wire.device.slcan import SlcanDevice
 
 PERIOD = 0.02
 """s: a system call takes a tenth of a millisecond there, and one processor serves everybody."""
@@ -151,11 +152,12 @@ class Served:
         self._channel, self._device, self._period = channel, device, period
 
     def __call__(self) -> None:
-        bus = can.Bus(interface="socketcan", channel=self._channel, ignore_config=True)
+        serial = "/" in self._channel
+        bus = SlcanDevice(Path(self._channel)) if serial else can.Bus(self._channel, "socketcan", ignore_config=True)
         spec, begin = load_spec(side=SIDES[self._device]), BEGIN[self._device]
         hand = Firmware(DriftingHand(spec, self._period, begin), make_codec("v4", device=self._device))
         limp_since, heard, heard_at = time.monotonic(), 0, 0.0
-        for served in serve(VirtualHands([hand]), bus, local=True):
+        for served in serve(VirtualHands([hand]), bus, local=not serial):
             pushes = hand.serving and any(hand.torque)
             limp_since = 0.0 if pushes else limp_since or time.monotonic()
             if served.heard != heard:
@@ -173,7 +175,7 @@ class Served:
 
 @contextmanager
 def hand_on(channel: str, device: int = 0, period: float = PERIOD) -> Iterator[Served]:
-    """A hand on an interface; device 1 is a left one."""
+    """A hand on an interface, or behind a serial adapter at a path; device 1 is a left one."""
     served = Served(channel, device, period)
     with forked(served):
         assert with_patience(lambda: served.seen.limp_since > 0.0, 30.0)
