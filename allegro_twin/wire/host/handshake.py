@@ -19,7 +19,8 @@ GAP = 0.001
 """Between two frames of the sequence, s; the manufacturer's drivers leave 10 µs (v1–v3 L) to 10 ms (C)."""
 QUIET = 0.02
 """A hand that was told to be silent is so after this long, s."""
-TRIES = 3
+TRIES, ANSWER = 3, 0.1
+"""How often a hand is asked, and s that it has each time; more where the settings' `timeout` says that it is late."""
 _GENERATION = {"v4": 4, "v5": 5, "v5plus": 5}
 """High byte of the hardware version. R4 AllegroHandDrv.cpp:278 asks for 4."""
 
@@ -40,17 +41,17 @@ def begin(
         raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
     _drain(port)
     if settings.identify and codec.identifies:
-        identify(port, codec, spec)
+        identify(port, codec, spec, settings.timeout)
     serving()
     words = codec.opening(settings.period, settings.imu_period, settings.temperature_period)
     return _say(port, [*map(codec.encode, words), *codec.torques.zero, codec.encode(m.ServoOn())])
 
 
-def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float = 0.1) -> Message | None:
-    """Ask a hand for something; None when it does not answer."""
+def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:
+    """Ask a hand for something, which may be `timeout` s late; None when it does not answer."""
     for _ in range(TRIES):
         port.send([codec.encode(m.Request(topic))])
-        deadline = port.link.now() + timeout
+        deadline = port.link.now() + max(timeout, ANSWER)
         while port.link.now() < deadline:
             stamped = port.receive(max(deadline - port.link.now(), 0.0))
             if stamped is None:
@@ -75,12 +76,12 @@ def _drain(port: Port) -> None:
         seen.append(stamped.frame)
 
 
-def identify(port: Port, codec: Codec, spec: HandSpec) -> tuple[m.Information, Side | None]:
-    """Who the hand says it is, and its side where it tells.
+def identify(port: Port, codec: Codec, spec: HandSpec, timeout: float) -> tuple[m.Information, Side | None]:
+    """Who the hand, which may be `timeout` s late, says it is, and its side where it tells.
 
     Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says.
     """
-    found = ask(port, codec, Topic.INFORMATION, m.Information)
+    found = ask(port, codec, Topic.INFORMATION, m.Information, timeout)
     if found is None:
         raise LinkTimeout(
             f"no {codec.version} hand answers on {port.link.name}{_instead(port)}; check power, cable, bitrate, "
@@ -93,7 +94,7 @@ def identify(port: Port, codec: Codec, spec: HandSpec) -> tuple[m.Information, S
             f"the hand says hardware {found.hardware:#06x}, which is no {codec.version} hand; correct `version`"
         )
     side = found.side
-    if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial), m.Serial):
+    if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial, timeout), m.Serial):
         version, side = told_by_serial(serial.text)
         if version is not None and version != codec.version:
             raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")

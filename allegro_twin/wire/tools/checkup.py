@@ -102,15 +102,15 @@ class Checkup:
         if not codec.identifies:
             return findings.identity(codec, None, "")
         if self._settings.identify:
-            found, self._side = identify(port, codec, self._spec)
+            found, self._side = identify(port, codec, self._spec, self._settings.timeout)
         else:
-            found = ask(port, codec, Topic.INFORMATION, m.Information)  # type: ignore[assignment]  # Its kind.
+            found = ask(port, codec, Topic.INFORMATION, m.Information, self._settings.timeout)  # type: ignore[assignment]  # Its kind.
             self._side = None if found is None else found.side
         return findings.identity(codec, found, self._serial() if found is not None else "")
 
     def _serial(self) -> str:
         try:
-            serial = ask(self._port, self._codec, Topic.SERIAL, m.Serial)
+            serial = ask(self._port, self._codec, Topic.SERIAL, m.Serial, self._settings.timeout)
         except ProtocolError:
             return ""  # This version has none.
         return serial.text if isinstance(serial, m.Serial) else ""

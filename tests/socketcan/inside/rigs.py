@@ -28,17 +28,21 @@ import allegro_twin.replay.recorder
 import allegro_twin.session  # noqa: F401  # What commands import when they need it: here once, before any fork.
 from allegro_twin.cli.main import main
 from allegro_twin.description.hands import load_spec
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Command, HandState, Vector, frozen
 from allegro_twin.wire.codec.versions import make_codec
 from allegro_twin.wire.device.firmware import Firmware
 from allegro_twin.wire.device.hands import VirtualHands
 from allegro_twin.wire.device.serve import serve
+from allegro_twin.wire.device.slcan import SlcanDevice
 
 PERIOD = 0.02
 """s: a system call takes a tenth of a millisecond there, and one processor serves everybody."""
 TORQUE = 0.05
 """N·m on every joint."""
+SIDES: tuple[Side, Side] = ("right", "left")
+BEGIN = (0.1, 0.3)
+"""rad: what tells the hand of device 0 from that of device 1."""
 _RCVBUFFORCE = 33  # asm-generic/socket.h
 _SHARED = struct.Struct("<dd?xxxxxxxQ")
 
@@ -55,12 +59,12 @@ class Seen(NamedTuple):
 
 
 class DriftingHand:
-    """A hand without physics: joints drift with their torques, and never rest."""
+    """A hand without physics: joints drift about where they began, and never rest."""
 
-    def __init__(self, spec: HandSpec) -> None:
-        self.spec, self.period = spec, PERIOD
+    def __init__(self, spec: HandSpec, period: float = PERIOD, begin: float = 0.1) -> None:
+        self.spec, self.period = spec, period
         self._tick, self._torque = 0, np.zeros(16)
-        self._position = np.clip(np.zeros(16), spec.lower, spec.upper) + 0.1
+        self._position = np.clip(np.zeros(16), spec.lower, spec.upper) + begin
 
     def reset(self) -> HandState:
         self._tick = 0
@@ -81,7 +85,7 @@ class DriftingHand:
         zero: Vector = frozen(np.zeros(16))
         position = frozen(self._position)
         return HandState(
-            self._tick * PERIOD, self._tick, position, zero, frozen(self._torque), zero, frozen([0, 0, -9.8])
+            self._tick * self.period, self._tick, position, zero, frozen(self._torque), zero, frozen([0, 0, -9.8])
         )
 
 
@@ -141,17 +145,19 @@ def with_patience(condition: Callable[[], bool], seconds: float) -> bool:
 class Served:
     """A hand in a process of its own; what it says of itself is in shared memory."""
 
-    def __init__(self, channel: str) -> None:
+    def __init__(self, channel: str, device: int, period: float) -> None:
         import mmap
 
         self._memory = mmap.mmap(-1, _SHARED.size)
-        self._channel = channel
+        self._channel, self._device, self._period = channel, device, period
 
     def __call__(self) -> None:
-        bus = can.Bus(interface="socketcan", channel=self._channel, ignore_config=True)
-        hand = Firmware(DriftingHand(load_spec()), make_codec("v4"))
+        serial = "/" in self._channel
+        bus = SlcanDevice(Path(self._channel)) if serial else can.Bus(self._channel, "socketcan", ignore_config=True)
+        spec, begin = load_spec(side=SIDES[self._device]), BEGIN[self._device]
+        hand = Firmware(DriftingHand(spec, self._period, begin), make_codec("v4", device=self._device))
         limp_since, heard, heard_at = time.monotonic(), 0, 0.0
-        for served in serve(VirtualHands([hand]), bus, local=True):
+        for served in serve(VirtualHands([hand]), bus, local=not serial):
             pushes = hand.serving and any(hand.torque)
             limp_since = 0.0 if pushes else limp_since or time.monotonic()
             if served.heard != heard:
@@ -168,22 +174,23 @@ class Served:
 
 
 @contextmanager
-def hand_on(channel: str) -> Iterator[Served]:
-    """A hand on an interface."""
-    served = Served(channel)
+def hand_on(channel: str, device: int = 0, period: float = PERIOD) -> Iterator[Served]:
+    """A hand on an interface, or behind a serial adapter at a path; device 1 is a left one."""
+    served = Served(channel, device, period)
     with forked(served):
         assert with_patience(lambda: served.seen.limp_since > 0.0, 30.0)
         yield served
 
 
-def config(folder: Path, channel: str, **backend: object) -> Path:
+def config(folder: Path, channel: str, device: int = 0, period: float = PERIOD, **backend: object) -> Path:
     """A hand on an interface, with a torque on every joint and the options that a user has by default, but slower."""
-    path = folder / "hand.yaml"
+    path = folder / f"hand{device}.yaml"
     more = "".join(f", {key}: {value}" for key, value in backend.items())
     path.write_text(
-        f"backend: {{kind: can, version: v4, interface: socketcan, channel: {channel}, gravity: [0, 0, -9.81], "
-        f"timeout: 1.0{more}}}\n"
-        f"controller: {{kind: torque, torque: {TORQUE}}}\nperiod: {PERIOD}\n"
+        f"hand: {{model: allegro, side: {SIDES[device]}}}\n"
+        f"backend: {{kind: can, version: v4, interface: socketcan, channel: {channel}, device: {device}, "
+        f"gravity: [0, 0, -9.81], timeout: 1.0{more}}}\n"
+        f"controller: {{kind: torque, torque: {TORQUE}}}\nperiod: {period}\n"
     )
     return path
 

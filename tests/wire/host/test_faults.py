@@ -394,3 +394,12 @@ def test_close_leaves_the_hand_limp_and_silent() -> None:
     bench.backend.close()
     assert bench.limp()
     assert bench.hands.tick() == []
+
+
+def test_a_hand_whose_answers_are_late_is_known_when_the_settings_allow_for_it() -> None:
+    """A virtual hand on a computer that is busy."""
+    late = FaultPlan(delay=1.0, delay_by=0.45)
+    patient = HostSettings(gravity=(0.0, 0.0, -9.81), timeout=1.0)
+    assert Bench("v4", late, patient).reset().tick == 0
+    with pytest.raises(LinkTimeout, match="no v4 hand answers"):
+        Bench("v4", late).reset()

@@ -1,0 +1,41 @@
+"""Two v4 hands on one bus, each with a driver of its own."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.replay.recording import load
+from tests.socketcan.inside.rigs import BEGIN, command, config, delayed, exit_code, forked, hand_on, with_patience
+
+PERIOD = 0.04
+"""s: six processes share one slow processor there."""
+
+
+@pytest.mark.parametrize(("here", "there", "seconds"), [("vcan0", "vcan0", 1.0), ("vxcan0", "vxcan1", 5.0)])
+def test_two_hands_share_a_bus_and_each_driver_hears_its_own(
+    here: str, there: str, seconds: float, tmp_path: Path
+) -> None:
+    """The second pair is a bus of 1 Mbit/s, for netem takes a frame for 128 bits. How many periods are used is asked
+    where time is steady: tests/socketcan/timed."""
+    recordings = [tmp_path / f"run{device}.arrow" for device in (0, 1)]
+    with ExitStack() as stack:
+        if here != there:
+            for channel in (here, there):
+                stack.enter_context(delayed(channel, "rate", "1mbit", "limit", "10"))
+        hands = [stack.enter_context(hand_on(there, device, PERIOD)) for device in (0, 1)]
+        runs = []
+        for device, hand in enumerate(hands):
+            words = ("run", config(tmp_path, here, device, PERIOD, deadman=1.0), "--seconds", seconds)
+            runs.append(stack.enter_context(forked(command(*words, "--record", recordings[device]))))
+            assert with_patience(lambda hand=hand: hand.pushes, 40.0)  # type: ignore[misc]  # mypy: no types for defaults.
+        assert [exit_code(run) for run in runs] == [0, 0]
+        assert all(hand.seen.limp_since for hand in hands)
+    for recording, begin in zip(recordings, BEGIN, strict=True):
+        columns = load(recording).columns
+        assert columns["tick"].astype(int)[-1] >= seconds / PERIOD - 1
+        assert len(columns["tick"]) > 0.2 * seconds / PERIOD
+        np.testing.assert_allclose(columns["position"][:, 0], begin, atol=0.05)
