@@ -133,18 +133,35 @@ def calibrate_limits(
         float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
     ] = None,
     into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets", help="Also write encoder offsets that put each joint's middle where the model has it."
+        ),
+    ] = False,
 ) -> None:
     """Bring every joint to both its ends and store the real limits."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.calibration import find_limits, store_limits
+    from allegro_twin.cli import calibration, console
 
+    if offsets and into is None:
+        raise ConfigError("--offsets are written into the hand's own file: name it with --into")
+    codec = calibration.codec_with_encoders(config) if offsets else None
+    if into is not None:
+        calibration.refuse_another_hand(into, config, codec)
     with console.progress() as bar:
         task = bar.add_task("to both ends of every joint", total=None)
-        spec, found = find_limits(config, by_hand, lambda t, total: bar.update(task, completed=t, total=total))
-    console.console.print(console.limits(spec, found))
+        model, found = calibration.find_limits(
+            config, by_hand, lambda t, total: bar.update(task, completed=t, total=total)
+        )
+    console.console.print(console.limits(model, found))
     if into is not None:
-        store_limits(into, found)
-        console.console.print(f"Stored in {into}; use it with `hand: {{serial: {into.stem}}}`")
+        note = calibration.note(config, by_hand)
+        if codec is None:
+            calibration.store_limits(into, found, note)
+        else:
+            calibration.store_offsets(into, found, model, codec, note)
+        what = "Limits" if codec is None else "Limits and encoder offsets"
+        console.console.print(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`", soft_wrap=True)
 
 
 def show(
