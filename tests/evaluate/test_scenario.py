@@ -106,13 +106,7 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
 
 def test_the_config_of_a_real_hand_begins_with_the_manufacturers_gains() -> None:
     configs = [load_config(path) for path in sorted((data_root() / "conf").glob("*.yaml"))]
-    real = [
-        config
-        for config in configs
-        if isinstance(config.backend, CanSettings)
-        and config.backend.interface != "allegro-virtual"
-        and config.backend.scene is None
-    ]
+    real = [c for c in configs if isinstance(c.backend, CanSettings) and c.backend.interface == "socketcan"]
     assert real
     for config in real:
         assert isinstance(config.controller, PositionSettings)
