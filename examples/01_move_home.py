@@ -7,3 +7,5 @@ with Hand.open("sim_right") as hand:
     print(f"after {hand.state.t:.2f} s, largest error {abs(hand.errors).max() * 1000:.1f} mrad")
     for name, pose in hand.fingertips().items():
         print(f"{name:7s} {pose.position.round(4)} m in the palm frame")
+    assert abs(hand.errors).max() < 0.005  # rad
+    assert hand.state.t < 3.0  # s

@@ -15,3 +15,4 @@ with Hand.open("sim_right") as hand:
         hand.wait(0.5)
         jump = np.abs(sent[before] - sent[before - 1]) / limit
         print(f"to {kind:8s} largest change of torque {jump.max():.2%} of the clip")
+        assert jump.max() < 0.02

@@ -27,5 +27,6 @@ class Wave:
 
 
 with closing(make_backend(load_config("sim_right"))) as hand:
-    bent = [sample.state.position[1] for sample in until(2.0, run(hand, Wave()))]
+    bent = [s.state.position[1] for s in until(2.0, run(hand, Wave())) if s.state.t > 0.5]  # Once it follows the wave.
 print(f"the index bent between {min(bent):.2f} and {max(bent):.2f} rad")
+assert np.allclose((min(bent), max(bent)), (0.2, 0.8), atol=0.05)

@@ -19,3 +19,4 @@ recording = load(path)
 again = [s.command.torque for s in to_the_end(run(ReplayBackend(recording), rig.controller))]
 same = np.array_equal(np.array(again), recording.columns["command_torque"])
 print(f"{len(recording)} rows of {', '.join(recording.columns)}; commands repeated exactly: {same}")
+assert same

@@ -13,3 +13,4 @@ report = rig.trial.report()
 print("held" if report.held else f"not held: {report.reason}")
 for phase in report.phases:
     print(f"{phase.name:6s} drift {phase.drift * 1000:4.1f} mm {phase.rotation:4.1f}°", phase.contact_force)
+assert report.held

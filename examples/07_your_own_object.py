@@ -12,4 +12,5 @@ grasp: medium_wrap
 wrist: {position: [-0.0466, 0.0237, 0.0194], facing: [0.995, -0.0998, 0], fingers: [-0.0998, -0.995, 0],
         retreat: [-0.1, 0, 0]}
 """)
-app(["run", "bottle.yaml"], standalone_mode=False)
+code = app(["run", "bottle.yaml"], standalone_mode=False)
+assert not code, f"the bottle was not held: exit code {code}"

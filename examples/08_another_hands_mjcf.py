@@ -20,3 +20,4 @@ config = {"hand": {"serial": "theirs.yaml"}, "backend": {"kind": "sim"}, "contro
 with Hand.open(RunConfig.model_validate(config)) as hand:
     hand.move_to("home")
     print(f"{hand.spec.foreign.mjcf.rsplit('/', 1)[-1]} is home within {abs(hand.errors).max() * 1000:.1f} mrad")
+    assert abs(hand.errors).max() < 0.005  # rad

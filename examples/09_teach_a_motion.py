@@ -24,4 +24,6 @@ with Hand.open("sim_right") as hand:
     library.add("wave", trajectory_entry(motion.times, motion.positions, hand.spec), hand.spec)
     library.store("wave", "library/taught.yaml")
     hand.play("wave")  # From now on by its name, on either hand: allegro-twin play wave.
+    assert abs(hand.state.position - motion.positions[-1]).max() < 0.01  # rad
+    assert (library.trajectory("wave", hand.spec).positions == motion.positions).all()
 print("stored in library/taught.yaml, for the right and the left hand")

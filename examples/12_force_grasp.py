@@ -6,12 +6,15 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
 
-rig = assemble(scenario_config("tennis_ball", grasp="grasp_3"))
+rig = assemble(scenario_config("grasp_3"))  # The palm so high above the table as the object needs.
+held = []
 for diameter in (0.050, 0.065, 0.080):
-    scenario, _ = load_scenario("tennis_ball")
+    scenario, _ = load_scenario("grasp_3")
     ball = scenario.objects[0].model_copy(update={"name": "ball", "shape": "sphere", "size": (diameter,), "mass": 0.06})
     trial = Trial(scenario.model_copy(update={"objects": (ball,)}), rig.spec, load_grasp("grasp_3", rig.spec))
     for _ in trial.watched(until(trial.seconds, run(trial.backend, rig.controller))):
         pass
     report = trial.report()
     print(f"{diameter * 1000:.0f} mm: {'held' if report.held else report.reason}")
+    held.append(report.held)
+assert all(held)

@@ -29,3 +29,4 @@ for each in compared:
     print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.still.rate:.1%}")
 write(compared, folder / "evaluation.json")
 filmed(load_policy(trained.policy).policy, recipe, folder / "policy.mp4")
+assert all((folder / name).stat().st_size > 0 for name in ("policy.onnx", "evaluation.json", "policy.mp4"))

@@ -1,7 +1,8 @@
-"""Every example runs, in an empty folder, and is short enough to read."""
+"""Every example runs, in an empty folder, checks what it shows, and is short enough to read."""
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -20,19 +21,41 @@ def test_there_are_twelve() -> None:
     assert len(EXAMPLES) >= 12
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_it_runs_and_says_what_it_did(path: Path, tmp_path: Path) -> None:
-    for module in NEEDS.get(path.stem, ()):
-        pytest.importorskip(module, reason="the example trains: extra rl")
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
+def performed(path: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """An example, run by a Python of its own in a folder."""
+    return subprocess.run(
         [sys.executable, path, *SHORT.get(path.stem, ())],
-        cwd=tmp_path,
-        env=environment,
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=120,
     )
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_it_runs_and_says_what_it_did(path: Path, tmp_path: Path) -> None:
+    for module in NEEDS.get(path.stem, ()):
+        pytest.importorskip(module, reason="the example trains: extra rl")
+    done = performed(path, tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
     assert path.read_text().count("\n") <= 40
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_it_checks_what_it_shows(path: Path) -> None:
+    """With an `assert` outside of functions, so that it is reached."""
+    body = ast.parse(path.read_text()).body
+    reached = [node for part in body if not isinstance(part, ast.FunctionDef | ast.ClassDef) for node in ast.walk(part)]
+    assert any(isinstance(node, ast.Assert) for node in reached)
+
+
+def test_an_example_that_shows_something_else_is_noticed(tmp_path: Path) -> None:
+    """The ball stays on the table where the palm is not where this grasp needs it."""
+    path = tmp_path / "wrong.py"
+    path.write_text((ROOT / "examples" / "12_force_grasp.py").read_text().replace('io("grasp_3")', 'io("tennis_ball")'))
+    done = performed(path, tmp_path)
+    assert done.returncode == 1
+    assert "dropped" in done.stdout
+    assert done.stderr.rstrip().endswith("AssertionError")

@@ -149,22 +149,38 @@ def calibrate_limits(
         float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
     ] = None,
     into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets", help="Also write encoder offsets that put each joint's middle where the model has it."
+        ),
+    ] = False,
 ) -> None:
     """Bring every joint to both its ends and store the real limits."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.calibration import find_limits, store_limits
+    from allegro_twin.cli import calibration, console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
 
+    if offsets and into is None:
+        raise ConfigError("--offsets are written into the hand's own file: name it with --into")
+    settings = on_hand(load_config(config), other)
+    codec = calibration.codec_with_encoders(settings, config) if offsets else None
+    if into is not None:
+        calibration.refuse_another_hand(into, settings, config, codec)
     with console.progress() as bar:
         task = bar.add_task("to both ends of every joint", total=None)
-        spec, found = find_limits(
-            on_hand(load_config(config), other), by_hand, lambda t, total: bar.update(task, completed=t, total=total)
+        model, found = calibration.find_limits(
+            settings, by_hand, lambda t, total: bar.update(task, completed=t, total=total)
         )
-    console.console.print(console.limits(spec, found))
+    console.console.print(console.limits(model, found))
     if into is not None:
-        store_limits(into, found)
-        console.console.print(f"Stored in {into}; use it with `hand: {{serial: {into.stem}}}`")
+        note = calibration.note(config if other is None else f"{config} --hand {other}", by_hand)
+        if codec is None:
+            calibration.store_limits(into, found, note)
+        else:
+            calibration.store_offsets(into, found, model, codec, note)
+        what = "Limits" if codec is None else "Limits and encoder offsets"
+        console.console.print(f"{what} are in {into}; use it with `hand: {{serial: {into}}}`", soft_wrap=True)
 
 
 def show(

@@ -70,9 +70,12 @@ def write_text(path: Path, text: str) -> None:
 def holds_anything(text: str) -> bool:
     """Whether there is more than comments. A text that is no YAML holds something: the error is the reader's."""
     try:
-        return compose_yaml(text) is not None
+        root = compose_yaml(text)
     except yaml.YAMLError:
         return True
+    if isinstance(root, yaml.ScalarNode) and not root.value:
+        return "\n..." in text  # Nothing behind a `---`, to which can be added unless it is ended by hand.
+    return root is not None
 
 
 def line_of(text: str, keys: Iterable[int | str]) -> int:
@@ -94,8 +97,23 @@ def line_of(text: str, keys: Iterable[int | str]) -> int:
 
 
 def with_document(text: str, content: Mapping[str, Any], where: str) -> str:
-    """The text of a file that holds one entry, with new content. Raises ConfigError when that cannot be done."""
-    return _checked(edited(text, content, where), dict(content), where)
+    """The text of a file that holds one entry, or nothing yet, with new content. Raises ConfigError when that cannot be
+    done."""
+    end = "\r\n" if "\r\n" in text else "\n"
+    kept = "" if holds_anything(text) or not text.strip() else text.rstrip() + end
+    made = edited("" if kept else text, content, where)
+    return _checked(kept + made.replace("\r\n", "\n").replace("\n", end), dict(content), where)
+
+
+def with_note(text: str, keys: Iterable[int | str], begins: str, note: str) -> str:
+    """The text with a comment above what the keys lead to, in place of one there that begins alike."""
+    lines, at = text.splitlines(keepends=True), line_of(text, keys) - 1
+    line = lines[at]
+    bare = line.lstrip(" ")
+    first = at - 1 if at and lines[at - 1].lstrip(" ").startswith(f"# {begins}") else at
+    end = "\r\n" if line.endswith("\r\n") else "\n"
+    lines[first:at] = [f"{line[: len(line) - len(bare)]}# {begins}{note}{end}"]
+    return "".join(lines)
 
 
 def with_entry(text: str, name: str, content: Mapping[str, Any] | None, where: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from allegro_twin.build import make_trial
-from allegro_twin.config import load_config
+from allegro_twin.config import CanSettings, PositionSettings, load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
@@ -102,6 +102,15 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
             load_config(path)
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_the_config_of_a_real_hand_begins_with_the_manufacturers_gains() -> None:
+    configs = [load_config(path) for path in sorted((data_root() / "conf").glob("*.yaml"))]
+    real = [c for c in configs if isinstance(c.backend, CanSettings) and c.backend.interface == "socketcan"]
+    assert real
+    for config in real:
+        assert isinstance(config.controller, PositionSettings)
+        assert config.controller.gains == "v4"
 
 
 @pytest.mark.parametrize("name", grasp_names())

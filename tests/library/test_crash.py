@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import signal
@@ -13,7 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.errors import RecordingError
 from allegro_twin.files.edit import write_text
+from allegro_twin.library.entries import posture_entry
 from allegro_twin.library.library import Library
 from allegro_twin.spec import HandSpec
 
@@ -72,6 +75,29 @@ def test_a_writer_killed_at_any_moment_leaves_the_old_entry_or_the_new_one(tmp_p
     assert len(seen) > 1
     library.add("after", next(e.entry for e in library.list() if e.name == "still"), spec)
     library.store("after", path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [".mine.yaml.lock", "mine.yaml"]
+
+
+@pytest.mark.parametrize("dies_at", ["fsync", "replace"])
+def test_a_first_entry_that_cannot_be_written_leaves_the_comments_of_a_file_that_has_nothing_else(
+    dies_at: str, tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, comments = tmp_path / "mine.yaml", "# A user's own.\r\n  # Nothing yet.\r\n"
+    path.write_bytes(comments.encode())
+    library = Library(tmp_path)
+    library.add("shown", posture_entry(np.full(16, 0.3), spec), spec)
+
+    def dies(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os if dies_at == "fsync" else Path, dies_at, dies)
+        with pytest.raises(RecordingError, match="No space left"):
+            library.store("shown", path)
+    assert path.read_bytes() == comments.encode()
+    library.store("shown", path)
+    assert path.read_bytes().startswith(comments.encode() + b"entries:\r\n")
+    assert Library(path).posture("shown", spec)[12] == 0.3
     assert sorted(file.name for file in tmp_path.iterdir()) == [".mine.yaml.lock", "mine.yaml"]
 
 

@@ -252,7 +252,18 @@ def test_a_new_entry_goes_below_the_last_and_nothing_else_moves(mine: Path, spec
     assert Library(mine).posture("off_duty", spec)[12] == 0.5
 
 
-@pytest.mark.parametrize("text", [None, "", "# only a comment\n", "entries:\n", "entries: {}  # none yet\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        None,
+        "",
+        "# only a comment\n",
+        "# no line end",
+        "---\n# behind a mark\n",
+        "entries:\n",
+        "entries: {}  # none yet\n",
+    ],
+)
 def test_a_file_that_is_new_or_empty_takes_its_first_entry(tmp_path: Path, spec: HandSpec, text: str | None) -> None:
     path = tmp_path / "deep" / "new.yaml"
     if text is not None:
