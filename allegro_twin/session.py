@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import allegro_twin
 from allegro_twin.build import Rig
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.types import Array, HandState, Sample
+from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
@@ -89,7 +89,7 @@ def write_reports(path: Path, reports: dict[str, Report]) -> None:
     from allegro_twin.sim.backend import ENGINE
 
     content = {
-        "allegro_twin": allegro_twin.__version__,
+        "allegro_twin": __version__,
         "engine": ENGINE,
         "trials": {name: asdict(report) for name, report in reports.items()},
     }
@@ -158,7 +158,7 @@ def _kept(
         return samples
     from allegro_twin.replay.recorder import recorded
 
-    meta: dict[str, Any] = {"allegro_twin": allegro_twin.__version__, "config": config.model_dump(mode="json")}
+    meta: dict[str, Any] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         meta |= rig.sim.meta()
     if rig.trial is not None:

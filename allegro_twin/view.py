@@ -132,6 +132,10 @@ def _claim(port: int) -> int:
     with socket.socket() as probe:
         try:
             probe.bind(("127.0.0.1", port))
+        except OverflowError as error:
+            raise ConfigError(f"port {port} is no TCP port: they go from 1 to 65535; choose one with --port") from error
+        except PermissionError as error:
+            raise ConfigError(f"port {port} is not for everyone; choose one above 1023 with --port") from error
         except OSError as error:
             raise ConfigError(f"port {port} is taken by another program; choose another with --port") from error
         return int(probe.getsockname()[1])

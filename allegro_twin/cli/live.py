@@ -8,10 +8,14 @@ from typing import Annotated
 
 import typer
 
+from allegro_twin.cli import complete, options
 from allegro_twin.errors import ConfigError
 
-Config = Annotated[str, typer.Option("--config", "-c", help="Which hand: a config by path or name.")]
-Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.")]
+Config = Annotated[
+    str,
+    typer.Option("--config", "-c", help="Which hand: a config by path or name.", autocompletion=complete.configs),
+]
+Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.", callback=options.positive)]
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +37,12 @@ def _group() -> None:
 
 
 def posture(
-    name: Annotated[str, typer.Argument(help="A posture of the library; `allegro-twin list postures`.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A posture of the library; `allegro-twin list postures`.", autocompletion=complete.postures
+        ),
+    ],
     config: Config = "sim_right",
     speed: Annotated[float, typer.Option(help="Peak speed of the joint that travels furthest, rad/s.")] = 1.0,
 ) -> None:
@@ -47,7 +56,10 @@ def posture(
 
 
 def grasp(
-    name: Annotated[str, typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.", autocompletion=complete.grasps),
+    ],
     config: Config = "sim_right",
     width: Annotated[float | None, typer.Option(help="Of the object, m.")] = None,
     force: Annotated[float | None, typer.Option(help="N on the thumb, or the scale of an envelop grasp.")] = None,
@@ -65,7 +77,9 @@ def teach(
     name: Annotated[str, typer.Argument(help="What to call it in the library.")],
     config: Config = "sim_right",
     seconds: Seconds = 10.0,
-    into: Annotated[Path, typer.Option(help="Library file to store it in.")] = Path("library/taught.yaml"),
+    into: Annotated[
+        Path, typer.Option(help="Library file to store it in.", callback=options.file(".yaml"))
+    ] = Path("library/taught.yaml"),
     motion: Annotated[
         bool, typer.Option(help="Store the way the fingers went, not only where they were left.")
     ] = False,
@@ -91,7 +105,13 @@ def teach(
 
 
 def play(
-    name: Annotated[str, typer.Argument(help="A trajectory of the library; `allegro-twin list trajectories`.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A trajectory of the library; `allegro-twin list trajectories`.",
+            autocompletion=complete.trajectories,
+        ),
+    ],
     config: Config = "sim_right",
     speed: Annotated[float, typer.Option(help="How many times as fast as it was shown.")] = 1.0,
     approach: Annotated[float, typer.Option(help="Peak speed on the way to where it begins, rad/s.")] = 1.0,
@@ -115,6 +135,8 @@ def keyboard(
     from allegro_twin.hand import Hand
     from allegro_twin.session import rerun_stage
 
+    if view and web:
+        raise ConfigError("--view and --web are two ways to watch one hand: choose one")
     with Hand.open(config, background=sys.stdin.isatty()) as hand:
         if view or web:
             viewer_of, _ = rerun_stage()
@@ -130,9 +152,13 @@ def keyboard(
 def calibrate_limits(
     config: Config = "sim_right",
     by_hand: Annotated[
-        float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
+        float | None,
+        typer.Option(help="You move the joints to their ends, for so many seconds.", callback=options.positive),
     ] = None,
-    into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option(help="The hand's own file; without it nothing is written.", callback=options.file(".yaml")),
+    ] = None,
 ) -> None:
     """Bring every joint to both its ends and store the real limits."""
     from allegro_twin.cli import console

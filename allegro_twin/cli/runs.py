@@ -40,12 +40,18 @@ def configs_of(
     for target in targets:
         for path in _files(target):
             if "backend" in read_yaml(path):
+                if side == "both":
+                    raise ConfigError(f"--side both is for scenarios; {target} is a config, of one hand: right or left")
                 config = _with(load_config(path), side, seconds, partial)
                 jobs.append(Job(path.stem, _under(policy, goal, grasp, config)))
                 continue
             for each in SIDES if side == "both" else (side,):
                 config = _with(scenario_config(path, each, grasp, thing), None, seconds, partial)
                 jobs.append(Job(thing or path.stem, _under(policy, goal, None, config)))
+    names = [(job.name, job.config.hand.side) for job in jobs]
+    for name, hand in names:
+        if names.count((name, hand)) > 1:
+            raise ConfigError(f"{name}, {hand} hand: asked for twice; one report and one recording would replace another")
     return jobs
 
 
@@ -130,6 +136,8 @@ def _rrd(recording: Any, target: Path) -> None:
 
 
 def _files(target: str) -> list[Path]:
+    if not target:
+        raise ConfigError("an empty name: give a config, a scenario, or a folder of scenarios")
     path = Path(target)
     for folder in (path, data_root() / path):
         if folder.is_dir():
@@ -138,7 +146,7 @@ def _files(target: str) -> list[Path]:
                 raise ConfigError(f"{target}: no scenarios in this folder")
             return found
     if path.is_file() or len(path.parts) > 1 or path.suffix:
-        return [find(path, "config or scenario", "scenarios")]
+        return [find(path, "config or scenario", "scenarios", below=True)]
     names = {file.stem: file for folder in ("scenarios", "conf") for file in (data_root() / folder).rglob("*.yaml")
              if folder == "scenarios" or file.parent.name == "conf"}  # fmt: skip
     if path.name not in names:
@@ -161,6 +169,8 @@ def _with(config: RunConfig, side: str | None, seconds: float | None, partial: b
         changes["seconds"] = seconds
     if side in SIDES:
         changes["hand"] = config.hand.model_copy(update={"side": side})
-    if partial and config.backend.kind == "replay":
+    if partial:
+        if config.backend.kind != "replay":
+            raise ConfigError(f"--partial is for a recording; this run has backend {config.backend.kind}")
         changes["backend"] = config.backend.model_copy(update={"partial": True})
     return config.model_copy(update=changes)
