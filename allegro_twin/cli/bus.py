@@ -27,9 +27,7 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    config: Annotated[
-        str, typer.Argument(help="A config with a `can` backend.", autocompletion=complete.configs)
-    ],
+    config: Annotated[str, typer.Argument(help="A config with a `can` backend.", autocompletion=complete.configs)],
 ) -> None:
     """Walk the link to a hand step by step, at zero torque, and stop at the first thing that is broken."""
     from rich.live import Live
@@ -104,9 +102,7 @@ def firmware(
     ] = None,
     wire_log: Annotated[
         Path | None,
-        typer.Option(
-            help="Log every frame to this .blf, .log or .asc.", callback=options.file(".blf", ".log", ".asc")
-        ),
+        typer.Option(help="Log every frame to this .blf, .log or .asc.", callback=options.file(".blf", ".log", ".asc")),
     ] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""

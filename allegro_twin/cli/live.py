@@ -77,9 +77,9 @@ def teach(
     name: Annotated[str, typer.Argument(help="What to call it in the library.")],
     config: Config = "sim_right",
     seconds: Seconds = 10.0,
-    into: Annotated[
-        Path, typer.Option(help="Library file to store it in.", callback=options.file(".yaml"))
-    ] = Path("library/taught.yaml"),
+    into: Annotated[Path, typer.Option(help="Library file to store it in.", callback=options.file(".yaml"))] = Path(
+        "library/taught.yaml"
+    ),
     motion: Annotated[
         bool, typer.Option(help="Store the way the fingers went, not only where they were left.")
     ] = False,

@@ -8,13 +8,12 @@ import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, complete, exchange, live, options, training
-from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
+from allegro_twin.cli import bus, complete, ends, exchange, live, options, shipped, training
+from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
@@ -27,12 +26,6 @@ app = typer.Typer(
     help="A digital twin of the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario "
     "(scenarios/**/*.yaml) what to grasp.",
 )
-_USAGE: type[Exception] = typer.BadParameter.__mro__[1]
-"""What the parser raises for all that it does not understand; it has no public name in every version of typer."""
-
-_ENDS = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
-]  # Windows has the first.
 
 
 class Sides(StrEnum):
@@ -68,17 +61,32 @@ def _all(
 def run(
     targets: Targets,
     side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
-    grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.", autocompletion=complete.grasps)] = None,
-    thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.", autocompletion=complete.objects)] = None,
-    policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.", autocompletion=complete.policies)] = None,
-    goal: Annotated[str | None, typer.Option(help="For a policy that reaches goals: a posture.", autocompletion=complete.postures)] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for a recording, a picture and a report of each run.", callback=options.folder)
+    grasp: Annotated[
+        str | None, typer.Option(help="Another grasp than the scenario's.", autocompletion=complete.grasps)
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="Record to this .arrow file.", callback=options.file(".arrow"))] = None,
+    thing: Annotated[
+        str | None,
+        typer.Option("--object", help="Another object than the scenario's first.", autocompletion=complete.objects),
+    ] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(help="A policy file (.onnx, .zip) that decides instead.", autocompletion=complete.policies),
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Option(help="For a policy that reaches goals: a posture.", autocompletion=complete.postures)
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a recording, a picture and a report of each run.", callback=options.folder),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Record to this .arrow file.", callback=options.file(".arrow"))
+    ] = None,
     image: Annotated[Path | None, typer.Option(help="Render to this .png.", callback=options.file(".png"))] = None,
     video: Annotated[Path | None, typer.Option(help="Render to this .mp4.", callback=options.file(".mp4"))] = None,
-    rrd: Annotated[Path | None, typer.Option(help="Write a Rerun recording to this .rrd.", callback=options.file(".rrd"))] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Write a Rerun recording to this .rrd.", callback=options.file(".rrd"))
+    ] = None,
     wire_log: Annotated[
         Path | None,
         typer.Option(
@@ -88,7 +96,9 @@ def run(
     ] = None,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
-    seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.", callback=options.positive)] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after this time on the hand's clock.", callback=options.positive)
+    ] = None,
     partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
@@ -171,32 +181,6 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
         console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
 
 
-@app.command("list")
-def list_(
-    what: Annotated[
-        str, typer.Argument(help="One kind, such as objects, grasps or policies.", autocompletion=complete.kinds)
-    ] = "",
-) -> None:
-    """List what ships with the package."""
-    from allegro_twin.cli import catalogue, console
-
-    kinds = catalogue.KINDS
-    if what and what not in kinds:
-        raise ConfigError(unknown("list", what, kinds))
-    for kind in [what] if what else kinds:
-        console.console.print(kinds[kind]())
-
-
-@app.command()
-def envs(
-    task: Annotated[str, typer.Argument(help="One task, with the spaces of its observations and actions.", autocompletion=complete.tasks)] = "",
-) -> None:
-    """List the Gymnasium environments: their ids, their spaces, and what they are for."""
-    from allegro_twin.cli import console, environments
-
-    console.console.print(environments.listed(task))
-
-
 @app.command()
 def view(
     recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
@@ -225,20 +209,7 @@ def _wait() -> None:
         return
 
 
-@app.command()
-def gallery(
-    folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.", callback=options.folder)],
-) -> None:
-    """Render every grasp of the library and write the page that shows them."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.gallery import make
-
-    with console.progress() as bar:
-        task = bar.add_task("grasps", total=None)
-        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
-    console.console.print(f"{count} grasps in {folder}/grasps.md")
-
-
+shipped.register(app)
 live.register(app)
 exchange.register(app)
 bus.register(app)
@@ -246,40 +217,16 @@ training.register(app)
 
 
 def main() -> None:
-    """Run the command line; every HandError is one line on standard error."""
-    for number in _ENDS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
-            signal.signal(number, _stop)
+    """Run the command line; every HandError, and every slip of the pen, is one line on standard error."""
+    ends.stop_on_signals()
     logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
-        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="allegro-twin", standalone_mode=False))
+        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="allegro-twin", standalone_mode=False) or 0)
     except HandError as error:
         sys.stderr.write(f"allegro-twin: {error}\n")
-        sys.exit(_exit_code(error))
-    except _USAGE as error:
-        sys.stderr.write(f"{_usage(error)}\n")
+        sys.exit(ends.exit_code(error))
+    except ends.USAGE as error:
+        sys.stderr.write(f"{ends.usage(error)}\n")
         sys.exit(2)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
-
-
-def _usage(error: Any) -> str:
-    """What the parser has against an argument, in one line with the value and the way to the help."""
-    command = "allegro-twin" if error.ctx is None else error.ctx.command_path
-    text = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
-    details = error.__cause__.errors()[:1] if hasattr(error.__cause__, "errors") else ()
-    value = "".join(f", not {detail['input']!r}" for detail in details if repr(detail["input"]) not in text)
-    return f"{command}: {text[:1].lower()}{text[1:]}{value}; `{command} --help` shows what there is"
-
-
-def _stop(number: int, frame: FrameType | None) -> None:
-    """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
-    for each in (*_ENDS, signal.SIGINT):
-        signal.signal(each, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-def _exit_code(error: HandError) -> int:
-    if isinstance(error, LinkError):
-        return 3
-    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2

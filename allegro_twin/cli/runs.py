@@ -51,7 +51,9 @@ def configs_of(
     names = [(job.name, job.config.hand.side) for job in jobs]
     for name, hand in names:
         if names.count((name, hand)) > 1:
-            raise ConfigError(f"{name}, {hand} hand: asked for twice; one report and one recording would replace another")
+            raise ConfigError(
+                f"{name}, {hand} hand: asked for twice; one report and one recording would replace another"
+            )
     return jobs
 
 

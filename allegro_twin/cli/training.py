@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from allegro_twin.train.report import Compared
     from allegro_twin.train.settings import Recipe
 
-Episodes = Annotated[
-    int, typer.Option(help="Of the evaluation, for every set of objects.", callback=options.positive)
-]
+Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.", callback=options.positive)]
 
 
 def register(app: typer.Typer) -> None:

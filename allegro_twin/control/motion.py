@@ -39,7 +39,7 @@ class Motion:
             least, most = SLOWEST / fastest, FASTEST / fastest
             raise ConfigError(
                 f"speed must be {least:.2g} to {most:.2g} times the one it was shown at, for joints from {SLOWEST:g} to "
-                f"{FASTEST:g} rad/s; it is {speed}"
+                f"{FASTEST:g} rad/s; it is {speed:g}"
             )
         rows = tuple(frozen(row) for row in self.positions)
         times = (self.times - self.times[0]) / speed

@@ -19,7 +19,19 @@ FASTEST = 12.0
 SLOWEST = 1e-3
 """rad/s. Half an hour for a joint's whole range: who asks for less has mistaken the unit."""
 
-__all__ = ["FASTEST", "SLOWEST", "Hold", "Moves", "Path", "Profile", "Reference", "SetPoint", "Trajectory", "Waypoint", "travel_time"]
+__all__ = [
+    "FASTEST",
+    "SLOWEST",
+    "Hold",
+    "Moves",
+    "Path",
+    "Profile",
+    "Reference",
+    "SetPoint",
+    "Trajectory",
+    "Waypoint",
+    "travel_time",
+]
 
 
 class SetPoint(NamedTuple):
@@ -128,7 +140,9 @@ def travel_time(start: Vector, waypoint: Waypoint) -> float:
 
 def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
     if not SLOWEST <= waypoint.speed <= FASTEST:
-        raise ConfigError(f"speed must be {SLOWEST:g} to {FASTEST:g} rad/s, where the guard stops; it is {waypoint.speed}")
+        raise ConfigError(
+            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is {waypoint.speed:g}"
+        )
     if not waypoint.acceleration > 0.0:
         raise ConfigError(f"acceleration must be positive, in rad/s²; it is {waypoint.acceleration}")
     if waypoint.seconds is not None and not waypoint.seconds > 0.0:

@@ -122,7 +122,9 @@ class Recorder:
     def _failed(self, error: OSError) -> RecordingError:
         self._writer, self._rows = None, 0
         _quietly_close(self._file)
-        return RecordingError(f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable")
+        return RecordingError(
+            f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
+        )
 
 
 def recorded(
