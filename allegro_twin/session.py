@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,7 +105,10 @@ def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
         return None
     from allegro_twin.sim.render import overview
 
-    overview(strips, folder / "overview.png")
+    try:
+        overview(strips, folder / "overview.png")
+    except ImportError:
+        return None  # Every run has said so.
     return folder / "overview.png"
 
 
@@ -200,10 +204,16 @@ def _photographed(
         notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
         return samples
     try:
+        for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
+            if wanted is not None:
+                import_module(name)
         from allegro_twin.sim.render import Camera, filmed, pictured
 
         camera = Camera(rig.sim)
-    except (ConfigError, ImportError) as error:
+    except ImportError as error:
+        notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
+        return samples
+    except ConfigError as error:
         notes.append(f"no pictures: {error}")
         return samples
     stack.callback(camera.close)

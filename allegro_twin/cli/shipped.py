@@ -52,7 +52,11 @@ def gallery(
 ) -> None:
     """Render every grasp of the library and write the page that shows them."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.gallery import make
+
+    try:
+        from allegro_twin.cli.gallery import make
+    except ImportError as error:
+        raise ConfigError(f"a gallery needs Pillow: pip install 'allegro-twin[view]' ({error})") from error
 
     with console.progress() as bar:
         task = bar.add_task("grasps", total=None)

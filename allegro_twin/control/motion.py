@@ -38,8 +38,8 @@ class Motion:
         if fastest > 0.0 and not SLOWEST <= speed * fastest <= FASTEST:
             least, most = SLOWEST / fastest, FASTEST / fastest
             raise ConfigError(
-                f"speed must be {least:.2g} to {most:.2g} times the one it was shown at, for joints from {SLOWEST:g} to "
-                f"{FASTEST:g} rad/s; it is {speed:g}"
+                f"speed must be {least:.2g} to {most:.2g} times the one it was shown at, for joints from "
+                f"{SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}"
             )
         rows = tuple(frozen(row) for row in self.positions)
         times = (self.times - self.times[0]) / speed

@@ -141,7 +141,8 @@ def travel_time(start: Vector, waypoint: Waypoint) -> float:
 def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
     if not SLOWEST <= waypoint.speed <= FASTEST:
         raise ConfigError(
-            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is {waypoint.speed:g}"
+            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is "
+            f"{waypoint.speed:g}"
         )
     if not waypoint.acceleration > 0.0:
         raise ConfigError(f"acceleration must be positive, in rad/s²; it is {waypoint.acceleration}")

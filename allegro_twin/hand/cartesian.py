@@ -61,8 +61,8 @@ def straight(
     They leave and arrive together, from rest to rest; the one that travels furthest peaks at `speed`, m/s. `euler`
     says how some of them are then turned: roll, pitch, yaw, (3,), rad. Each point takes the posture nearest to the one
     before. Other fingers stay. Raises ConfigError for a speed that no hand has; for a target out of reach, with the
-    distance to the nearest point within it; for an orientation that the tip cannot have there, with the nearest; and for a line that leaves the
-    reach on its way.
+    distance to the nearest point within it; for an orientation that the tip cannot have there, with the nearest; and
+    for a line that leaves the reach on its way.
     """
     if not speed >= _SLOWEST:
         raise ConfigError(f"speed must be positive, in m/s, and at least {_SLOWEST:g}; it is {speed}")

@@ -27,8 +27,8 @@ META = "allegro_twin"
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, to be found by Minari as `allegro/<name of the folder>-v0` once it is in its place;
-    whole or not at all. Raises ConfigError without h5py, for a folder with something in it, or for recordings of different
-    kinds; RecordingError when the disk does not let it."""
+    whole or not at all. Raises ConfigError without h5py, for a folder with something in it, or for recordings of
+    different kinds; RecordingError when the disk does not let it."""
     _h5py()
     begin(recordings, folder)
     with whole_folder(folder) as temporary:
