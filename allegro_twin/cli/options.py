@@ -53,4 +53,4 @@ def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | 
 
 def option(param: typer.CallbackParam) -> str:
     """What the user calls it."""
-    return param.opts[0] if param.opts[0].startswith("-") else (param.human_readable_name or param.opts[0])
+    return str(param.opts[0])

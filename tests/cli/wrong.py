@@ -38,7 +38,7 @@ TABLE = [
         ("run sim_right --seconds", 2, "--seconds"),
         ("run sim_right --seconds abc", 2, "'abc'"),
         ("run lemon --side top", 2, "'top' is not one of 'right', 'left', 'both'"),
-        ("list objects grasps", 2, "unexpected extra argument (grasps)"),
+        ("list objects grasps", 2, "(grasps)"),
         ("view", 2, "missing argument"),
         ("view r.arrow r.arrow", 2, "extra argument"),
         ("view r.arrow --web --port x", 2, "'x'"),
@@ -63,7 +63,7 @@ TABLE = [
         ("run empty.yaml", 2, "empty.yaml: must hold a mapping"),
         ("run text.txt", 2, "text.txt: must hold a mapping"),
         ("run r.arrow", 2, "r.arrow: cannot be read"),
-        ("run typos.yaml", 2, "bakend: unknown key; did you mean 'backend'?; contoller: unknown key"),
+        ("run typos.yaml", 2, "typos.yaml: seconds_: unknown key; did you mean 'seconds'?; hnd: unknown key; did you mean 'hand'?"),
         ("run fast.yaml", 2, "speed must be positive, in rad/s, from 0.001 to 12"),
         ("run lemon --grasp nope", 2, "no grasp named 'nope'"),
         ("run lemon --grasp home", 2, "'home' is a posture, not a grasp"),
@@ -231,7 +231,7 @@ def workspace(folder: Path, recording: Path) -> None:
     contents: dict[str, bytes] = {
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
-        "typos.yaml": b"bakend: {kind: sim}\ncontoller: {kind: pd}\n",
+        "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, posture: home, speed: 1.0e+9}\n",
     }  # fmt: skip
     for name, content in contents.items():
