@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from allegro_twin.description import facts, mesh
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import HandSpec
@@ -60,8 +60,13 @@ class Viewer:
         self._stream.flush()
 
     def close(self) -> None:
-        self._stream.flush()
-        self._stream.disconnect()
+        """Let go of the viewer or the file. Raises RecordingError when the disk did not take all that was drawn."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise RecordingError(f"cannot write the Rerun recording: {error}; is the disk full?") from error
+        finally:
+            self._stream.disconnect()
 
     def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
         """Draw a sample, unless the last one drawn is nearer than the frame rate."""

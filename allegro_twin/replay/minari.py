@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +38,11 @@ def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
 
 def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
     (folder / DATA).parent.mkdir()
-    with _h5py().File(folder / DATA, "w", track_order=True) as file:
+    made = BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
+    with _h5py().File(made, "w", track_order=True) as file:
         for number, recording in enumerate(recordings):
             _add(file.create_group(f"episode_{number}"), number, recording)
+    (folder / DATA).write_bytes(made.getbuffer())
     steps = sum(len(recording) - 1 for recording in recordings)
     first = recordings[0]
     content = {

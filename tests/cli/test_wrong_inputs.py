@@ -87,20 +87,11 @@ def test_the_table_has_more_than_a_hundred_rows_and_none_twice() -> None:
     assert len({row.typed for row in TABLE}) == len(TABLE) > 100
 
 
-def test_without_any_extra_the_table_is_answered_in_one_line_each(place: Path) -> None:
-    rows = [row.typed for row in TABLE]
-    found = without(EXTRAS, rows, place)
-    for row in TABLE:
-        code, errors = found[row.typed]
-        assert (code, errors.count("\n")) in {(row.code, 1), (2, 1)}, row
-        assert row.names in errors or "pip install 'allegro-twin[" in errors, row
-
-
 def without(packages: list[str], rows: list[str], folder: Path) -> dict[str, tuple[int, str]]:
     """What the command line answers to some rows in a process without some packages."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.cli.wrong", folder, *packages],
-        cwd=ROOT, input=json.dumps(rows), capture_output=True, text=True, timeout=120,
+        cwd=ROOT, input=json.dumps(rows), capture_output=True, text=True, timeout=300,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -108,7 +99,7 @@ def without(packages: list[str], rows: list[str], folder: Path) -> dict[str, tup
     return found
 
 
-# Of every extra's packages each alone, with the commands that need it, and which extra the line must name.
+# Each package that an extra brings, with the commands that need it, and which extra the line must name.
 NEEDED = [
     ("rerun", "view", ["run sim_right --seconds 0.01 --rrd a.rrd", "run sim_right --seconds 0.01 --web",
                        "view r.arrow --web", "view r.arrow", "export r.arrow a.rrd", "keyboard --web"]),
@@ -123,34 +114,50 @@ NEEDED = [
     ("h5py", "demos", ["export r.arrow set --format minari", "export minari a.arrow"]),
     ("ruckig", "trajectory", ["grasp optimal.yaml"]),
 ]  # fmt: skip
+WORKS = ["list", "list policies", "envs", "hand show", "export r.arrow a.csv"]
+"""What needs no extra."""
 
 
+def kitchen(place: Path, folder: Path) -> Path:
+    """A folder with what the commands of NEEDED and WORKS speak of."""
+    (folder / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
+    (folder / "minari/data").mkdir(parents=True)
+    (folder / "minari/data/main_data.hdf5").write_bytes(b"")
+    grasp = (ROOT / "conf/grasps/tripod.yaml").read_text()
+    (folder / "optimal.yaml").write_text(grasp.replace("speed: 1.0", "speed: 1.0\nprofile: time_optimal"))
+    return folder
+
+
+def check_needed(extra: str, typed: str, answer: tuple[int, str]) -> None:
+    code, errors = answer
+    assert f"pip install 'allegro-twin[{extra}]'" in errors, typed
+    assert errors.count("\n") == 1, typed
+    assert code == (0 if "no pictures" in errors else 2), typed  # A run is not for its pictures.
+
+
+def test_without_any_extra_the_table_is_answered_in_one_line_each(place: Path) -> None:
+    found = without(EXTRAS, [row.typed for row in TABLE], place)
+    for row in TABLE:
+        code, errors = found[row.typed]
+        assert (code, errors.count("\n")) in {(row.code, 1), (2, 1)}, row
+        assert row.names in errors or "pip install 'allegro-twin[" in errors, row
+
+
+def test_without_any_extra_what_needs_one_says_which_and_the_rest_works(place: Path, tmp_path: Path) -> None:
+    needed = {typed: extra for _, extra, rows in NEEDED for typed in rows}
+    found = without(EXTRAS, [*needed, *WORKS], kitchen(place, tmp_path))
+    for typed, extra in needed.items():
+        check_needed(extra, typed, found[typed])
+    assert {typed: found[typed] for typed in WORKS} == dict.fromkeys(WORKS, (0, ""))
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("package", "extra", "rows"), NEEDED, ids=[row[0] for row in NEEDED])
-def test_a_missing_extra_is_one_line_that_says_what_to_install(
+def test_without_one_package_what_needs_it_says_which_extra_to_install(
     package: str, extra: str, rows: list[str], place: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
-    (tmp_path / "minari/data").mkdir(parents=True)
-    (tmp_path / "minari/data/main_data.hdf5").write_bytes(b"")
-    grasp = (ROOT / "conf/grasps/tripod.yaml").read_text()
-    (tmp_path / "optimal.yaml").write_text(grasp.replace("speed: 1.0", "speed: 1.0\nprofile: time_optimal"))
-    blocked = [package] if extra != "rl" else [package, *{"torch", "stable_baselines3", "onnx", "tensorboard"}]
-    for typed, (code, errors) in without(blocked, rows, tmp_path).items():
-        assert f"pip install 'allegro-twin[{extra}]'" in errors, typed
-        assert errors.count("\n") == 1, typed
-        assert code == (0 if "no pictures" in errors else 2), typed  # A run is not for its pictures.
-
-
-@pytest.mark.parametrize("row", [["list"], ["list policies"], ["envs"], ["hand show"], ["export r.arrow a.csv"]])
-def test_what_needs_no_extra_works_without_any(row: list[str], place: Path, tmp_path: Path) -> None:
-    (tmp_path / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
-    assert without(EXTRAS, row, tmp_path) == {row[0]: (0, "")}
-
-
-def solver(hand: Hand) -> object:
-    from allegro_twin.sim.solve import FingertipSolver
-
-    return FingertipSolver(hand.spec)
+    for typed, answer in without([package], rows, kitchen(place, tmp_path)).items():
+        check_needed(extra, typed, answer)
 
 
 Ask = Callable[[Hand], object]
@@ -179,7 +186,7 @@ ASKED: list[tuple[str, Ask, str]] = [
 
 
 def near(hand: Hand) -> Any:
-    return hand.fingertips()["index"].position + [0.0, 0.0, -0.01]
+    return hand.fingertips()["index"].position - np.array([0.0, 0.0, 0.01])
 
 
 @pytest.fixture(scope="module")
@@ -217,3 +224,29 @@ def test_ctrl_c_while_libraries_are_imported_is_exit_code_130_and_silence(librar
     code = INTERRUPTED.format(library=library)
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+# A disk that takes so many bytes of a file and no more.
+FULL = """
+import resource, signal, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+sys.argv = ["allegro-twin", *sys.argv[1:]]
+from allegro_twin.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    "typed",
+    ["set --format lerobot", "set --format minari", "a.csv", "a.parquet", "a.rrd"],
+)
+def test_a_full_disk_leaves_nothing_half_written(typed: str, place: Path, tmp_path: Path) -> None:
+    (tmp_path / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, "export", "r.arrow", *typed.split()],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert done.stderr.splitlines()[-1].startswith("allegro-twin: cannot write")  # Rerun says a line of its own before.
+    assert [path.name for path in tmp_path.iterdir()] == ["r.arrow"]
