@@ -12,11 +12,13 @@ import json
 import os
 import shlex
 import sys
+from functools import cache
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
+from unittest import mock
 
 
 class Wrong(NamedTuple):
@@ -247,12 +249,23 @@ def answered(typed: str) -> tuple[int, str]:
     out, errors = io.StringIO(), io.StringIO()
     sys.argv = ["allegro-twin", *shlex.split(typed)]
     console.console, console.errors = Console(file=out, width=160), Console(file=errors, width=160)
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+    parser = mock.patch.object(main, "app", _built())
+    with parser, contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         try:
             main.main()
         except SystemExit as ended:
             return int(ended.code or 0), errors.getvalue()
     raise AssertionError("the command line always ends with an exit code")
+
+
+@cache
+def _built() -> Any:
+    """The parser. Typer would make it anew for every command line, which takes longer than most answers."""
+    from typer.main import get_command
+
+    from allegro_twin.cli import main
+
+    return get_command(main.app)
 
 
 class Blocked(MetaPathFinder):
