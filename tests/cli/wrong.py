@@ -34,9 +34,9 @@ TABLE = [
     for row in [
         # What the parser does not know.
         ("nope", 2, "no such command 'nope'"),
-        ("--nope", 2, "no such option: --nope"),
+        ("--nope", 2, "--nope"),
         ("run", 2, "missing argument"),
-        ("run sim_right --nope", 2, "no such option: --nope"),
+        ("run sim_right --nope", 2, "--nope"),
         ("run sim_right --seconds", 2, "--seconds"),
         ("run sim_right --seconds abc", 2, "'abc'"),
         ("run lemon --side top", 2, "'top' is not one of 'right', 'left', 'both'"),
