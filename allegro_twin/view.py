@@ -16,7 +16,7 @@ import rerun.blueprint as rrb
 from allegro_twin.description import facts, mesh
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.whole import whole_file
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 
@@ -28,7 +28,7 @@ class Viewer:
     """Draws samples into a Rerun recording. One of `spawn`, `serve`, `to_file` says where it goes."""
 
     def __init__(self, spec: HandSpec, things: Sequence[Mapping[str, Any]] = (), rate: float = 30.0) -> None:
-        self._spec, self._model, self._interval, self._next = spec, HandModel(spec), 1.0 / rate, 0.0
+        self._spec, self._model, self._interval, self._next = spec, hand_model(spec), 1.0 / rate, 0.0
         self._stream = rr.RecordingStream("allegro_twin")
         self._things = [str(thing["name"]) for thing in things]
         self._meta = things

@@ -15,7 +15,8 @@ PACKAGE = ROOT / "allegro_twin"
 LAYERS = [
     {"errors", "types", "spec", "version"},
     {"backend", "files"},
-    {"description", "kinematics", "control", "loop", "safety"},
+    {"kinematics"},
+    {"description", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
     {"config", "view", "evaluate", "identify", "grasping"},
@@ -163,7 +164,9 @@ def test_every_name_of_the_package_is_there_and_is_shown() -> None:
 
 def test_replay_runs_without_mujoco(recording_path: Path) -> None:
     config = recording_path.with_name("replay.yaml")
-    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: pd, posture: home}}\n")
+    config.write_text(
+        f"backend: {{kind: replay, file: {recording_path}}}\ntask: {{posture: home}}\ncontroller: {{kind: pd}}\n"
+    )
     code = f"""
 import sys
 sys.modules["mujoco"] = None

@@ -21,6 +21,10 @@ def configs() -> list[str]:
     return _stems("conf")
 
 
+def hands() -> list[str]:
+    return _stems("conf/hands")
+
+
 def policies() -> list[str]:
     return _stems("conf/policies", "*.onnx")
 

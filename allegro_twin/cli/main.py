@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from allegro_twin.cli import bus, complete, ends, exchange, live, options, shipped, training
+from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.version import __version__
 
@@ -60,7 +61,14 @@ def _all(
 @app.command()
 def run(
     targets: Targets,
-    side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
+    side: Annotated[Sides | None, typer.Option(help="The right hand, the left one, or one after the other.")] = None,
+    hand: OtherHand = None,
+    config: Annotated[
+        str | None,
+        typer.Option(
+            "--config", "-c", help="The config of the hand that performs scenarios.", autocompletion=complete.configs
+        ),
+    ] = None,
     grasp: Annotated[
         str | None, typer.Option(help="Another grasp than the scenario's.", autocompletion=complete.grasps)
     ] = None,
@@ -107,9 +115,10 @@ def run(
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one run: choose one")
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
-    from allegro_twin.cli.runs import configs_of
+    from allegro_twin.cli.runs import Options, configs_of
 
-    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
+    options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    jobs = configs_of(targets, options)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)

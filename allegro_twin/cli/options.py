@@ -5,11 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
+from allegro_twin.cli import complete
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.whole import check_place
+
+Config = Annotated[
+    str,
+    typer.Option("--config", "-c", help="Which hand: a config by path or name.", autocompletion=complete.configs),
+]
+OtherHand = Annotated[
+    str | None,
+    typer.Option(
+        "--hand",
+        help="Another hand: a file of conf/hands by path or name; `list hands`.",
+        autocompletion=complete.hands,
+    ),
+]
 
 
 def positive(param: typer.CallbackParam, value: float | None) -> float | None:

@@ -61,7 +61,9 @@ def _mistake(detail: Any, model: type[BaseModel]) -> str:
         )
     if detail["type"] == "missing":
         return f"{location}: missing"
-    message = detail["msg"][0].lower() + detail["msg"][1:]
+    message = str(detail["msg"][0].lower() + detail["msg"][1:])
+    if not place:  # About the whole, and it names what it is about.
+        return message.removeprefix("value error, ")
     value = repr(detail["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
     return f"{location}: {message.removeprefix('value error, ')}, not {shown}"

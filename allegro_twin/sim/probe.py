@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -17,14 +18,10 @@ class Probe:
         model = backend.model
         self._data, self._model = backend.data, model
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
-        # Each geom's group: 0 for the object, 1… for the fingers in the spec's order, last the palm; -1 for the rest.
-        self.parts = (*(finger.name for finger in backend.spec.fingers), "palm")
-        self._part = np.full(model.ngeom, -1)
-        for number, finger in enumerate(backend.spec.fingers):
-            for joint in finger.joints:
-                body = model.joint(backend.spec.joints[joint]).bodyid[0]
-                self._part[model.geom_bodyid == body] = number
-        self._part[model.geom_bodyid == self._palm] = len(self.parts) - 1
+        self.parts = part_names(backend.spec)
+        self._part = parts_of(model, backend.spec)
+        # An object, and what stands on the table, may be made of bodies that are welded together.
+        self._weld = model.body_weldid
 
     def __call__(self) -> dict[str, Array]:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
@@ -41,14 +38,14 @@ class Probe:
 
     def _contacts(self) -> tuple[Array, Array]:
         contact, forces = self._data.contact, self._data.efc_force
-        pairs, address = contact.geom, contact.efc_address
-        bodies = self._model.geom_bodyid[pairs]
-        mine = (bodies == self._thing).any(axis=1) & (address >= 0)
-        normal, pairs, bodies = forces[address[mine]], pairs[mine], bodies[mine]
-        other = np.where(bodies[:, 0] == self._thing, pairs[:, 1], pairs[:, 0])
+        bodies, address = self._model.geom_bodyid[contact.geom], contact.efc_address
+        welds = self._weld[bodies]
+        mine = (welds == self._thing).any(axis=1) & (address >= 0)
+        normal, bodies, welds = forces[address[mine]], bodies[mine], welds[mine]
+        other = np.where(welds[:, 0] == self._thing, bodies[:, 1], bodies[:, 0])
         part = self._part[other]
         by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts)).astype(np.float64)
-        return by_part, np.array([float((self._model.geom_bodyid[other] == 0).any())])
+        return by_part, np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
 
 
 def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:

@@ -20,12 +20,12 @@ from allegro_twin import Hand, HandError, load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage, compile_scene
 from tests.cli.wrong import TABLE, Wrong, answered, workspace
 
@@ -39,7 +39,9 @@ EXTRAS = ["mink", "daqp", "ruckig", "onnxruntime", "stable_baselines3", "torch",
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wrong")
     spec = load_spec()
-    hand = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), orientation((1, 0, 0), (0, 0, 1)))), period=0.003)
+    hand = SimBackend(
+        spec, compile_scene(spec, Stage(np.zeros(3), quaternion_facing((1, 0, 0), (0, 0, 1)))), period=0.003
+    )
     controller = PD(Hold(load_posture("home", spec)), load_gains("default", spec))
     path = tmp_path_factory.mktemp("recording") / "r.arrow"
     for _ in recorded(until(0.03, run(hand, controller)), path, spec, 0.003):

@@ -198,8 +198,7 @@ TABLE = [
         ("export r.arrow x.csv --episode 3", 2, "--episode is for a data set that is read"),
         ("export r.arrow x.csv --config can_virtual", 2, "--config is for a bus log that is read"),
         ("export r.arrow x.csv --bus can7", 2, "--bus is for a bus log that is read"),
-        ("run sim_right --partial", 2, "--partial is for a recording; this run has backend sim"),
-        ("run sim_right --side both", 2, "--side both is for scenarios"),
+        ("run sim_right --partial", 2, "--partial is for recordings; this config has backend sim"),
         ("run sim_right --view --web", 2, "choose one"),
         ("keyboard --view --web", 2, "choose one"),
         ("run lemon lemon", 2, "lemon, right hand: asked for twice"),
@@ -234,7 +233,7 @@ def workspace(folder: Path, recording: Path) -> None:
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
-        "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, posture: home, speed: 1.0e+9}\n",
+        "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",
     }  # fmt: skip
     for name, content in contents.items():
         (folder / name).write_bytes(content)
