@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: demo demo-all test test-socketcan test-all bench models install clean
+.PHONY: demo demo-all test test-lowest test-socketcan test-all bench models install clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -26,6 +26,22 @@ test-socketcan: $(READY)
 test-all: test
 	$(BIN)/pytest -n $(JOBS) -m long
 
+# Every lower bound of pyproject.toml, as it stands there; a newer click's warnings about an older typer are not ours.
+LOWEST := .venv-lowest
+CORE := tests/test_architecture.py tests/test_safety.py tests/test_spec.py tests/test_types.py tests/test_loop.py \
+        tests/test_view.py tests/contract tests/control tests/description tests/library tests/replay tests/sim \
+        tests/cli/test_wrong_inputs.py tests/policy
+test-lowest: $(LOWEST)/.ready
+	$(LOWEST)/bin/pytest -o filterwarnings=default -p no:cacheprovider $(CORE)
+	$(LOWEST)/bin/allegro-twin run lemon
+
+$(LOWEST)/.ready: pyproject.toml
+	$(PYTHON) -m venv $(LOWEST)
+	$(LOWEST)/bin/pip install --quiet uv
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
+	  --only-binary :all: --no-binary allegro-twin --editable '.[dev]'
+	@touch $@
+
 bench: $(READY)
 	$(BIN)/python -m benchmarks
 
@@ -42,4 +58,4 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 
 clean:
-	rm -rf $(VENV) out
+	rm -rf $(VENV) $(LOWEST) out

@@ -1,41 +1,83 @@
-"""A simulator-first digital twin of the Wonik Allegro Hand."""
+"""A simulator-first digital twin of the Wonik Allegro Hand.
 
-from allegro_twin.backend import HandBackend
-from allegro_twin.errors import (
-    CommandError,
-    ConfigError,
-    EndOfRecording,
-    HandError,
-    HandFault,
-    LinkError,
-    LinkTimeout,
-    ProtocolError,
-    RecordingError,
-)
-from allegro_twin.loop import paced, run, until
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand
+What is named here is loaded when it is first asked for, so `import allegro_twin` takes no time.
+"""
 
-__version__ = "0.1.0"
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from allegro_twin.version import __version__
+
+if TYPE_CHECKING:
+    from allegro_twin.backend import HandBackend
+    from allegro_twin.config import load_config
+    from allegro_twin.errors import (
+        CommandError,
+        ConfigError,
+        EndOfRecording,
+        HandError,
+        HandFault,
+        LinkError,
+        LinkTimeout,
+        MotionStalled,
+        ProtocolError,
+        RecordingError,
+        SelfCollision,
+    )
+    from allegro_twin.hand import Hand
+    from allegro_twin.library.library import Library
+    from allegro_twin.loop import paced, run, until
+    from allegro_twin.spec import HandSpec
+    from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand
 
 __all__ = [
     "Command",
     "CommandError",
     "ConfigError",
     "EndOfRecording",
+    "Hand",
     "HandBackend",
     "HandError",
     "HandFault",
     "HandSpec",
     "HandState",
+    "Library",
     "LinkError",
     "LinkTimeout",
+    "MotionStalled",
     "PositionCommand",
     "ProtocolError",
     "RecordingError",
     "Sample",
+    "SelfCollision",
     "TorqueCommand",
+    "__version__",
+    "load_config",
     "paced",
     "run",
     "until",
 ]
+_HOMES = {
+    "backend": ("HandBackend",),
+    "config": ("load_config",),
+    "hand": ("Hand",),
+    "library.library": ("Library",),
+    "loop": ("paced", "run", "until"),
+    "spec": ("HandSpec",),
+    "types": ("Command", "HandState", "PositionCommand", "Sample", "TorqueCommand"),
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = next((home for home, names in _HOMES.items() if name in names), "errors")
+    value: object = getattr(import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value  # Asked for once.
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

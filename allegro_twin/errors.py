@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from allegro_twin.types import Sample
+from typing import Any
 
 
 class HandError(Exception):
     """Anything this package raises on purpose."""
 
-    history: tuple[Sample, ...] = ()
-    """The samples that led here, oldest first; filled in by the guard."""
+    history: tuple[Any, ...] = ()
+    """The `types.Sample`s that led here, oldest first; filled in by the guard. `types` stands on this module, so they
+    have no type here."""
 
 
 class ConfigError(HandError, ValueError):

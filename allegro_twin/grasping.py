@@ -16,6 +16,7 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.grip import CentroidGrip, EnvelopGrip
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,10 +42,14 @@ def performer(
     force: float | None = None,
 ) -> Controller[Any]:
     """The controller of a grasp. `force`: on the thumb of a centroid grasp, N, or the scale of an envelop grasp, in
-    place of what is stored. Raises ConfigError for a force that is not positive, or that a position grasp cannot set.
+    place of what is stored. Raises ConfigError for a force that is not positive, that the motors do not have, or that a
+    position grasp cannot set.
     """
     if force is not None and not force > 0.0:
         raise ConfigError(f"grasp {grasp.name}: force must be positive, not {force}")
+    if force is not None and grasp.grip is not None and force > (most := strongest(grasp, spec, model)):
+        unit = " N" if isinstance(grasp.grip, CentroidGrip) else " times its torques"
+        raise ConfigError(f"grasp {grasp.name}: force is at most {most:.1f}{unit}, what the motors have; not {force:g}")
     reach = PD(timed.moves, gains, gravity)
     match grasp.grip:
         case CentroidGrip() as grip:
@@ -54,6 +59,31 @@ def performer(
     if force is not None:
         raise ConfigError(f"grasp {grasp.name} controls position and takes no force; a centroid grasp does")
     return reach
+
+
+def strongest(grasp: Grasp, spec: HandSpec, model: HandModel) -> float:
+    """The most that the motors can give of a grasp's force: on the thumb, toward the other fingertips, in that posture
+    of the grasp in which it is largest, N; or the scale at which the last joint of an envelop grasp is at its limit."""
+    limit = spec.actuation.torque_limit
+    if isinstance(grasp.grip, EnvelopGrip):
+        torque = _wrapping(grasp.grip, spec)
+        return float((limit[torque != 0.0] / np.abs(torque[torque != 0.0])).max())
+    assert isinstance(grasp.grip, CentroidGrip)
+    fingers, found = grasp.grip.fingers, []
+    for posture in (grasp.preshape, grasp.close, grasp.squeeze):
+        tips, jacobians = model.fingertip_jacobians(posture, fingers)
+        way = tips[:-1].mean(axis=0) - tips[-1]
+        torque = np.abs(jacobians[-1].T @ way) / np.linalg.norm(way)
+        found.append(float((limit[torque > 1e-9] / torque[torque > 1e-9]).min()))
+    return max(found)
+
+
+def _wrapping(grip: EnvelopGrip, spec: HandSpec) -> Vector:
+    """The closing torques of an envelop grasp, (n,), N·m."""
+    torque = np.zeros(spec.n_actuators)
+    for name, values in grip.torque.items():
+        torque[list(spec.finger(name).joints)] = values
+    return torque
 
 
 def _centroid(
@@ -84,9 +114,6 @@ def _centroid(
 def _envelop(
     grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: Gravity, force: float | None
 ) -> EnvelopGrasp:
-    torque = np.zeros(spec.n_actuators)
-    for name, values in grip.torque.items():
-        torque[list(spec.finger(name).joints)] = values
     scale = grip.scale if force is None else force
     return EnvelopGrasp(
         reach,
@@ -94,7 +121,7 @@ def _envelop(
         timed.squeeze_at,
         gravity,
         np.array([spec.finger(name).joints for name in grip.torque]),
-        torque,
+        _wrapping(grip, spec),
         scale=scale,
         closing_scale=grip.closing,
         stiffness=grip.stiffness,

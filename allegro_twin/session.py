@@ -6,18 +6,19 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import allegro_twin
 from allegro_twin.build import Rig
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.types import Array, HandState, Sample
+from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
@@ -89,7 +90,7 @@ def write_reports(path: Path, reports: dict[str, Report]) -> None:
     from allegro_twin.sim.backend import ENGINE
 
     content = {
-        "allegro_twin": allegro_twin.__version__,
+        "allegro_twin": __version__,
         "engine": ENGINE,
         "trials": {name: asdict(report) for name, report in reports.items()},
     }
@@ -104,7 +105,10 @@ def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
         return None
     from allegro_twin.sim.render import overview
 
-    overview(strips, folder / "overview.png")
+    try:
+        overview(strips, folder / "overview.png")
+    except ImportError:
+        return None  # Every run has said so.
     return folder / "overview.png"
 
 
@@ -158,7 +162,7 @@ def _kept(
         return samples
     from allegro_twin.replay.recorder import recorded
 
-    meta: dict[str, Any] = {"allegro_twin": allegro_twin.__version__, "config": config.model_dump(mode="json")}
+    meta: dict[str, Any] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         meta |= rig.sim.meta()
     if rig.trial is not None:
@@ -200,10 +204,16 @@ def _photographed(
         notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
         return samples
     try:
+        for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
+            if wanted is not None:
+                import_module(name)
         from allegro_twin.sim.render import Camera, filmed, pictured
 
         camera = Camera(rig.sim)
-    except (ConfigError, ImportError) as error:
+    except ImportError as error:
+        notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
+        return samples
+    except ConfigError as error:
         notes.append(f"no pictures: {error}")
         return samples
     stack.callback(camera.close)

@@ -14,7 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from allegro_twin.description import facts, mesh
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
@@ -60,8 +60,13 @@ class Viewer:
         self._stream.flush()
 
     def close(self) -> None:
-        self._stream.flush()
-        self._stream.disconnect()
+        """Let go of the viewer or the file. Raises RecordingError when the disk did not take all that was drawn."""
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise RecordingError(f"cannot write the Rerun recording: {error}; is the disk full?") from error
+        finally:
+            self._stream.disconnect()
 
     def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
         """Draw a sample, unless the last one drawn is nearer than the frame rate."""
@@ -132,6 +137,10 @@ def _claim(port: int) -> int:
     with socket.socket() as probe:
         try:
             probe.bind(("127.0.0.1", port))
+        except OverflowError as error:
+            raise ConfigError(f"port {port} is no TCP port: they go from 1 to 65535; choose one with --port") from error
+        except PermissionError as error:
+            raise ConfigError(f"port {port} is not for everyone; choose one above 1023 with --port") from error
         except OSError as error:
             raise ConfigError(f"port {port} is taken by another program; choose another with --port") from error
         return int(probe.getsockname()[1])

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import allegro_twin
 from allegro_twin.build.wired import codec_of, host_settings, spec_of
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.replay.recorder import recorded
+from allegro_twin.version import __version__
 from allegro_twin.wire.codec.codec import described
 from allegro_twin.wire.tools.log import samples_of_log
 from allegro_twin.wire.tools.samples import Found
@@ -24,7 +24,7 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
     found = Found()
     codec = codec_of(config, settings)
     meta = {
-        "allegro_twin": allegro_twin.__version__,
+        "allegro_twin": __version__,
         "calibration": described(codec),
         "config": config.model_dump(mode="json"),
         "log": log.name,

@@ -23,14 +23,30 @@ log = logging.getLogger(__name__)
 
 def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
     """The hands of some configs on one bus. `step`: s; default: the configs' period. Raises ConfigError."""
-    firmwares = []
+    firmwares: list[Firmware] = []
     for config in configs:
+        if step is not None and step > config.period:
+            raise ConfigError(f"a step of {step} s is longer than the hand's period of {config.period} s")
         scene = Scene()
         firmwares.append(firmware_of(config, scene, step=step or config.period, restart=restart))
         scenes.append(scene)
+    _check_apart(configs, firmwares)
     first = configs[0].backend
     assert isinstance(first, CanSettings)
     return VirtualHands(firmwares, fault_plan(first.faults))
+
+
+def _check_apart(configs: list[RunConfig], firmwares: list[Firmware]) -> None:
+    """Raise ConfigError for two hands that would answer to the same frames."""
+    names = [
+        (firmware.codec.version, config.backend.device if firmware.codec.version == "v4" else 0)
+        for config, firmware in zip(configs, firmwares, strict=True)
+        if isinstance(config.backend, CanSettings)
+    ]
+    for version, device in names:
+        if names.count((version, device)) > 1:
+            what = f"with device {device}; give each its own" if version == "v4" else "which have no device id"
+            raise ConfigError(f"one bus cannot tell apart two hands of version {version}, {what}")
 
 
 def far_end(settings: CanSettings) -> Bus:

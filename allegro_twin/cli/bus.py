@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allegro_twin.cli import complete, options
 from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError
 
@@ -27,7 +28,8 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    config: Annotated[str, typer.Argument(help="A config with a `can` backend.")], hand: OtherHand = None
+    config: Annotated[str, typer.Argument(help="A config with a `can` backend.", autocompletion=complete.configs)],
+    hand: OtherHand = None,
 ) -> None:
     """Walk the link to a hand step by step, at zero torque, and stop at the first thing that is broken."""
     from rich.live import Live
@@ -48,7 +50,10 @@ def check(
 
 
 def sniff(
-    config: Annotated[str | None, typer.Argument(help="A config with a `can` backend; or say it with options.")] = None,
+    config: Annotated[
+        str | None,
+        typer.Argument(help="A config with a `can` backend; or say it with options.", autocompletion=complete.configs),
+    ] = None,
     interface: Annotated[str | None, typer.Option(help="python-can's name of the adapter.")] = None,
     channel: Annotated[str | None, typer.Option(help="Of the adapter.")] = None,
     bitrate: Annotated[int | None, typer.Option(help="bit/s.")] = None,
@@ -56,7 +61,9 @@ def sniff(
         list[str] | None, typer.Option(help="KEY=VALUE for python-can's interface, e.g. host=127.0.0.1.")
     ] = None,
     version: Annotated[str | None, typer.Option(help="v1 to v5plus; default: the config's, or a guess.")] = None,
-    seconds: Annotated[float | None, typer.Option(help="How long; default: until Ctrl-C.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="How long; default: until Ctrl-C.", callback=options.positive)
+    ] = None,
     lines: Annotated[bool, typer.Option(help="One line a frame, as in a pipe, instead of a table.")] = False,
 ) -> None:
     """Listen to any bus and say what the frames mean. Sends nothing. A serial adapter serves one program at a time."""
@@ -79,14 +86,28 @@ def sniff(
 
 
 def firmware(
-    configs: Annotated[list[str], typer.Argument(help="A config with a `can` backend; several share one bus.")],
+    configs: Annotated[
+        list[str],
+        typer.Argument(help="A config with a `can` backend; several share one bus.", autocompletion=complete.configs),
+    ],
     hand: OtherHand = None,
-    seconds: Annotated[float | None, typer.Option(help="How long; default: until Ctrl-C.")] = None,
-    step: Annotated[
-        float | None, typer.Option(help="s of physics between two looks at the bus; default: the config's period.")
+    seconds: Annotated[
+        float | None, typer.Option(help="How long; default: until Ctrl-C.", callback=options.positive)
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="With a scenario: where the verdict goes (JSON).")] = None,
-    wire_log: Annotated[Path | None, typer.Option(help="Log every frame to this .blf, .log or .asc.")] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            help="s of physics between two looks at the bus; default: the config's period.", callback=options.positive
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="With a scenario: where the verdict goes (JSON).", callback=options.file(".json")),
+    ] = None,
+    wire_log: Annotated[
+        Path | None,
+        typer.Option(help="Log every frame to this .blf, .log or .asc.", callback=options.file(".blf", ".log", ".asc")),
+    ] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
     from allegro_twin.build.served import far_end, local, virtual_hands

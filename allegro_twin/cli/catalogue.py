@@ -57,6 +57,37 @@ def configs() -> Table:
     return table
 
 
+def policies() -> Table:
+    table = _table("policies", "name", "what it does")
+    for path in sorted((data_root() / "conf" / "policies").glob("*.onnx")):
+        lines = path.with_suffix(".md").read_text(encoding="utf-8").splitlines()
+        table.add_row(path.stem, next(line for line in lines[1:] if line))
+    return table
+
+
+def recipes() -> Table:
+    table = _table("recipes", "name", "task", "actions")
+    for path in sorted((data_root() / "conf" / "training").glob("*.yaml")):
+        content = read_yaml(path)
+        table.add_row(path.stem, content["task"], f"{content.get('steps', ''):,}")
+    return table
+
+
+def protocols() -> Table:
+    table = _table("protocols", "name", "phases")
+    for path in sorted((data_root() / "conf" / "protocols").glob("*.yaml")):
+        table.add_row(path.stem, ", ".join(phase["name"] for phase in read_yaml(path)["phases"]))
+    return table
+
+
+def gains() -> Table:
+    table = _table("gains", "name", "hand")
+    for path in sorted((data_root() / "conf" / "gains").glob("*.yaml")):
+        for name in read_yaml(path):
+            table.add_row(name, path.stem)
+    return table
+
+
 def hands() -> Table:
     table = _table("hands", "name", "model")
     for path in sorted((data_root() / "conf" / "hands").glob("*.yaml")):
@@ -72,6 +103,10 @@ KINDS: dict[str, Callable[[], Table]] = {
     "scenarios": scenarios,
     "configs": configs,
     "hands": hands,
+    "policies": policies,
+    "recipes": recipes,
+    "protocols": protocols,
+    "gains": gains,
 }
 
 

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
+from allegro_twin.cli import complete, options
 from allegro_twin.cli.options import Config, OtherHand
 from allegro_twin.errors import ConfigError
 
-Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.")]
+Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.", callback=options.positive)]
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +34,12 @@ def _group() -> None:
 
 
 def posture(
-    name: Annotated[str, typer.Argument(help="A posture of the library; `allegro-twin list postures`.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A posture of the library; `allegro-twin list postures`.", autocompletion=complete.postures
+        ),
+    ],
     config: Config = "sim_right",
     other: OtherHand = None,
     speed: Annotated[float, typer.Option(help="Peak speed of the joint that travels furthest, rad/s.")] = 1.0,
@@ -50,7 +56,10 @@ def posture(
 
 
 def grasp(
-    name: Annotated[str, typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.", autocompletion=complete.grasps),
+    ],
     config: Config = "sim_right",
     other: OtherHand = None,
     width: Annotated[float | None, typer.Option(help="Of the object, m.")] = None,
@@ -72,7 +81,9 @@ def teach(
     config: Config = "sim_right",
     other: OtherHand = None,
     seconds: Seconds = 10.0,
-    into: Annotated[Path, typer.Option(help="Library file to store it in.")] = Path("library/taught.yaml"),
+    into: Annotated[Path, typer.Option(help="Library file to store it in.", callback=options.file(".yaml"))] = Path(
+        "library/taught.yaml"
+    ),
     motion: Annotated[
         bool, typer.Option(help="Store the way the fingers went, not only where they were left.")
     ] = False,
@@ -100,7 +111,13 @@ def teach(
 
 
 def play(
-    name: Annotated[str, typer.Argument(help="A trajectory of the library; `allegro-twin list trajectories`.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="A trajectory of the library; `allegro-twin list trajectories`.",
+            autocompletion=complete.trajectories,
+        ),
+    ],
     config: Config = "sim_right",
     other: OtherHand = None,
     speed: Annotated[float, typer.Option(help="How many times as fast as it was shown.")] = 1.0,
@@ -130,6 +147,8 @@ def keyboard(
     from allegro_twin.hand import Hand
     from allegro_twin.session import rerun_stage
 
+    if view and web:
+        raise ConfigError("--view and --web are two ways to watch one hand: choose one")
     with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
         if view or web:
             viewer_of, _ = rerun_stage()
@@ -146,9 +165,13 @@ def calibrate_limits(
     config: Config = "sim_right",
     other: OtherHand = None,
     by_hand: Annotated[
-        float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
+        float | None,
+        typer.Option(help="You move the joints to their ends, for so many seconds.", callback=options.positive),
     ] = None,
-    into: Annotated[Path | None, typer.Option(help="The hand's own file; without it nothing is written.")] = None,
+    into: Annotated[
+        Path | None,
+        typer.Option(help="The hand's own file; without it nothing is written.", callback=options.file(".yaml")),
+    ] = None,
     offsets: Annotated[
         bool,
         typer.Option(

@@ -1,4 +1,5 @@
-"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or collision, 5 the grasp failed."""
+"""The command line. Exit codes: 0 done, 2 config, file or usage, 3 link, 4 fault or a motion that met something, 5 the
+grasp failed, 130 interrupted."""
 
 from __future__ import annotations
 
@@ -7,27 +8,25 @@ import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, exchange, live, training
+from allegro_twin.cli import bus, complete, ends, exchange, live, options, shipped, training
 from allegro_twin.cli.options import OtherHand
-from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
+from allegro_twin.errors import ConfigError, HandError, LinkError
+from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
     from allegro_twin.session import Outputs
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, help="""A digital twin of
-the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario (scenarios/**/*.yaml) what to
-grasp.""")  # fmt: skip
-
-
-_ENDS = [
-    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
-]  # Windows has the first.
+app = typer.Typer(
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="A digital twin of the Wonik Allegro Hand. A config (conf/*.yaml) says which hand and controller, a scenario "
+    "(scenarios/**/*.yaml) what to grasp.",
+)
 
 
 class Sides(StrEnum):
@@ -36,7 +35,27 @@ class Sides(StrEnum):
     both = "both"
 
 
-Targets = Annotated[list[str], typer.Argument(help="Configs, scenarios, or folders of scenarios; a name will do.")]
+Targets = Annotated[
+    list[str],
+    typer.Argument(
+        help="Configs, scenarios, or folders of scenarios; a name will do.", autocompletion=complete.targets
+    ),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"allegro-twin {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _all(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    """What stands before any command."""
 
 
 @app.command()
@@ -45,30 +64,56 @@ def run(
     side: Annotated[Sides | None, typer.Option(help="The right hand, the left one, or one after the other.")] = None,
     hand: OtherHand = None,
     config: Annotated[
-        str | None, typer.Option("--config", "-c", help="The config of the hand that performs scenarios.")
+        str | None,
+        typer.Option(
+            "--config", "-c", help="The config of the hand that performs scenarios.", autocompletion=complete.configs
+        ),
     ] = None,
-    grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.")] = None,
-    thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.")] = None,
-    policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.")] = None,
-    goal: Annotated[str | None, typer.Option(help="For a policy that reaches goals: a posture.")] = None,
+    grasp: Annotated[
+        str | None, typer.Option(help="Another grasp than the scenario's.", autocompletion=complete.grasps)
+    ] = None,
+    thing: Annotated[
+        str | None,
+        typer.Option("--object", help="Another object than the scenario's first.", autocompletion=complete.objects),
+    ] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(help="A policy file (.onnx, .zip) that decides instead.", autocompletion=complete.policies),
+    ] = None,
+    goal: Annotated[
+        str | None, typer.Option(help="For a policy that reaches goals: a posture.", autocompletion=complete.postures)
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for a recording, a picture and a report of each run.")
+        Path | None,
+        typer.Option(help="Folder for a recording, a picture and a report of each run.", callback=options.folder),
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="Record to this .arrow file.")] = None,
-    image: Annotated[Path | None, typer.Option(help="Render to this .png.")] = None,
-    video: Annotated[Path | None, typer.Option(help="Render to this .mp4.")] = None,
-    rrd: Annotated[Path | None, typer.Option(help="Write a Rerun recording to this .rrd.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Record to this .arrow file.", callback=options.file(".arrow"))
+    ] = None,
+    image: Annotated[Path | None, typer.Option(help="Render to this .png.", callback=options.file(".png"))] = None,
+    video: Annotated[Path | None, typer.Option(help="Render to this .mp4.", callback=options.file(".mp4"))] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Write a Rerun recording to this .rrd.", callback=options.file(".rrd"))
+    ] = None,
     wire_log: Annotated[
-        Path | None, typer.Option(help="Log every frame of the hand's bus to this .blf, .log or .asc.")
+        Path | None,
+        typer.Option(
+            help="Log every frame of the hand's bus to this .blf, .log or .asc.",
+            callback=options.file(".blf", ".log", ".asc"),
+        ),
     ] = None,
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
-    seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after this time on the hand's clock.", callback=options.positive)
+    ] = None,
     partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
     from allegro_twin.session import Outputs
 
+    if view and web:
+        raise ConfigError("--view and --web are two ways to watch one run: choose one")
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
     from allegro_twin.cli.runs import Options, configs_of
 
@@ -145,35 +190,11 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
         console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
 
 
-@app.command("list")
-def list_(
-    what: Annotated[str, typer.Argument(help="objects, postures, grasps, scenarios, configs or hands")] = "",
-) -> None:
-    """List what ships with the package."""
-    from allegro_twin.cli import catalogue, console
-
-    kinds = catalogue.KINDS
-    if what and what not in kinds:
-        raise ConfigError(unknown("list", what, kinds))
-    for kind in [what] if what else kinds:
-        console.console.print(kinds[kind]())
-
-
-@app.command()
-def envs(
-    task: Annotated[str, typer.Argument(help="One task, with the spaces of its observations and actions.")] = "",
-) -> None:
-    """List the Gymnasium environments: their ids, their spaces, and what they are for."""
-    from allegro_twin.cli import console, environments
-
-    console.console.print(environments.listed(task))
-
-
 @app.command()
 def view(
     recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
     web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
-    port: Annotated[int, typer.Option(help="Of the page in the browser.")] = 9090,
+    port: Annotated[int, typer.Option(help="Of the page in the browser.", callback=options.port)] = 9090,
     partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Look at a recording in Rerun."""
@@ -197,18 +218,7 @@ def _wait() -> None:
         return
 
 
-@app.command()
-def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.")]) -> None:
-    """Render every grasp of the library and write the page that shows them."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.gallery import make
-
-    with console.progress() as bar:
-        task = bar.add_task("grasps", total=None)
-        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
-    console.console.print(f"{count} grasps in {folder}/grasps.md")
-
-
+shipped.register(app)
 live.register(app)
 exchange.register(app)
 bus.register(app)
@@ -216,28 +226,16 @@ training.register(app)
 
 
 def main() -> None:
-    """Run the command line; every HandError is one line on standard error."""
-    for number in _ENDS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
-            signal.signal(number, _stop)
+    """Run the command line; every HandError, and every slip of the pen, is one line on standard error."""
+    ends.stop_on_signals()
     logging.getLogger("can").addHandler(logging.NullHandler())  # What python-can logs, it raises too.
     try:
-        app()
+        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="allegro-twin", standalone_mode=False) or 0)
     except HandError as error:
         sys.stderr.write(f"allegro-twin: {error}\n")
-        sys.exit(_exit_code(error))
-    except KeyboardInterrupt:
+        sys.exit(ends.exit_code(error))
+    except ends.USAGE as error:
+        sys.stderr.write(f"{ends.usage(error)}\n")
+        sys.exit(2)
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
-
-
-def _stop(number: int, frame: FrameType | None) -> None:
-    """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
-    for each in (*_ENDS, signal.SIGINT):
-        signal.signal(each, signal.SIG_IGN)
-    raise KeyboardInterrupt
-
-
-def _exit_code(error: HandError) -> int:
-    if isinstance(error, LinkError):
-        return 3
-    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2

@@ -1,12 +1,71 @@
-"""Options that several commands share."""
+"""What many options have in common: what they take, what they refuse before anything begins, and what may follow."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-Config = Annotated[str, typer.Option("--config", "-c", help="Which hand: a config by path or name.")]
-OtherHand = Annotated[
-    str | None, typer.Option("--hand", help="Another hand: a file of conf/hands by path or name; `list hands`.")
+from allegro_twin.cli import complete
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.whole import check_place
+
+Config = Annotated[
+    str,
+    typer.Option("--config", "-c", help="Which hand: a config by path or name.", autocompletion=complete.configs),
 ]
+OtherHand = Annotated[
+    str | None,
+    typer.Option(
+        "--hand",
+        help="Another hand: a file of conf/hands by path or name; `list hands`.",
+        autocompletion=complete.hands,
+    ),
+]
+
+
+def positive(param: typer.CallbackParam, value: float | None) -> float | None:
+    """A callback for a time or a count that must be above zero, and finite. Raises ConfigError."""
+    if value is not None and not 0 < value < math.inf:
+        raise ConfigError(f"{option(param)} must be positive and finite, not {value}")
+    return value
+
+
+def port(param: typer.CallbackParam, value: int) -> int:
+    """A callback for a TCP port that can be said beforehand. Raises ConfigError."""
+    if not 1 <= value <= 65535:
+        raise ConfigError(f"{option(param)} must be a TCP port, 1 to 65535, not {value}")
+    return value
+
+
+def folder(param: typer.CallbackParam, value: Path | None) -> Path | None:
+    """A callback for a folder to write into, which is made. Raises RecordingError."""
+    try:
+        if value is not None:
+            value.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{option(param)} {value}: cannot be a folder to write into: {error.strerror}") from error
+    return value
+
+
+def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | None]:
+    """A callback for a file to write, with one of these suffixes. It raises ConfigError or RecordingError now, and not
+    when the work is done."""
+
+    def check(param: typer.CallbackParam, value: Path | None) -> Path | None:
+        if value is None:
+            return None
+        if value.suffix not in suffixes:
+            raise ConfigError(f"{option(param)} {value}: must end in {' or '.join(suffixes)}")
+        check_place(value)
+        return value
+
+    return check
+
+
+def option(param: typer.CallbackParam) -> str:
+    """What the user calls it."""
+    return str(param.opts[0])

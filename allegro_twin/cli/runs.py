@@ -55,6 +55,12 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
                 base = _performing(path, options.config, side) if scenario else load_config(path)
                 config = _with(on_hand(base, options.hand, side), options)
                 jobs.append(Job(options.object or path.stem if scenario else path.stem, config))
+    names = [(job.name, job.config.hand.side) for job in jobs]
+    for name, hand in names:
+        if names.count((name, hand)) > 1:
+            raise ConfigError(
+                f"{name}, {hand} hand: asked for twice; one report and one recording would replace another"
+            )
     return jobs
 
 
@@ -155,6 +161,8 @@ def _rrd(recording: Any, target: Path) -> None:
 
 
 def _files(target: str) -> list[Path]:
+    if not target:
+        raise ConfigError("an empty name: give a config, a scenario, or a folder of scenarios")
     path = Path(target)
     for folder in (path, data_root() / path):
         if folder.is_dir():
@@ -163,7 +171,7 @@ def _files(target: str) -> list[Path]:
                 raise ConfigError(f"{target}: no scenarios in this folder")
             return found
     if path.is_file() or len(path.parts) > 1 or path.suffix:
-        return [find(path, "config or scenario", "scenarios")]
+        return [find(path, "config or scenario", "scenarios", below=True)]
     names = {file.stem: file for folder in ("scenarios", "conf") for file in (data_root() / folder).rglob("*.yaml")
              if folder == "scenarios" or file.parent.name == "conf"}  # fmt: skip
     if path.name not in names:

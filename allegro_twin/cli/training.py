@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allegro_twin.cli import complete, options
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.train.report import Compared
     from allegro_twin.train.settings import Recipe
 
-Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.")]
+Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.", callback=options.positive)]
 
 
 def register(app: typer.Typer) -> None:
@@ -23,9 +24,15 @@ def register(app: typer.Typer) -> None:
 
 
 def train(
-    task: Annotated[str, typer.Argument(help="A task, or a recipe by path or by its name in conf/training.")],
+    task: Annotated[
+        str,
+        typer.Argument(
+            help="A task, or a recipe by path or by its name in conf/training.", autocompletion=complete.recipes
+        ),
+    ],
     out: Annotated[
-        Path | None, typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.")
+        Path | None,
+        typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.", callback=options.folder),
     ] = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     steps: Annotated[int | None, typer.Option(help="Actions in all.")] = None,
@@ -54,8 +61,18 @@ def train(
 
 
 def evaluate(
-    policy: Annotated[str, typer.Argument(help="A policy file, .onnx or .zip, or its name in conf/policies.")],
-    recipe: Annotated[str, typer.Argument(help="The recipe that it was trained with: task, objects, noise.")],
+    policy: Annotated[
+        str,
+        typer.Argument(
+            help="A policy file, .onnx or .zip, or its name in conf/policies.", autocompletion=complete.policies
+        ),
+    ],
+    recipe: Annotated[
+        str,
+        typer.Argument(
+            help="The recipe that it was trained with: task, objects, noise.", autocompletion=complete.recipes
+        ),
+    ],
     episodes: Episodes = 200,
     can: Annotated[int, typer.Option(help="So many of the episodes on a virtual hand on a CAN bus, too.")] = 0,
 ) -> None:
@@ -65,6 +82,8 @@ def evaluate(
     from allegro_twin.train import load_recipe
     from allegro_twin.train.report import SEED, compare, sets
 
+    if not 0 <= can <= episodes:
+        raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe)
     path = find(policy, "policy", "conf/policies", ".onnx")
     console.console.print(_table(compare(path, loaded, episodes)))

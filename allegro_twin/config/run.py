@@ -53,7 +53,7 @@ class RunConfig(Settings):
 
     @model_validator(mode="after")
     def _everything_is_read(self) -> RunConfig:
-        line = unread(self)
+        line = unread(self.task, self.controller, self.backend)
         if line is not None:
             raise ValueError(line)
         return self

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from allegro_twin.control.profiles import linear
-from allegro_twin.control.trajectory import Moves, Profile, Trajectory, Waypoint
+from allegro_twin.control.trajectory import FASTEST, SLOWEST, Moves, Profile, Trajectory, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
@@ -31,9 +31,16 @@ class Motion:
 
     def path(self, speed: float = 1.0) -> Trajectory:
         """The motion from its first position on, `speed` times as fast as it was shown. Raises ConfigError unless that
-        is positive."""
+        is positive, and neither slower nor faster than a hand can be asked to move."""
         if not speed > 0.0:
             raise ConfigError(f"speed must be positive, as a multiple of the one it was shown at; it is {speed}")
+        fastest = float(np.abs(np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]).max())
+        if fastest > 0.0 and not SLOWEST <= speed * fastest <= FASTEST:
+            least, most = SLOWEST / fastest, FASTEST / fastest
+            raise ConfigError(
+                f"speed must be {least:.2g} to {most:.2g} times the one it was shown at, for joints from "
+                f"{SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}"
+            )
         rows = tuple(frozen(row) for row in self.positions)
         times = (self.times - self.times[0]) / speed
         return Trajectory(tuple(times.tolist()), rows, (linear,) * (len(rows) - 1))

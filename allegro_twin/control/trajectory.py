@@ -14,7 +14,24 @@ from allegro_twin.control.profiles import Profile, Shape, timed
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Vector, frozen
 
-__all__ = ["Hold", "Moves", "Path", "Profile", "Reference", "SetPoint", "Trajectory", "Waypoint", "travel_time"]
+FASTEST = 12.0
+"""rad/s. The guard stops a hand that is faster (docs/safety.md), so nobody asks for more."""
+SLOWEST = 1e-3
+"""rad/s. Half an hour for a joint's whole range: who asks for less has mistaken the unit."""
+
+__all__ = [
+    "FASTEST",
+    "SLOWEST",
+    "Hold",
+    "Moves",
+    "Path",
+    "Profile",
+    "Reference",
+    "SetPoint",
+    "Trajectory",
+    "Waypoint",
+    "travel_time",
+]
 
 
 class SetPoint(NamedTuple):
@@ -116,17 +133,19 @@ class Trajectory:
 
 
 def travel_time(start: Vector, waypoint: Waypoint) -> float:
-    """Seconds from a posture to a waypoint. Raises ConfigError unless speed, acceleration and time are positive."""
+    """Seconds from a posture to a waypoint. Raises ConfigError unless acceleration and time are positive, and the speed
+    one that a hand can have."""
     return _leg(start, waypoint)[0]
 
 
 def _leg(start: Vector, waypoint: Waypoint) -> tuple[float, Shape]:
-    for value, what in (
-        (waypoint.speed, "speed must be positive, in rad/s"),
-        (waypoint.acceleration, "acceleration must be positive, in rad/s²"),
-    ):
-        if not value > 0.0:
-            raise ConfigError(f"{what}; it is {value}")
+    if not SLOWEST <= waypoint.speed <= FASTEST:
+        raise ConfigError(
+            f"speed must be positive, in rad/s, from {SLOWEST:g} to {FASTEST:g}, where the guard stops; it is "
+            f"{waypoint.speed:g}"
+        )
+    if not waypoint.acceleration > 0.0:
+        raise ConfigError(f"acceleration must be positive, in rad/s²; it is {waypoint.acceleration}")
     if waypoint.seconds is not None and not waypoint.seconds > 0.0:
         raise ConfigError(f"a move must take a positive time, not {waypoint.seconds} s")
     furthest = float(np.abs(waypoint.posture - start).max())

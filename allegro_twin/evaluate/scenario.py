@@ -151,7 +151,7 @@ class Scenario(Settings):
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
-    path = find(name, "scenario", "scenarios")
+    path = find(name, "scenario", "scenarios", below=True)
     return load(Scenario, path), path
 
 

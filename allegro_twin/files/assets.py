@@ -10,6 +10,15 @@ import yaml
 
 from allegro_twin.errors import ConfigError, unknown
 
+_KINDS = {
+    "scenarios": "scenario",
+    "conf/postures": "posture",
+    "conf/grasps": "grasp",
+    "conf/trajectories": "trajectory",
+    "conf/hands": "hand",
+    "conf/training": "recipe",
+    "conf/protocols": "protocol",
+}
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -20,8 +29,9 @@ def data_root() -> Path:
     return inside if inside.is_dir() else _PACKAGE.parent
 
 
-def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml") -> Path:
-    """A file given by its path, or by its bare name in one of the shipped folders. Raises ConfigError."""
+def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
+    """A file given by its path, or by its bare name in a shipped folder, or `below` it too. Raises ConfigError with the
+    nearest names, and with what else has that name."""
     given = Path(path)
     if given.is_file():
         return given
@@ -30,10 +40,19 @@ def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml") -> Pat
         return data_root() / given
     if len(given.parts) > 1 or given.suffix == suffix:
         raise ConfigError(f"{path}: no such {kind} file")
-    matches = {file.stem: file for file in sorted(shipped.rglob(f"*{suffix}"))}
+    matches = {file.stem: file for file in sorted(shipped.glob(f"{'**/' if below else ''}*{suffix}"))}
     if given.name not in matches:
-        raise ConfigError(unknown(kind, given.name, matches))
+        other = _other(given.name)
+        raise ConfigError(unknown(kind, given.name, matches) + (f" ({given.name!r} is {other})" if other else ""))
     return matches[given.name]
+
+
+def _other(name: str) -> str:
+    """What ships under a name: `a posture`; empty for nothing."""
+    for folder, kind in _KINDS.items():
+        if any(file.stem == name for file in (data_root() / folder).rglob("*.yaml")):
+            return f"a {kind}"
+    return ""
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -36,27 +36,37 @@ def parse(model: type[S], content: dict[str, Any], where: Where) -> S:
         raise ConfigError(_explain(error, model, where)) from error
 
 
+_SHOWN = 5
+"""So many mistakes are named; the rest are counted."""
+
+
 def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> str:
     details = error.errors(include_url=False)
     # A key that is wrong is often one that is missed elsewhere: the cause before its consequence.
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
-    first, more = details[0], len(details) - 1
-    where = source if isinstance(source, str) else source(first["loc"])
-    location = ".".join(str(part) for part in first["loc"]) or "(top)"
-    tail = f" ({more} more)" if more else ""
-    if first["type"] == "extra_forbidden":
-        keys = _keys(model, first["loc"][:-1])
-        near = get_close_matches(str(first["loc"][-1]), keys, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(sorted(keys))}"
-        return f"{where}: {location}: unknown key; {hint}{tail}"
-    if first["type"] == "missing":
-        return f"{where}: {location}: missing{tail}"
-    message = first["msg"][0].lower() + first["msg"][1:]
-    if not first["loc"]:  # About the whole, and it names what it is about.
-        return f"{where}: {message.removeprefix('value error, ')}{tail}"
-    value = repr(first["input"])
+    where = source if isinstance(source, str) else source(details[0]["loc"])
+    text = "; ".join(_mistake(detail, model) for detail in details[:_SHOWN])
+    more = len(details) - _SHOWN
+    return f"{where}: {text}{f'; and {more} more' if more > 0 else ''}"
+
+
+def _mistake(detail: Any, model: type[BaseModel]) -> str:
+    place = detail["loc"]
+    location = ".".join(str(part) for part in place) or "(top)"
+    if detail["type"] == "extra_forbidden":
+        keys = _keys(model, place[:-1])
+        near = get_close_matches(str(place[-1]), keys, n=1, cutoff=0.5)
+        return f"{location}: unknown key; " + (
+            f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(sorted(keys))}"
+        )
+    if detail["type"] == "missing":
+        return f"{location}: missing"
+    message = str(detail["msg"][0].lower() + detail["msg"][1:])
+    if not place:  # About the whole, and it names what it is about.
+        return message.removeprefix("value error, ")
+    value = repr(detail["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
-    return f"{where}: {location}: {message.removeprefix('value error, ')}, not {shown}{tail}"
+    return f"{location}: {message.removeprefix('value error, ')}, not {shown}"
 
 
 def _keys(model: Any, location: tuple[int | str, ...]) -> list[str]:

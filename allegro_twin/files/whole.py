@@ -1,13 +1,29 @@
-"""Files that are whole or not there: written beside their place and moved into it."""
+"""Files and folders that are whole or not there: written beside their place and moved into it."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from allegro_twin.errors import RecordingError
+
+
+def check_place(path: Path) -> None:
+    """Make the folder of a file that is to be written. Raises RecordingError when that cannot be, or when something
+    stands there that is no file: a folder, a device."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"cannot write {path}: it is {'a folder' if path.is_dir() else 'no plain file'}")
+    except OSError as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise _refused(path, error) from error
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise RecordingError(f"cannot write {path}: no permission")
 
 
 @contextmanager
@@ -16,12 +32,36 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Raises RecordingError when the disk does not let it.
     """
+    check_place(path)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
+    except RecordingError:
+        raise
     except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+        raise _refused(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # What went wrong with it was said above.
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder next to `path`, which may be an empty one, that takes its place when the block ends well, and
+    vanishes otherwise. Raises RecordingError when the disk does not let it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.mkdir(parents=True)
+        yield temporary
+        temporary.replace(path)
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise _refused(path, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _refused(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"cannot write {path}: {error.strerror or error}")

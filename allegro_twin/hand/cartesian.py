@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.control.trajectory import FASTEST, Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
@@ -26,6 +26,7 @@ from allegro_twin.kinematics.solution import Best
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
+_SLOWEST = 1e-5  # m/s. Hours for the length of a finger: who asks for less has mistaken the unit.
 _STEP = 0.002  # m between the points of a line that are solved; joints run straight in between.
 _LEVER = 0.05  # m. A turn of a tip counts as this arc a radian: about its distance from the joint before its last.
 _JUMP = 0.5  # rad. A joint that goes further between two points has changed over to another posture.
@@ -78,12 +79,12 @@ def straight(
 
     They leave and arrive together, from rest to rest; the one that travels furthest peaks at `speed`, m/s. `euler`
     says how some of them are then turned: roll, pitch, yaw, (3,), rad. Each point takes the posture nearest to the one
-    before. Other fingers stay. Raises ConfigError for a target out of reach, with the distance to the nearest point
-    within it; for an orientation that the tip cannot have there, with the nearest; and for a line that leaves the
-    reach on its way.
+    before. Other fingers stay. Raises ConfigError for a speed that no hand has; for a target out of reach, with the
+    distance to the nearest point within it; for an orientation that the tip cannot have there, with the nearest; and
+    for a line that leaves the reach on its way.
     """
-    if not speed > 0.0:
-        raise ConfigError(f"speed must be positive, in m/s; it is {speed}")
+    if not speed >= _SLOWEST:
+        raise ConfigError(f"speed must be positive, in m/s, and at least {_SLOWEST:g}; it is {speed}")
     if loose := [name for name in euler or {} if name not in targets]:
         raise ConfigError(f"euler is given for {loose[0]}, which has no target position")
     lines = [_line(spec, start, name, value, (euler or {}).get(name)) for name, value in targets.items()]
@@ -97,6 +98,12 @@ def straight(
     rows = np.repeat(start[None], count, axis=0)
     for line in lines:
         rows[:, line.joints] = _solved(line, parts, start[line.joints])
+    fastest = float(np.abs(np.diff(rows, axis=0, prepend=start[None])).max()) / (seconds / count)
+    if fastest > FASTEST:
+        raise ConfigError(
+            f"speed must be at most {speed * FASTEST / fastest:.2g} m/s on this way, where a joint moves at "
+            f"{FASTEST:g} rad/s and the guard stops it; it is {speed:g}"
+        )
     return Moves([Waypoint(row, seconds=seconds / count, profile="linear") for row in rows])
 
 

@@ -116,7 +116,9 @@ class Mover:
 
     def wait(self, seconds: float | None = None) -> HandState:
         """For a time, s, or until the motion is over and the joints have settled. Raises MotionStalled if it was
-        stopped and nobody was told yet."""
+        stopped and nobody was told yet; ConfigError for a time that never ends."""
+        if seconds is not None and not 0.0 <= seconds < math.inf:
+            raise ConfigError(f"a time to wait is finite and not negative, s; not {seconds}")
         watch, end = self._watch, None if seconds is None else self.state.t + seconds - 1e-9
 
         def over(sample: Sample) -> bool:

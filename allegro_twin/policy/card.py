@@ -14,6 +14,7 @@ from allegro_twin.files.schema import Settings, parse
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
 from allegro_twin.policy.interface import VERSION, Interface, Mode
+from allegro_twin.policy.onnx_file import session
 from allegro_twin.policy.script import Script, closing, holding, sampled, table
 from allegro_twin.spec import HandSpec, Side
 
@@ -141,7 +142,5 @@ def _of_zip(path: Path) -> str | None:
 
 
 def _of_onnx(path: Path) -> str | None:
-    from allegro_twin.policy.loading import session
-
     found: dict[str, str] = session(path).get_modelmeta().custom_metadata_map
     return found.get(KEY)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.policy.card import Card, read_card
 from allegro_twin.policy.controller import Policy, PolicyController
 from allegro_twin.policy.interface import Floats, Observation
+from allegro_twin.policy.onnx_file import session
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -42,20 +42,6 @@ def policy_controller(
     loaded = load_policy(path)
     script = 0 if grasp is None else loaded.card.script(grasp)
     return PolicyController(loaded.policy, loaded.card.interface(spec), goal, script)
-
-
-def session(path: Path) -> Any:
-    """An open ONNX file, computing on one thread. Raises ConfigError where onnxruntime is missing."""
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise ConfigError("an ONNX policy needs onnxruntime: pip install 'allegro-twin[policy]'") from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1  # So small a network gains nothing by more.
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # Its exceptions share no base of their own.
-        raise ConfigError(f"{path}: not a readable ONNX file: {str(error).splitlines()[0]}") from error
 
 
 class _Onnx:

@@ -22,6 +22,8 @@ KEPT = "recording"
 def begin(recordings: Sequence[Recording], folder: Path) -> None:
     """Raise ConfigError for a folder that has something in it, or for recordings of different hands, periods or
     columns."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{folder} is a file: a data set is written in one go, into a new folder")
     if folder.exists() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: a data set is written in one go, into a new folder")
     first = recordings[0]

@@ -17,7 +17,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.whole import whole_file
+from allegro_twin.files.whole import whole_folder
 from allegro_twin.replay.episodes import KEPT, action_of, begin, rebuilt, task_of
 from allegro_twin.replay.recording import Recording
 
@@ -30,25 +30,30 @@ Columns = dict[str, NDArray[Any]]
 
 
 def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
-    """Write a new data set. Raises ConfigError for a folder that has something in it, or for recordings of different
-    hands, periods or columns."""
+    """Write a new data set, whole or not at all. Raises ConfigError for a folder that has something in it, or for
+    recordings of different hands, periods or columns; RecordingError when the disk does not let it."""
     begin(recordings, folder)
+    with whole_folder(folder) as temporary:
+        _write(recordings, temporary)
+
+
+def _write(recordings: Sequence[Recording], folder: Path) -> None:
     tasks = sorted({task_of(recording) for recording in recordings})
     episodes, stats, index = [], [], 0
     for number, recording in enumerate(recordings):
         columns = _columns(recording, number, index, tasks.index(task_of(recording)))
         index += len(recording)
         path = folder / DATA.format(episode_chunk=number // CHUNK, episode_index=number)
-        with whole_file(path) as temporary:
-            pa.parquet.write_table(pa.table({name: _arrow(values) for name, values in columns.items()}), temporary)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pa.parquet.write_table(pa.table({name: _arrow(values) for name, values in columns.items()}), path)
         episodes.append({"episode_index": number, "tasks": [task_of(recording)], "length": len(recording)})
         stats.append({"episode_index": number, "stats": {name: _stats(values) for name, values in columns.items()}})
+    (folder / "meta").mkdir()
     _lines(folder / "meta/episodes.jsonl", episodes)
     _lines(folder / "meta/episodes_stats.jsonl", stats)
     _lines(folder / "meta/tasks.jsonl", [{"task_index": k, "task": task} for k, task in enumerate(tasks)])
     _lines(folder / OURS, [dict(recording.meta) for recording in recordings])
-    with whole_file(folder / "meta/info.json") as temporary:
-        temporary.write_text(json.dumps(_info(recordings, columns, len(tasks), index), indent=4))
+    (folder / "meta/info.json").write_text(json.dumps(_info(recordings, columns, len(tasks), index), indent=4))
 
 
 def from_lerobot(folder: Path, episode: int = 0) -> Recording:
@@ -117,8 +122,7 @@ def _stats(values: NDArray[Any]) -> dict[str, list[Any]]:
 
 
 def _lines(path: Path, rows: list[dict[str, Any]]) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
 def _arrow(values: NDArray[Any]) -> pa.Array:

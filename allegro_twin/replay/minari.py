@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.whole import whole_file
+from allegro_twin.files.whole import whole_folder
 from allegro_twin.replay.episodes import KEPT, action_of, begin, observation_of, rebuilt, task_of
 from allegro_twin.replay.recording import Recording
 
@@ -26,17 +27,26 @@ META = "allegro_twin"
 
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
-    """Write a new data set, to be found by Minari as `allegro/<name of the folder>-v0` once it is in its place. Raises
-    ConfigError without h5py, for a folder that has something in it, or for recordings of different kinds."""
-    h5py = _h5py()
+    """Write a new data set, to be found by Minari as `allegro/<name of the folder>-v0` once it is in its place;
+    whole or not at all. Raises ConfigError without h5py, for a folder with something in it, or for recordings of
+    different kinds; RecordingError when the disk does not let it."""
+    _h5py()
     begin(recordings, folder)
-    with whole_file(folder / DATA) as temporary, h5py.File(temporary, "w", track_order=True) as file:
+    with whole_folder(folder) as temporary:
+        _write(recordings, temporary, f"allegro/{folder.name}-v0")
+
+
+def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
+    (folder / DATA).parent.mkdir()
+    made = BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
+    with _h5py().File(made, "w", track_order=True) as file:
         for number, recording in enumerate(recordings):
             _add(file.create_group(f"episode_{number}"), number, recording)
+    (folder / DATA).write_bytes(made.getbuffer())
     steps = sum(len(recording) - 1 for recording in recordings)
     first = recordings[0]
     content = {
-        "dataset_id": f"allegro/{folder.name}-v0",
+        "dataset_id": name,
         "minari_version": VERSION,
         "data_format": "hdf5",
         "jpeg_encoding": False,
@@ -48,8 +58,7 @@ def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
         "observation_space": _box(observation_of(first)),
         "action_space": _box(action_of(first)[1]),
     }
-    with whole_file(folder / METADATA) as temporary:
-        temporary.write_text(json.dumps(content))
+    (folder / METADATA).write_text(json.dumps(content))
 
 
 def from_minari(folder: Path, episode: int = 0) -> Recording:

@@ -50,7 +50,7 @@ class Recorder:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("wb")
         except OSError as error:
-            raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
+            raise RecordingError(f"cannot record to {path}: {error.strerror or error}") from error
 
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """One row. The first one fixes the columns."""
@@ -122,7 +122,9 @@ class Recorder:
     def _failed(self, error: OSError) -> RecordingError:
         self._writer, self._rows = None, 0
         _quietly_close(self._file)
-        return RecordingError(f"cannot go on recording to {self._path}: {error.strerror}; what was written is readable")
+        return RecordingError(
+            f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
+        )
 
 
 def recorded(

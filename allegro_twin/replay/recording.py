@@ -58,6 +58,8 @@ def load(path: Path, *, partial: bool = False) -> Recording:
 
 def _batches(path: Path) -> tuple[pa.Table, bool]:
     """Every whole batch, and whether the file ends inside one."""
+    if path.is_dir():
+        raise RecordingError(f"cannot read {path}: it is a folder; a recording is a .arrow file")
     try:
         with pa.memory_map(str(path)) as source:
             try:
@@ -75,8 +77,10 @@ def _batches(path: Path) -> tuple[pa.Table, bool]:
             return pa.Table.from_batches(batches, reader.schema), cut
     except FileNotFoundError as error:
         raise RecordingError(f"no recording at {path}") from error
-    except (PermissionError, IsADirectoryError) as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
 
 
 def _meta(path: Path, schema: pa.Schema) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from tests.test_safety import state
 def test_every_kind_of_error_has_its_exit_code(
     error: type[BaseException], code: int, command: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails() -> None:
+    def fails(*arguments: object, **how: object) -> None:
         raise error("what happened")
 
     monkeypatch.setattr(main, "app", fails)
@@ -43,7 +43,8 @@ def test_one_list_is_only_that_list(command: Run) -> None:
     assert "quadpod" not in shown
     assert "trajectories" in command("list")[1]
     assert set(catalogue.KINDS) == {
-        "objects", "postures", "grasps", "trajectories", "scenarios", "configs", "hands"
+        "objects", "postures", "grasps", "trajectories", "scenarios", "configs", "hands", "policies", "recipes",
+        "protocols", "gains",
     }  # fmt: skip
 
 
@@ -101,7 +102,9 @@ def test_what_a_run_shall_leave_behind_reaches_it(
     assert errors == "Open http://here\nsim_right right: a [note]\n"
 
 
-@pytest.mark.parametrize("flag", [["--web"], ["--view"], ["--rrd", "x.rrd"], ["--video", "x.mp4"], ["--image", "x"]])
+@pytest.mark.parametrize(
+    "flag", [["--web"], ["--view"], ["--rrd", "x.rrd"], ["--video", "x.mp4"], ["--image", "x.png"]]
+)
 def test_two_runs_do_not_share_an_output(flag: list[str], command: Run) -> None:
     code, _, errors = command("run", "lemon", "--side", "both", *flag)
     assert (code, errors) == (2, "allegro-twin: 2 runs cannot share one output; use --out FOLDER\n")

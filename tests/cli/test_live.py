@@ -39,7 +39,7 @@ def test_a_posture_and_a_grasp_show_their_outcome() -> None:
         (["grasp", "quadpod", "--width", "0.5"], "an object of 500 mm needs another grasp"),
         (["grasp", "quadpod", "--force", "2"], "grasp quadpod controls position and takes no force"),
         (["grasp", "grasp_3", "--force", "-1"], "force must be positive, not -1.0"),
-        (["calibrate", "limits", "--by-hand", "0"], "--by-hand needs a positive time"),
+        (["calibrate", "limits", "--by-hand", "0"], "--by-hand must be positive and finite, not 0.0"),
     ],
 )
 def test_what_cannot_be_is_one_line_and_exit_code_2(arguments: list[str], message: str) -> None:

@@ -53,7 +53,7 @@ def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path) -> None:
         (["run", "conf/sim_rigt.yaml"], "conf/sim_rigt.yaml: no such config or scenario file"),
         (["run", "sim_rigt"], "no config or scenario named 'sim_rigt'; did you mean 'sim_right'"),
         (["run", "lemmon"], "did you mean 'lemon'"),
-        (["run", "lemon", "--seconds", "-1"], "--seconds must be positive, not -1.0"),
+        (["run", "lemon", "--seconds", "-1"], "--seconds must be positive and finite, not -1.0"),
         (["run", "lemon", "mug", "--record", "x.arrow"], "2 runs cannot share one output; use --out FOLDER"),
         (["list", "grasp"], "no list named 'grasp'; did you mean 'grasps'"),
         (["export", "nothing.arrow", "x.csv"], "no recording at nothing.arrow"),

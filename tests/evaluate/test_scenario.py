@@ -34,8 +34,11 @@ def fails(tmp_path: Path, text: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("grasp:", "grsp:"), "it.yaml: grsp: unknown key; did you mean 'grasp'? (1 more)"),
-        (("retreat:", "retret:"), "it.yaml: wrist.retret: unknown key; did you mean 'retreat'? (1 more)"),
+        (("grasp:", "grsp:"), "it.yaml: grsp: unknown key; did you mean 'grasp'?; grasp: missing"),
+        (
+            ("retreat:", "retret:"),
+            "it.yaml: wrist.retret: unknown key; did you mean 'retreat'?; wrist.retreat: missing",
+        ),
         (("objects: [{name: rubiks_cube}]", "objects: []"), "it.yaml: objects: tuple should have at least 1 item"),
         (("[0, 0, 0.1]", "[0, 0]"), "it.yaml: wrist.position.2: missing"),
         (("[0, 0, 0.1]", "high"), "it.yaml: wrist.position: input should be a valid tuple, not 'high'"),

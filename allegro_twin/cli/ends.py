@@ -1,0 +1,47 @@
+"""How the command line ends: the exit code of every error, the one line of a slip of the pen, and signals."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+from typing import Any
+
+import typer
+
+from allegro_twin.errors import HandError, HandFault, LinkError, MotionStalled
+
+USAGE: type[Exception] = typer.BadParameter.__mro__[1]
+"""What the parser raises for all that it does not understand; it has no public name in every version of typer."""
+_ENDS = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+]  # Windows has the first.
+
+
+def exit_code(error: HandError) -> int:
+    """3 link, 4 fault or a motion that met something, 2 for all that can be set right beforehand."""
+    if isinstance(error, LinkError):
+        return 3
+    return 4 if isinstance(error, (HandFault, MotionStalled)) else 2
+
+
+def usage(error: Any) -> str:
+    """What the parser has against an argument, in one line with the value and the way to the help."""
+    command = "allegro-twin" if error.ctx is None else error.ctx.command_path
+    text = " ".join(error.format_message().split()).rstrip(".").replace("Value error, ", "")
+    details = error.__cause__.errors()[:1] if hasattr(error.__cause__, "errors") else ()
+    value = "".join(f", not {detail['input']!r}" for detail in details if repr(detail["input"]) not in text)
+    return f"{command}: {text[:1].lower()}{text[1:]}{value}; `{command} --help` shows what there is"
+
+
+def stop_on_signals() -> None:
+    """Let the signals that ask a program to end do what Ctrl-C does."""
+    for number in _ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # As nohup sets it.
+            signal.signal(number, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End as Ctrl-C does, so that the hand is left limp; a second signal does not interrupt that."""
+    for each in (*_ENDS, signal.SIGINT):
+        signal.signal(each, signal.SIG_IGN)
+    raise KeyboardInterrupt
