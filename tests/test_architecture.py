@@ -18,7 +18,7 @@ LAYERS = [
     {"description", "kinematics", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
-    {"config", "view", "evaluate", "identify", "grasping"},
+    {"config", "look", "evaluate", "identify", "grasping"},
     {"build", "gym"},
     {"session", "train"},
     {"hand"},
@@ -26,7 +26,7 @@ LAYERS = [
 ]
 HOMES = {
     "can": {"wire"},
-    "mujoco": {"sim"},
+    "mujoco": {"sim", "look"},
     "mujoco_warp": {"sim"},
     "warp": {"sim"},
     "mink": {"sim"},
@@ -34,7 +34,7 @@ HOMES = {
     "pinocchio": {"kinematics"},
     "pyarrow": {"replay"},
     "h5py": {"replay"},
-    "rerun": {"view"},
+    "rerun": {"look"},
     "yaml": {"files"},
     "ruamel": {"files"},
     "ruckig": {"control"},
@@ -43,8 +43,8 @@ HOMES = {
     "onnxruntime": {"policy"},
     "stable_baselines3": {"policy", "train"},
     "torch": {"train"},
-    "av": {"sim"},
-    "PIL": {"sim", "cli"},
+    "av": {"look"},
+    "PIL": {"look", "cli"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

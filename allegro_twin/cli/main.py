@@ -35,6 +35,9 @@ class Sides(StrEnum):
     both = "both"
 
 
+Camera = Annotated[
+    str, typer.Option(help="From where: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).")
+]
 Targets = Annotated[list[str], typer.Argument(help="Configs, scenarios, or folders of scenarios; a name will do.")]
 
 
@@ -56,15 +59,19 @@ def run(
     wire_log: Annotated[
         Path | None, typer.Option(help="Log every frame of the hand's bus to this .blf, .log or .asc.")
     ] = None,
+    size: Annotated[str, typer.Option(help="Of pictures and films: WIDTHxHEIGHT in pixels.")] = "480x480",
+    camera: Camera = "side",
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
     seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.")] = None,
     partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
+    from allegro_twin.look import views
     from allegro_twin.session import Outputs
 
-    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
+    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log,
+                      views.size(size), views.checked(camera))  # fmt: skip
     from allegro_twin.cli.runs import configs_of
 
     jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
@@ -168,15 +175,17 @@ def view(
     recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
     web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
     port: Annotated[int, typer.Option(help="Of the page in the browser.")] = 9090,
+    camera: Camera = "side",
     partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Look at a recording in Rerun."""
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import show
+    from allegro_twin.look import views
 
     with console.progress() as bar:
         task = bar.add_task("reading", total=None)
-        viewer, url = show(recording, web=web, port=port, partial=partial, total=lambda n: bar.update(task, total=n),
+        viewer, url = show(recording, web=web, port=port, partial=partial, camera=views.checked(camera), total=lambda n: bar.update(task, total=n),
                    advance=lambda: bar.advance(task))  # fmt: skip
     if url:
         console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)

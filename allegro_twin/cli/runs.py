@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def configs_of(
 def outputs_in(folder: Path, job: Job, rig: Rig, wanted: Outputs) -> Outputs:
     """A recording and a picture in a folder, named after the run."""
     stem = f"{job.name}_{rig.spec.side}" if rig.trial is not None else job.name
-    return Outputs(folder / f"{stem}.arrow", folder / f"{stem}.png", wanted.video, wanted.rrd, wanted.live)
+    return replace(wanted, record=folder / f"{stem}.arrow", image=folder / f"{stem}.png")
 
 
 def show(
@@ -61,6 +62,7 @@ def show(
     web: bool,
     port: int,
     partial: bool,
+    camera: str,
     total: Callable[[int], None],
     advance: Callable[[], None],
 ) -> tuple[Any, str]:
@@ -72,13 +74,16 @@ def show(
     recording = load(path, partial=partial)
     total(len(recording))
     viewer_of, shown = rerun_stage()
-    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
+    from allegro_twin.look.scenery import scenery
+
+    viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta), view=camera)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:
         viewer.spawn()
     backend = ReplayBackend(recording)
     for _ in shown(samples_of(backend), viewer, backend.extras):
         advance()
+    _concluded(viewer, recording)
     viewer.flush()
     return viewer, url
 
@@ -121,12 +126,25 @@ def _rrd(recording: Any, target: Path) -> None:
     from allegro_twin.replay.backend import ReplayBackend, samples_of
     from allegro_twin.session import rerun_stage
 
-    viewer_of, _ = rerun_stage()
-    from allegro_twin.view import write_rrd
+    viewer_of, shown = rerun_stage()
+    from allegro_twin.files.whole import whole_file
+    from allegro_twin.look.scenery import scenery
 
     backend = ReplayBackend(recording)
-    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
-    write_rrd(samples_of(backend), viewer, target, backend.extras)
+    with whole_file(target) as temporary:
+        viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
+        with closing(viewer):
+            for _ in shown(samples_of(backend), viewer, backend.extras):
+                pass
+            _concluded(viewer, recording)
+
+
+def _concluded(viewer: Any, recording: Any) -> None:
+    from allegro_twin.evaluate.again import in_words, report_of
+
+    report = report_of(recording.spec, recording.columns, recording.meta)
+    if report is not None:
+        viewer.conclude(report.held, in_words(report))
 
 
 def _files(target: str) -> list[Path]:

@@ -13,11 +13,11 @@ from rerun.chunk import RrdReader
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.model import HandModel
+from allegro_twin.look.viewer import Viewer, write_rrd
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
-from allegro_twin.view import Viewer, write_rrd
 from tests.test_safety import state
 
 BOX = {"name": "brick", "shape": "box", "size": [0.04, 0.05, 0.06]}
