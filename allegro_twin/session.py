@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -75,8 +75,7 @@ def perform(
         samples = beside.followed(samples)
         samples = _kept(samples, rig, config, outputs, beside)
         samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
-        samples = _photographed(samples, rig, outputs, notes, stack)
-        last = None
+        samples, last = _photographed(samples, rig, outputs, notes, stack), None
         for sample in samples:
             last = sample.state
             advance(last.t)
@@ -100,17 +99,6 @@ def write_reports(path: Path, reports: dict[str, Report]) -> None:
     }
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1, default=dict))
-
-
-def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
-    """One picture of all trials in a folder; None where there are no pictures."""
-    strips = {name: folder / f"{name}.png" for name in names}
-    if not strips or not all(path.is_file() for path in strips.values()):
-        return None
-    from allegro_twin.look.strips import overview
-
-    overview(strips, folder / "overview.png")
-    return folder / "overview.png"
 
 
 class _Beside:
@@ -210,10 +198,10 @@ def _drawn(
 
 def _concluded(viewers: list[Any], report: Report | None) -> None:
     if viewers and report is not None:
-        from allegro_twin.evaluate.again import in_words
+        from allegro_twin.evaluate.again import checks, in_words
 
         for viewer in viewers:
-            viewer.conclude(report.held, in_words(report))
+            viewer.conclude(checks(report), in_words(report))
 
 
 def _look(rig: Rig) -> dict[str, Any]:
@@ -236,21 +224,13 @@ def _photographed(
         notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
         return samples
     try:
-        from allegro_twin.look.camera import Camera
-        from allegro_twin.look.films import filmed
-        from allegro_twin.look.strips import pictured
+        from allegro_twin.look.strips import photographed
 
-        width, height = outputs.size
-        camera = Camera(rig.sim, width=width, height=height, view=outputs.camera)
+        return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
+                            outputs.camera, stack)  # fmt: skip
     except (ConfigError, ImportError) as error:
         notes.append(f"no pictures: {error}")
         return samples
-    stack.callback(camera.close)
-    if outputs.video is not None:
-        samples = filmed(samples, camera, outputs.video)
-    if outputs.image is not None:
-        samples = pictured(samples, camera, outputs.image, _moments(rig))
-    return samples
 
 
 def _moments(rig: Rig) -> list[float]:

@@ -127,7 +127,7 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
 def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: Path | None) -> None:
     """The table at the end, and the files."""
     from allegro_twin.cli import console
-    from allegro_twin.session import picture_all, write_reports
+    from allegro_twin.session import write_reports
 
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
@@ -137,6 +137,8 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
 
         console.console.print(console.summary(reports, grasps, ENGINE))
     if out is not None and reports:
+        from allegro_twin.look.strips import picture_all
+
         names = {f"{name}_{side}": report for (name, side), report in reports.items()}
         write_reports(out / "report.json", names)
         shown = picture_all(out, names)
@@ -185,8 +187,10 @@ def view(
 
     with console.progress() as bar:
         task = bar.add_task("reading", total=None)
-        viewer, url = show(recording, web=web, port=port, partial=partial, camera=views.checked(camera), total=lambda n: bar.update(task, total=n),
-                   advance=lambda: bar.advance(task))  # fmt: skip
+        viewer, url = show(
+            recording, web=web, port=port, partial=partial, camera=views.checked(camera),
+            total=lambda n: bar.update(task, total=n), advance=lambda: bar.advance(task),
+        )  # fmt: skip
     if url:
         console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
         _wait()

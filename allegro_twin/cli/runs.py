@@ -140,11 +140,11 @@ def _rrd(recording: Any, target: Path) -> None:
 
 
 def _concluded(viewer: Any, recording: Any) -> None:
-    from allegro_twin.evaluate.again import in_words, report_of
+    from allegro_twin.evaluate.again import checks, in_words, report_of
 
     report = report_of(recording.spec, recording.columns, recording.meta)
     if report is not None:
-        viewer.conclude(report.held, in_words(report))
+        viewer.conclude(checks(report), in_words(report))
 
 
 def _files(target: str) -> list[Path]:

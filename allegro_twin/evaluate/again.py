@@ -28,6 +28,11 @@ def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, A
     )  # fmt: skip
 
 
+def checks(report: Report) -> dict[str, bool]:
+    """Held or not in each phase that was checked."""
+    return {phase.name: phase.held for phase in report.phases if phase.check}
+
+
 def in_words(report: Report) -> str:
     """A few lines of Markdown."""
     lines = ["**held**" if report.held else f"**not held**: {report.reason}", ""]

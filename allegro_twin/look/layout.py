@@ -42,7 +42,7 @@ def layout(spec: HandSpec, scenery: Scenery, start: str) -> rrb.Blueprint:
 
 def _plot(finger: str, kinds: tuple[str, ...]) -> rrb.TimeSeriesView:
     contents = [f"+ joints/{kind}/{finger}" for kind in kinds]
-    return rrb.TimeSeriesView(origin="joints", contents=contents, name=finger)
+    return rrb.TimeSeriesView(origin="joints", contents=contents, name=finger, plot_legend=rrb.Corner2D.RightTop)
 
 
 def _eye(spec: HandSpec, scenery: Scenery, start: str) -> rrb.EyeControls3D:

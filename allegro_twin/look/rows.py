@@ -14,7 +14,7 @@ from allegro_twin.look.skeleton import Skeleton
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 
-_ARROW = 0.006  # m for each newton of contact force.
+_ARROW = 0.012  # m for each newton of contact force.
 _STATE = ("position", "velocity", "torque", "command")
 
 
@@ -84,8 +84,7 @@ class Rows:
                 self._placed(f"{root}/{body.name}", rows, place, rotation)
 
     def _placed(self, path: str, rows: list[Row], place: Array, rotation: Array) -> None:
-        # Rerun stores matrices by columns.
-        moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.transpose(0, 2, 1).reshape(-1, 9))
+        moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
         self._stream.send_columns(path, indexes=_times(rows), columns=moved)
 
     def _limits(self, rows: list[Row]) -> None:

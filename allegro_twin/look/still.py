@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -13,15 +13,14 @@ from allegro_twin.look.scenery import Scenery
 from allegro_twin.look.surfaces import joined, surface
 from allegro_twin.spec import Finger, HandSpec
 
-_GHOST = (40, 140, 240, 70)
+_GHOST = (40, 140, 240, 90)
 """RGBA of a hand that is only wanted."""
+_THINNER = 0.0012  # m: such a hand is hidden in the real one where that is where it should be.
 
 
 def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
     """Everything that does not move of itself."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    pose = np.array(scene.palm)
-    stream.log("world/palm", rr.Transform3D(translation=pose[:3], quaternion=rr.Quaternion(xyzw=pose[[4, 5, 6, 3]])))
     for body in scene.bodies:
         path = f"world/palm/{body.name}" if body.parent >= 0 else "world/palm"
         _shapes(stream, f"{path}/look", body.shapes)
@@ -35,30 +34,37 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     parts = [finger.name for finger in spec.fingers] + ["palm"]
     colors = [_rgb(of_series(k)) for k in range(len(parts))]
     stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
-    stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.0018]), static=True)
-    for name, begin, _ in scene.phases:
-        stream.set_time("time", duration=begin)
-        stream.log("trial/phase", rr.StateChange(state=name))
+    stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.002]), static=True)
     if scene.phases:
-        stream.log("verdict", rr.TextDocument("no verdict yet"))
-    stream.reset_time()
+        begins = [begin for _, begin, _ in scene.phases]
+        _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])
 
 
-def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: bool, words: str) -> None:
-    """At the end of the trial, and in words for all of it."""
-    if scene.phases:
-        stream.set_time("time", duration=scene.phases[-1][2])
-        stream.log("trial/verdict", rr.StateChange(state="held" if held else "not held"))
-        stream.reset_time()
-    stream.log("verdict", rr.TextDocument(words), static=True)
+def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:
+    """Beside the phases that were checked whether it was `held` in them, and the `words` (Markdown) for all of it."""
+    times, states = [0.0], [""]
+    for name, begin, end in scene.phases:
+        if name in held:
+            if times[-1] == begin:
+                del times[-1], states[-1]
+            times += [begin, end]
+            states += ["held" if held[name] else "not held", ""]
+    _states(stream, "trial/verdict", times, states)
+    stream.log("verdict", rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def _states(stream: rr.RecordingStream, path: str, times: list[float], names: list[str]) -> None:
+    columns = rr.StateChange.columns(state=names)
+    stream.send_columns(path, indexes=[rr.TimeColumn("time", duration=times)], columns=columns)
 
 
 def _shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, ghost: bool = False) -> None:
     if not shapes:
         return
     whole = joined([surface(shape) for shape in shapes])
+    vertices = whole.vertices - _THINNER * whole.normals if ghost else whole.vertices
     look = {"albedo_factor": _GHOST} if ghost else {"vertex_colors": whole.colors}
-    mesh = rr.Mesh3D(vertex_positions=whole.vertices, vertex_normals=whole.normals, **look)
+    mesh = rr.Mesh3D(vertex_positions=vertices, vertex_normals=whole.normals, **look)
     stream.log(path, mesh, static=True)
 
 

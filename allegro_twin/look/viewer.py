@@ -74,8 +74,8 @@ class Viewer:
         if t - self._rows.begin >= self._together:
             self._rows.send()
 
-    def conclude(self, held: bool, words: str) -> None:
-        """Say how the trial ended."""
+    def conclude(self, held: Mapping[str, bool], words: str) -> None:
+        """Say how the trial ended: in each phase that was checked, and in words (Markdown)."""
         self._rows.send()
         draw_verdict(self._stream, self._scene, held, words)
 

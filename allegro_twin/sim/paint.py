@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -48,7 +49,7 @@ def handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
     turns = np.linspace(-math.pi / 2, math.pi / 2, _SEGMENTS + 1)
     out = radius - shown.thick / 2 + shown.reach * np.cos(turns)
     ring = np.stack([out * math.cos(shown.at), out * math.sin(shown.at), shown.height / 2 * np.sin(turns)], axis=1)
-    for first, last in zip(ring[:-1], ring[1:], strict=True):
+    for first, last in pairwise(ring):
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*first, *last], size=[shown.thick / 2, 0, 0],
             contype=0, conaffinity=0, mass=0.0, group=1, rgba=[*of_object(name).color, 1.0],

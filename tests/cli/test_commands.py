@@ -211,7 +211,15 @@ def test_a_recording_is_shown_whole_in_the_window_or_on_a_page_that_stays(
 def test_the_outcome_of_showing_counts_its_rows(recording_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     watched(monkeypatch)
     totals, steps = list[int](), list[None]()
-    show(recording_path, web=False, port=0, partial=False, total=totals.append, advance=lambda: steps.append(None))
+    show(
+        recording_path,
+        web=False,
+        port=0,
+        partial=False,
+        camera="side",
+        total=totals.append,
+        advance=lambda: steps.append(None),
+    )
     assert (totals, len(steps)) == ([251], 251)
     with pytest.raises(ConfigError, match="no export format"):
         convert(recording_path, Path("x.txt"), partial=False)
