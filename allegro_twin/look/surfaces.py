@@ -99,7 +99,7 @@ def _turned(wide: Array, high: Array, out: Array, up: Array, fine: int = 1) -> t
         flat = radius[:, None, None] * circle[None]
         return np.concatenate([flat, np.broadcast_to(height[:, None, None], (*flat.shape[:2], 1))], axis=2)
 
-    return _split(swept(wide, high)), _split(swept(out, up))
+    return _split(swept(wide, high).swapaxes(0, 1)), _split(swept(out, up).swapaxes(0, 1))
 
 
 def _box(half: Array, parts: int) -> tuple[Array, Array]:
