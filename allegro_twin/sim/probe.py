@@ -21,6 +21,7 @@ class Probe:
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
         # Each geom's group: 0 for the object, 1… for the fingers in the spec's order, last the palm; -1 for the rest.
         self.parts = (*(finger.name for finger in backend.spec.fingers), "palm")
+        self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
         self._part = np.full(model.ngeom, -1)
         for number, finger in enumerate(backend.spec.fingers):
             for joint in finger.joints:
@@ -48,23 +49,24 @@ class Probe:
         contact, forces = self._data.contact, self._data.efc_force
         pairs, address = contact.geom, contact.efc_address
         bodies = self._model.geom_bodyid[pairs]
-        mine = (bodies == self._thing).any(axis=1) & (address >= 0)
+        mine = ((bodies == self._thing).any(axis=1) & (address >= 0)).nonzero()[0]
         address, pairs, bodies = address[mine], pairs[mine], bodies[mine]
-        normal = forces[address]
-        second = bodies[:, 0] != self._thing
-        other = np.where(second, pairs[:, 0], pairs[:, 1])
-        part, count = self._part[other], len(self.parts)
-        by_hand, part = part >= 0, part[part >= 0]
-        by_part = np.bincount(part, weights=normal[by_hand], minlength=count).astype(np.float64)
-        # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
-        local = forces[address[by_hand, None] + _AXES] * np.where(second[by_hand], 1.0, -1.0)[:, None]
-        world = (local[:, None] @ contact.frame[mine][by_hand].reshape(-1, 3, 3))[:, 0]
-        vector, point = np.zeros((count, 3)), np.zeros((count, 3))
-        np.add.at(vector, part, world)
-        np.add.at(point, part, normal[by_hand, None] * contact.pos[mine][by_hand])
-        point = np.where(by_part[:, None] > 0, point / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
+        first = bodies[:, 0] == self._thing
+        other = np.where(first, pairs[:, 1], pairs[:, 0])
         on_table = np.array([float((self._model.geom_bodyid[other] == 0).any())])
-        return by_part, on_table, point.reshape(-1), vector.reshape(-1)
+        if not len(mine):
+            return np.zeros(self._n), on_table, np.full(3 * self._n, np.nan), np.zeros(3 * self._n)
+        # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
+        local = forces[address[:, None] + _AXES]
+        world = (local[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
+        rows = np.empty((len(mine), 7))
+        rows[:, 0], rows[:, 4:] = local[:, 0], world
+        rows[:, 1:4] = local[:, :1] * contact.pos[mine]
+        rows[first, 4:] *= -1.0
+        total = (self._part[other] == self._parts_column) @ rows
+        by_part = total[:, 0]
+        point = np.where(by_part[:, None] > 0, total[:, 1:4] / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
+        return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1)
 
 
 def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
