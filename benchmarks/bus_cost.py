@@ -18,14 +18,13 @@ from allegro_twin.types import TorqueCommand
 
 PERIODS, ROUNDS = 1000, 9
 Figure = tuple[str, float, float, str]
-ALONE: dict[str, Any] = {"kind": "sim"}
-GRASP: dict[str, Any] = {"kind": "sim", "scenario": "rubiks_cube"}
+ALONE: dict[str, Any] = {"task": {"posture": "home"}, "controller": {"kind": "pid"}}
+GRASP: dict[str, Any] = {"task": {"scenario": "rubiks_cube"}, "controller": {"kind": "pd"}}
+WIRE = {"kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.1}
 
 
-def config(scene: dict[str, Any], *, bus: bool) -> RunConfig:
-    wire = {"kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.1, "scene": scene}
-    controller: dict[str, Any] = {"kind": "pd"} if "scenario" in scene else {"kind": "pid", "posture": "home"}
-    return RunConfig.model_validate({"backend": wire if bus else scene, "controller": controller})
+def config(task: dict[str, Any], *, bus: bool) -> RunConfig:
+    return RunConfig.model_validate({"backend": WIRE if bus else {"kind": "sim"}, **task})
 
 
 def figures() -> Iterator[Figure]:
@@ -62,9 +61,9 @@ def _bare(*, bus: bool) -> Callable[[], float]:
     return timed
 
 
-def _loop(scene: dict[str, Any], *, bus: bool) -> Callable[[], float]:
+def _loop(task: dict[str, Any], *, bus: bool) -> Callable[[], float]:
     """The whole loop, from the same moment of the motion each time."""
-    rig = assemble(config(scene, bus=bus))
+    rig = assemble(config(task, bus=bus))
 
     def timed() -> float:
         samples = run(rig.backend, rig.controller)

@@ -24,6 +24,7 @@ import can
 
 from allegro_twin.build.wired import Scene, firmware_of
 from allegro_twin.config import load_config
+from allegro_twin.errors import LinkError
 from allegro_twin.wire.device.firmware import Firmware
 from allegro_twin.wire.device.hands import VirtualHands
 from allegro_twin.wire.device.serve import serve
@@ -35,8 +36,8 @@ Link = Literal["slcan", "socketcand"]
 LINKS: tuple[Link, ...] = ("slcan", "socketcand")
 TORQUE = 0.05
 """N·m on every joint: each of them pushes when its program dies."""
-SOON, PATIENCE = 200.0, 10.0
-"""ms within which the hand must be limp; s after which it will never be."""
+SOON, PATIENCE, TRIES = 200.0, 10.0, 5
+"""ms within which the hand must be limp; s after which it will never be; how often a program is started for one try."""
 SIGNALS = {name: getattr(signal, f"SIG{name}") for name in ("HUP", "QUIT", "TERM", "KILL", "STOP", "INT")}
 INSIDE = {
     "abort": "os.abort()",
@@ -128,7 +129,15 @@ def served(link: Link) -> Iterator[Served]:
 
 
 def died(hand: Served, way: str, *, library: bool) -> float:
-    """Seconds from a program's death to its limp hand; infinite for one that goes on pushing."""
+    """Seconds from a program's death to its limp hand; infinite for one that goes on pushing. A program that its own
+    deadman has ended before, on a busy computer, is started again."""
+    for _ in range(TRIES):
+        if (seconds := _tried(hand, way, library=library)) is not None:
+            return seconds
+    raise LinkError(f"the hand was cut off {TRIES} times before its program died; is this computer too busy?")
+
+
+def _tried(hand: Served, way: str, *, library: bool) -> float | None:
     ends = ["--seconds", "0.6"] if way == "end" else []
     command = ["-c", LIBRARY, str(hand.path)] if library else ["-m", "allegro_twin", "run", str(hand.path), *ends]
     program = subprocess.Popen(
@@ -142,7 +151,8 @@ def died(hand: Served, way: str, *, library: bool) -> float:
     try:
         _await(lambda: hand.pushes, 30.0)
         _pause(0.1)
-        assert hand.pushes
+        if not hand.pushes:
+            return None
         began = _kill(program, way, library=library)
         _await(lambda: hand.limp_since > 0.0, PATIENCE)
         limp = hand.limp_since

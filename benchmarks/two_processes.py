@@ -95,9 +95,8 @@ def _config(folder: Path, seconds: float, *, realtime: bool) -> Path:
     path = folder / "hand.yaml"
     path.write_text(
         f"backend: {{kind: can, version: v4, interface: slcan, channel: {folder / 'hand.tty'}, imu: 0.1,\n"
-        f"  options: {{sleep_after_open: 0.0}}, realtime: {str(realtime).lower()}, timeout: 0.5,\n"
-        f"  scene: {{kind: sim, scenario: {SCENARIO}}}}}\n"
-        f"controller: {{kind: pd, scenario: {SCENARIO}}}\nseconds: {seconds}\n"
+        f"  options: {{sleep_after_open: 0.0}}, realtime: {str(realtime).lower()}, timeout: 0.5}}\n"
+        f"task: {{scenario: {SCENARIO}}}\ncontroller: {{kind: pd}}\nseconds: {seconds}\n"
     )
     return path
 

@@ -15,7 +15,8 @@ PACKAGE = ROOT / "allegro_twin"
 LAYERS = [
     {"errors", "types", "spec"},
     {"backend", "files"},
-    {"description", "kinematics", "control", "loop", "safety"},
+    {"kinematics"},
+    {"description", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
     {"config", "look", "evaluate", "identify", "grasping"},
@@ -159,7 +160,9 @@ def test_importing_the_package_loads_nothing_heavier_than_numpy() -> None:
 
 def test_replay_runs_without_mujoco(recording_path: Path) -> None:
     config = recording_path.with_name("replay.yaml")
-    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: pd, posture: home}}\n")
+    config.write_text(
+        f"backend: {{kind: replay, file: {recording_path}}}\ntask: {{posture: home}}\ncontroller: {{kind: pd}}\n"
+    )
     code = f"""
 import sys
 sys.modules["mujoco"] = None

@@ -102,7 +102,7 @@ def test_every_call_of_the_table_runs_as_it_stands_on_either_hand(
     Path("mine.yaml").write_text(
         yaml.safe_dump({"angles": {f: [0.3] * 4 for f in ("index", "middle", "ring", "thumb")}})
     )
-    config = {"hand": {"side": side}, "backend": {"kind": "sim", "posture": "ready"}, "controller": {"kind": "pid"}}
+    config = {"hand": {"side": side}, "backend": {"kind": "sim", "start": "ready"}, "controller": {"kind": "pid"}}
     assert row.calls, f"{row.paper}: a row names its call, or says: not yet"
     with Hand.open(RunConfig.model_validate(config)) as hand:
         names = names_for(hand)

@@ -32,7 +32,7 @@ JAMMED = [
 
 def config(side: str = "right", posture: str | None = None) -> RunConfig:
     return RunConfig.model_validate(
-        {"hand": {"side": side}, "backend": {"kind": "sim", "posture": posture}, "controller": {"kind": "pid"}}
+        {"hand": {"side": side}, "backend": {"kind": "sim", "start": posture}, "controller": {"kind": "pid"}}
     )
 
 

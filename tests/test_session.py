@@ -30,7 +30,7 @@ from allegro_twin.types import Sample
 
 def config(**blocks: object) -> RunConfig:
     return RunConfig.model_validate(
-        {"backend": {"kind": "sim"}, "controller": {"kind": "pd", "posture": "home"}, "seconds": 0.3} | blocks
+        {"backend": {"kind": "sim"}, "task": {"posture": "home"}, "controller": {"kind": "pd"}, "seconds": 0.3} | blocks
     )
 
 

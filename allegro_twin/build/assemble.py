@@ -5,7 +5,7 @@ from __future__ import annotations
 from allegro_twin.backend import HandBackend
 from allegro_twin.build.controllers import make_controller
 from allegro_twin.build.rig import Rig, guarded
-from allegro_twin.build.simulated import simulated
+from allegro_twin.build.simulated import simulated, trial_of
 from allegro_twin.config import CanSettings, ReplaySettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
@@ -33,19 +33,19 @@ def assemble(config: RunConfig) -> Rig:
 
 def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    sim, trial = simulated(settings, spec, config.period)
+    sim, trial = simulated(settings, config.task, spec, config.period)
     controller, motion = make_controller(config, spec, trial)
     seconds = motion if trial is None else trial.seconds
     return Rig(spec, guarded(config, spec, sim), controller, config.seconds or seconds, trial, sim)
 
 
 def _wired(config: RunConfig, settings: CanSettings) -> Rig:
-    from allegro_twin.build.wired import Scene, make_can, rehearsal, spec_of
+    from allegro_twin.build.wired import Scene, make_can, spec_of
 
     spec = spec_of(config)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
-    trial = scene.trial or rehearsal(config, spec)
+    trial = scene.trial or trial_of(config.task, spec, config.period)
     controller, motion = make_controller(config, spec, trial)
     after = 0.0 if scene.trial is not None else STAY
     seconds = config.seconds or (motion if trial is None else trial.seconds + after)
@@ -64,6 +64,6 @@ def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:
         raise ConfigError(f"{path} is of the hand {backend.spec.name}; the config says {wanted}: change `hand`")
     if abs(backend.period - config.period) > 1e-9:
         raise ConfigError(f"{path} has a period of {backend.period} s; the config says {config.period} s")
-    controller, _ = make_controller(config, backend.spec, None)
+    controller, _ = make_controller(config, backend.spec, trial_of(config.task, backend.spec, config.period))
     # A recording is not limited: what happened, happened.
     return Rig(backend.spec, backend, controller, config.seconds)

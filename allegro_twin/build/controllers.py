@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from allegro_twin.build.references import posture_of, wanted_of
 from allegro_twin.config import (
     GravitySettings,
-    PerJoint,
     PolicySettings,
     PositionSettings,
     RunConfig,
@@ -16,17 +16,18 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector, frozen
+from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, Gravity
-    from allegro_twin.control.trajectory import Reference
     from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.grasping import Timed
+    from allegro_twin.library.grasps import Grasp
 
 
 def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
     """The controller, and how long its motion takes where that is known. Raises ConfigError."""
-    from allegro_twin.control.controllers import PD, PID, GravityCompensation, Torque
+    from allegro_twin.control.controllers import GravityCompensation, Torque
 
     match config.controller:
         case TorqueSettings(torque=torque):
@@ -36,23 +37,7 @@ def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> t
         case PolicySettings() as settings:
             return _deciding(settings, config, spec, trial)
         case PositionSettings() as settings:
-            from allegro_twin.library.gains import load_gains
-
-            gains = load_gains(settings.gains, spec)
-            if trial is not None and settings.posture is None and trial.grasp.grip is not None:
-                return _gripping(settings, spec, trial, gains), None
-            reference, seconds = _reference(settings, spec, None if trial is None else trial.reference)
-            gravity = _gravity(spec, settings.gravity) if settings.compensate else None
-            if settings.kind == "pd":
-                return PD(reference, gains, gravity), seconds
-            return PID(reference, gains, spec.actuation.torque_limit, gravity), seconds
-
-
-def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
-    """A posture by name or by value, (n,), rad. Raises ConfigError."""
-    from allegro_twin.library.named import load_posture
-
-    return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
+            return _following(settings, config, spec, trial)
 
 
 def _deciding(
@@ -72,38 +57,49 @@ def _deciding(
             f"{path} closes a grasp on its own timeline, not on a scenario's: run it without a scenario, or see what "
             "it is worth with `allegro-twin evaluate`"
         )
-    goal = None
-    if settings.goal is not None:
-        goal = frozen(interface.fingertips(posture_of(settings.goal, spec)))
-    elif interface.n_goal:
-        raise ConfigError(f"{path} reaches goals: name a posture with `goal` or --goal")
-    script = 0 if settings.grasp is None else loaded.card.script(settings.grasp)
+    goal, task = None, config.task
+    if interface.n_goal and task.posture is None:
+        raise ConfigError(f"{path} reaches goals: name a posture with task.posture or --goal")
+    if task.posture is not None:
+        if not interface.n_goal:
+            raise ConfigError(f"{path} reaches no goals: leave out task.posture")
+        goal = frozen(interface.fingertips(posture_of(task.posture, spec)))
+    script = 0 if task.grasp is None or trial is not None else loaded.card.script(task.grasp)
     seconds = None if interface.scripts is None else interface.scripts.periods * interface.period
     return PolicyController(loaded.policy, interface, goal, script), seconds
 
 
-def _gripping(settings: PositionSettings, spec: HandSpec, trial: Trial, gains: Gains) -> Controller[Any]:
+def _following(
+    settings: PositionSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """PD or PID on what the task asks for; a grasp that controls force has its own."""
+    from allegro_twin.control.controllers import PD, PID
+    from allegro_twin.library.gains import load_gains
+
+    gains, wanted = load_gains(settings.gains, spec), wanted_of(config, settings, spec, trial)
+    gravity = _gravity(spec, settings.gravity) if settings.compensate else None
+    if wanted.grasp is not None and wanted.grasp.grip is not None:
+        return _gripping(settings, wanted.grasp, wanted.timed(), spec, gains), wanted.seconds
+    if settings.kind == "pd":
+        return PD(wanted.reference, gains, gravity), wanted.seconds
+    return PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds
+
+
+def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
-    from allegro_twin.grasping import Timed, performer
-    from allegro_twin.kinematics.model import HandModel
+    from allegro_twin.grasping import performer
+    from allegro_twin.sim.statics import hand_model
 
-    model = HandModel(spec)
-    timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
-    return performer(trial.grasp, timed, spec, gains, _gravity(spec, settings.gravity), model)
-
-
-def _reference(settings: PositionSettings, spec: HandSpec, grasp: Reference | None) -> tuple[Reference, float | None]:
-    from allegro_twin.control.trajectory import Moves, Waypoint
-
-    if settings.posture is None and grasp is not None:
-        return grasp, None
-    posture = posture_of("home" if settings.posture is None else settings.posture, spec)
-    slowest = float((spec.upper - spec.lower).max()) / settings.speed * 2.0
-    return Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)]), slowest + 1.0
+    if settings.kind != "pd" or not settings.compensate:
+        key = "kind: pid" if settings.kind != "pd" else "compensate: false"
+        raise ConfigError(
+            f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
+        )
+    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_model(spec))
 
 
 def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:
     from allegro_twin.control.controllers import Gravity
-    from allegro_twin.kinematics.model import HandModel
+    from allegro_twin.sim.statics import hand_model
 
-    return Gravity(HandModel(spec).gravity_torque, None if vector is None else frozen(vector))
+    return Gravity(hand_model(spec).gravity_torque, None if vector is None else frozen(vector))

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.build.wired import VIRTUAL, codec_of
-from allegro_twin.config import CanSettings, RunConfig, load_config
+from allegro_twin.build.wired import codec_of
+from allegro_twin.config import VIRTUAL, CanSettings, RunConfig, load_config
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse

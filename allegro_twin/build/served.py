@@ -7,8 +7,8 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from allegro_twin.build.wired import VIRTUAL, Scene, fault_plan, firmware_of
-from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.build.wired import Scene, fault_plan, firmware_of
+from allegro_twin.config import VIRTUAL, CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.wire.device.firmware import Firmware
 from allegro_twin.wire.device.hands import VirtualHands

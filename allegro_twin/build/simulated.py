@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.build.controllers import posture_of
-from allegro_twin.config import RunConfig, SimSettings
+from allegro_twin.build.references import posture_of
+from allegro_twin.config import RunConfig, SimSettings, TaskSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -24,13 +24,19 @@ class Simulated(NamedTuple):
     trial: Trial | None
 
 
-def simulated(settings: SimSettings, spec: HandSpec, period: float) -> Simulated:
-    """The hand in MuJoCo that a config describes. Raises ConfigError."""
-    start = None if settings.posture is None else posture_of(settings.posture, spec)
-    if settings.scenario is None:
-        return Simulated(_alone(settings, spec, period, start), None)
-    trial = make_trial(settings.scenario, spec, period, start, grasp=settings.grasp, thing=settings.thing)
-    return Simulated(trial.backend, trial)
+def simulated(settings: SimSettings, task: TaskSettings, spec: HandSpec, period: float) -> Simulated:
+    """The hand in MuJoCo that a config describes, in the scene of its task. Raises ConfigError."""
+    start = None if settings.start is None else posture_of(settings.start, spec)
+    trial = trial_of(task, spec, period, start)
+    return Simulated(_alone(settings, spec, period, start), None) if trial is None else Simulated(trial.backend, trial)
+
+
+def trial_of(task: TaskSettings, spec: HandSpec, period: float, start: Vector | None = None) -> Trial | None:
+    """The scenario of a task, if it has one: watched where its scene is simulated; elsewhere the timeline that the
+    fingers follow. Raises ConfigError."""
+    if task.scenario is None:
+        return None
+    return make_trial(task.scenario, spec, period, start, grasp=task.grasp, thing=task.object)
 
 
 def make_trial(
@@ -67,16 +73,17 @@ def scenario_config(
     return RunConfig.model_validate(
         {
             "hand": {"side": side or settings.side},
-            "backend": {"kind": "sim", "scenario": str(path), "grasp": grasp, "thing": thing},
+            "backend": {"kind": "sim"},
+            "task": {"scenario": str(path), "grasp": grasp, "object": thing},
             "controller": {"kind": "pd"},
         }
     )
 
 
 def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
+    from allegro_twin.kinematics.orientation import quaternion_facing
     from allegro_twin.sim.backend import SimBackend
-    from allegro_twin.sim.pose import orientation
     from allegro_twin.sim.scene import Stage, compile_scene
 
-    stage = Stage(np.zeros(3), orientation(settings.facing, settings.fingers))
+    stage = Stage(np.zeros(3), quaternion_facing(settings.facing, settings.fingers))
     return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)

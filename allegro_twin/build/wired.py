@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allegro_twin.build.simulated import make_trial, simulated
-from allegro_twin.config import CanSettings, FaultSettings, FirmwareSettings, PositionSettings, RunConfig, SimSettings
+from allegro_twin.build.simulated import simulated
+from allegro_twin.config import VIRTUAL, CanSettings, FaultSettings, FirmwareSettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.sim.backend import SimBackend
 
-VIRTUAL = "allegro-virtual"
 _HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
 
 
@@ -90,8 +89,6 @@ def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
         raise ConfigError("backend.version is missing, and no hand's own file gives it: v1, v2, v3, v4, v5 or v5plus")
     if settings.version and wiring.version and settings.version != wiring.version:
         raise ConfigError(f"backend.version is {settings.version}; {config.hand.serial} is a {wiring.version} hand")
-    if wiring.side is not None and wiring.side != config.hand.side:
-        raise ConfigError(f"hand.side is {config.hand.side}; {config.hand.serial} is a {wiring.side} hand")
     return make_codec(version, wiring.calibration, settings.device)
 
 
@@ -105,7 +102,7 @@ def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) 
     if quirks.clip == "full":
         limit = load_wiring(config.hand.model, config.hand.serial).calibration.full_torque(codec.version)
         spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))
-    scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), spec, step)
+    scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), config.task, spec, step)
     who = Identity(serial=_serial(config, codec), hardware=_HARDWARE[codec.version])
     pressures = _pressures(scene.sim) if codec.version.startswith("v5") else None
     servo = quirks.servo == "required"
@@ -118,14 +115,6 @@ def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
         return None
     values = settings.model_dump(exclude={"script"})
     return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which) for e in settings.script))
-
-
-def rehearsal(config: RunConfig, spec: HandSpec) -> Trial | None:
-    """The scenario whose timeline a hand on a real bus follows with its fingers, if the controller names one."""
-    controller = config.controller
-    if not isinstance(controller, PositionSettings) or controller.scenario is None:
-        return None
-    return make_trial(controller.scenario, spec, config.period)
 
 
 def opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:

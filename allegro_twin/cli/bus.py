@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -25,15 +26,18 @@ def register(app: typer.Typer) -> None:
     app.command()(sniff)
 
 
-def check(config: Annotated[str, typer.Argument(help="A config with a `can` backend.")]) -> None:
+def check(
+    config: Annotated[str, typer.Argument(help="A config with a `can` backend.")], hand: OtherHand = None
+) -> None:
     """Walk the link to a hand step by step, at zero torque, and stop at the first thing that is broken."""
     from rich.live import Live
 
     from allegro_twin.build.wired import checkup_of
     from allegro_twin.cli import console, monitor
+    from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
 
-    walk = checkup_of(load_config(config)).walk()
+    walk = checkup_of(on_hand(load_config(config), hand)).walk()
     found, table = None, monitor.checkup(config)
     with closing(walk), Live(table, console=console.console, auto_refresh=False) as live:
         for found in walk:
@@ -76,6 +80,7 @@ def sniff(
 
 def firmware(
     configs: Annotated[list[str], typer.Argument(help="A config with a `can` backend; several share one bus.")],
+    hand: OtherHand = None,
     seconds: Annotated[float | None, typer.Option(help="How long; default: until Ctrl-C.")] = None,
     step: Annotated[
         float | None, typer.Option(help="s of physics between two looks at the bus; default: the config's period.")
@@ -86,13 +91,16 @@ def firmware(
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
     from allegro_twin.build.served import far_end, local, virtual_hands
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import CanSettings, load_config
     from allegro_twin.session import write_reports
     from allegro_twin.wire.device.serve import serve
     from allegro_twin.wire.host import realtime
     from allegro_twin.wire.tools.log import LoggedBus, WireLog
 
-    loaded = [load_config(name) for name in configs]
+    if hand is not None and len(configs) > 1:
+        raise ConfigError(f"--hand is for one hand; these are {len(configs)} configs: say it in their `hand` blocks")
+    loaded = [on_hand(load_config(name), hand) for name in configs]
     settings = loaded[0].backend
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")

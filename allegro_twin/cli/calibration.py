@@ -7,28 +7,28 @@ from contextlib import closing
 from pathlib import Path
 
 from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, write_text
 from allegro_twin.identify.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
-from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import Controller, run, to_the_end, until
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 
 
 def find_limits(
-    config: str, by_hand: float | None, advance: Callable[[float, float], None]
+    config: RunConfig, by_hand: float | None, advance: Callable[[float, float], None]
 ) -> tuple[HandSpec, FoundLimits]:
     """Sweep every joint, or watch while a person does for `by_hand` seconds. The guard allows little torque, and
     positions beyond the model's limits. Raises HandError."""
     if by_hand is not None and not by_hand > 0:
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
-    rig = assemble(_searching(load_config(config)))
-    gravity = Gravity(HandModel(rig.spec).gravity_torque)
+    rig = assemble(_searching(config))
+    gravity = Gravity(hand_model(rig.spec).gravity_torque)
     rest = load_posture("calibrate", rig.spec)
     moves = sweep(rig.spec, rest)
     controller: Controller[object]

@@ -49,10 +49,11 @@ def scenarios() -> Table:
 
 
 def configs() -> Table:
-    table = _table("configs", "name", "backend", "controller")
+    table = _table("configs", "name", "backend", "task", "controller")
     for path in sorted((data_root() / "conf").glob("*.yaml")):
         content = read_yaml(path)
-        table.add_row(f"conf/{path.name}", content["backend"]["kind"], content["controller"]["kind"])
+        task = ", ".join(f"{key} {value}" for key, value in content.get("task", {}).items())
+        table.add_row(f"conf/{path.name}", content["backend"]["kind"], task, content["controller"]["kind"])
     return table
 
 

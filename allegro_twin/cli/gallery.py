@@ -82,7 +82,7 @@ def _posed(name: str) -> Picture:
     """A grasp without an object: the closed posture of a hand in the air."""
     posture = load_grasp(name, load_spec()).close.tolist()
     config = RunConfig.model_validate(
-        {"backend": {"kind": "sim", "posture": posture}, "controller": {"kind": "pd", "posture": posture}}
+        {"backend": {"kind": "sim", "start": posture}, "task": {"posture": posture}, "controller": {"kind": "pd"}}
     )
     rig = assemble(config)
     assert rig.sim is not None

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from allegro_twin.cli.options import Config, OtherHand
 from allegro_twin.errors import ConfigError
 
-Config = Annotated[str, typer.Option("--config", "-c", help="Which hand: a config by path or name.")]
 Seconds = Annotated[float, typer.Option(help="How long, on the hand's clock.")]
 
 
@@ -35,13 +35,16 @@ def _group() -> None:
 def posture(
     name: Annotated[str, typer.Argument(help="A posture of the library; `allegro-twin list postures`.")],
     config: Config = "sim_right",
+    other: OtherHand = None,
     speed: Annotated[float, typer.Option(help="Peak speed of the joint that travels furthest, rad/s.")] = 1.0,
 ) -> None:
     """Go to a posture and show where the joints are."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
-    with Hand.open(config) as hand:
+    with Hand.open(on_hand(load_config(config), other)) as hand:
         hand.move_to(name, speed)
         console.console.print(console.final_state(hand.spec, hand.state))
 
@@ -49,14 +52,17 @@ def posture(
 def grasp(
     name: Annotated[str, typer.Argument(help="A grasp of the library; `allegro-twin list grasps`.")],
     config: Config = "sim_right",
+    other: OtherHand = None,
     width: Annotated[float | None, typer.Option(help="Of the object, m.")] = None,
     force: Annotated[float | None, typer.Option(help="N on the thumb, or the scale of an envelop grasp.")] = None,
 ) -> None:
     """Perform a grasp and show what the hand felt."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
-    with Hand.open(config) as hand:
+    with Hand.open(on_hand(load_config(config), other)) as hand:
         felt = hand.grasp(name, object_width=width, force=force)
         console.console.print(console.felt(felt))
 
@@ -64,6 +70,7 @@ def grasp(
 def teach(
     name: Annotated[str, typer.Argument(help="What to call it in the library.")],
     config: Config = "sim_right",
+    other: OtherHand = None,
     seconds: Seconds = 10.0,
     into: Annotated[Path, typer.Option(help="Library file to store it in.")] = Path("library/taught.yaml"),
     motion: Annotated[
@@ -72,11 +79,13 @@ def teach(
 ) -> None:
     """Let a person move the fingers under gravity compensation, and store what was shown, for both hands."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
     from allegro_twin.library.entries import posture_entry, trajectory_entry
     from allegro_twin.library.library import Library
 
-    with Hand.open(config, background=sys.stdin.isatty()) as hand:
+    with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
         console.console.print(f"Move the fingers; {seconds:g} s from now on.")
         with hand.teach() as demonstration:
             hand.wait(seconds)
@@ -93,29 +102,35 @@ def teach(
 def play(
     name: Annotated[str, typer.Argument(help="A trajectory of the library; `allegro-twin list trajectories`.")],
     config: Config = "sim_right",
+    other: OtherHand = None,
     speed: Annotated[float, typer.Option(help="How many times as fast as it was shown.")] = 1.0,
     approach: Annotated[float, typer.Option(help="Peak speed on the way to where it begins, rad/s.")] = 1.0,
 ) -> None:
     """Repeat a motion that was shown to a hand, on either hand, and show where the joints are."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
-    with Hand.open(config) as hand:
+    with Hand.open(on_hand(load_config(config), other)) as hand:
         hand.play(name, speed, approach=approach)
         console.console.print(console.final_state(hand.spec, hand.state))
 
 
 def keyboard(
     config: Config = "sim_right",
+    other: OtherHand = None,
     view: Annotated[bool, typer.Option(help="Watch in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch in the browser.")] = False,
 ) -> None:
     """The manufacturer's keys on a live hand: h r g k p m e a o 1 2 3; ? helps, q quits."""
     from allegro_twin.cli import console, keys
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
     from allegro_twin.session import rerun_stage
 
-    with Hand.open(config, background=sys.stdin.isatty()) as hand:
+    with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
         if view or web:
             viewer_of, _ = rerun_stage()
             viewer = viewer_of(hand.spec, live=True)
@@ -129,6 +144,7 @@ def keyboard(
 
 def calibrate_limits(
     config: Config = "sim_right",
+    other: OtherHand = None,
     by_hand: Annotated[
         float | None, typer.Option(help="You move the joints to their ends, for so many seconds.")
     ] = None,
@@ -137,10 +153,14 @@ def calibrate_limits(
     """Bring every joint to both its ends and store the real limits."""
     from allegro_twin.cli import console
     from allegro_twin.cli.calibration import find_limits, store_limits
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
 
     with console.progress() as bar:
         task = bar.add_task("to both ends of every joint", total=None)
-        spec, found = find_limits(config, by_hand, lambda t, total: bar.update(task, completed=t, total=total))
+        spec, found = find_limits(
+            on_hand(load_config(config), other), by_hand, lambda t, total: bar.update(task, completed=t, total=total)
+        )
     console.console.print(console.limits(spec, found))
     if into is not None:
         store_limits(into, found)
@@ -149,13 +169,15 @@ def calibrate_limits(
 
 def show(
     config: Config = "sim_right",
+    other: OtherHand = None,
 ) -> None:
     """The joints of a hand: the model's limits, the measured ones, the margin, and the motors."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.description.hands import load_spec
 
-    settings = load_config(config)
+    settings = on_hand(load_config(config), other)
     model = load_spec(settings.hand.model, settings.hand.side)
     mine = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
     if settings.limits.margin < 0:

@@ -1,4 +1,4 @@
-"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or a motion that met something, 5 the grasp failed."""
+"""The command line. Exit codes: 0 done, 2 config, 3 link, 4 fault or collision, 5 the grasp failed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, exchange, live, training
+from allegro_twin.cli import bus, exchange, live, looking, training
+from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, MotionStalled, unknown
 
 if TYPE_CHECKING:
@@ -35,16 +36,17 @@ class Sides(StrEnum):
     both = "both"
 
 
-Camera = Annotated[
-    str, typer.Option(help="From where: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).")
-]
 Targets = Annotated[list[str], typer.Argument(help="Configs, scenarios, or folders of scenarios; a name will do.")]
 
 
 @app.command()
 def run(
     targets: Targets,
-    side: Annotated[Sides | None, typer.Option(help="Which hand performs a scenario.")] = None,
+    side: Annotated[Sides | None, typer.Option(help="The right hand, the left one, or one after the other.")] = None,
+    hand: OtherHand = None,
+    config: Annotated[
+        str | None, typer.Option("--config", "-c", help="The config of the hand that performs scenarios.")
+    ] = None,
     grasp: Annotated[str | None, typer.Option(help="Another grasp than the scenario's.")] = None,
     thing: Annotated[str | None, typer.Option("--object", help="Another object than the scenario's first.")] = None,
     policy: Annotated[str | None, typer.Option(help="A policy file (.onnx, .zip) that decides instead.")] = None,
@@ -60,7 +62,7 @@ def run(
         Path | None, typer.Option(help="Log every frame of the hand's bus to this .blf, .log or .asc.")
     ] = None,
     size: Annotated[str, typer.Option(help="Of pictures and films: WIDTHxHEIGHT in pixels.")] = "480x480",
-    camera: Camera = "side",
+    camera: looking.Camera = "side",
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
     seconds: Annotated[float | None, typer.Option(help="Stop after this time on the hand's clock.")] = None,
@@ -72,9 +74,10 @@ def run(
 
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log,
                       views.size(size), views.checked(camera))  # fmt: skip
-    from allegro_twin.cli.runs import configs_of
+    from allegro_twin.cli.runs import Options, configs_of
 
-    jobs = configs_of(targets, None if side is None else side.value, seconds, partial, grasp, thing, policy, goal)
+    options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    jobs = configs_of(targets, options)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     reports = _run_all(jobs, outputs, out)
@@ -172,51 +175,8 @@ def envs(
     console.console.print(environments.listed(task))
 
 
-@app.command()
-def view(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
-    web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
-    port: Annotated[int, typer.Option(help="Of the page in the browser.")] = 9090,
-    camera: Camera = "side",
-    partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
-) -> None:
-    """Look at a recording in Rerun."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.runs import show
-    from allegro_twin.look import views
-
-    with console.progress() as bar:
-        task = bar.add_task("reading", total=None)
-        viewer, url = show(
-            recording, web=web, port=port, partial=partial, camera=views.checked(camera),
-            total=lambda n: bar.update(task, total=n), advance=lambda: bar.advance(task),
-        )  # fmt: skip
-    if url:
-        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
-        _wait()
-    viewer.close()
-
-
-def _wait() -> None:
-    try:
-        signal.pause()
-    except KeyboardInterrupt:
-        return
-
-
-@app.command()
-def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.")]) -> None:
-    """Render every grasp of the library and write the page that shows them."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.gallery import make
-
-    with console.progress() as bar:
-        task = bar.add_task("grasps", total=None)
-        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
-    console.console.print(f"{count} grasps in {folder}/grasps.md")
-
-
 live.register(app)
+looking.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.build import Rig, scenario_config
-from allegro_twin.config import PolicySettings, RunConfig, load_config
+from allegro_twin.config import PositionSettings, RunConfig, load_config
+from allegro_twin.description.hands import side_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.files.schema import parse
 from allegro_twin.session import Outputs
 from allegro_twin.spec import SIDES
 
@@ -24,35 +26,58 @@ class Job:
     config: RunConfig
 
 
-def configs_of(
-    targets: Sequence[str],
-    side: str | None,
-    seconds: float | None,
-    partial: bool,
-    grasp: str | None,
-    thing: str | None,
-    policy: str | None = None,
-    goal: str | None = None,
-) -> list[Job]:
-    """A job for every config, and for every scenario and side; under a policy if one is named. Raises ConfigError."""
-    if goal is not None and policy is None:
-        raise ConfigError("--goal is for a policy: give --policy, too")
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the command line says beside its targets; None: what the config or the scenario says."""
+
+    side: str | None = None
+    hand: str | None = None
+    config: str | None = None
+    """The hand that performs scenarios."""
+    grasp: str | None = None
+    object: str | None = None
+    policy: str | None = None
+    goal: str | None = None
+    seconds: float | None = None
+    partial: bool = False
+
+
+def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job]:
+    """A job for every config or scenario, and each side that is asked for. Raises ConfigError."""
     jobs = []
     for target in targets:
         for path in _files(target):
-            if "backend" in read_yaml(path):
-                config = _with(load_config(path), side, seconds, partial)
-                jobs.append(Job(path.stem, _under(policy, goal, grasp, config)))
-                continue
-            for each in SIDES if side == "both" else (side,):
-                config = _with(scenario_config(path, each, grasp, thing), None, seconds, partial)
-                jobs.append(Job(thing or path.stem, _under(policy, goal, None, config)))
+            scenario = "backend" not in read_yaml(path)
+            if options.config is not None and not scenario:
+                raise ConfigError(
+                    f"--config says which hand performs scenarios; {path} is a config itself: leave one out"
+                )
+            for side in SIDES if options.side == "both" else (options.side,):
+                base = _performing(path, options.config, side) if scenario else load_config(path)
+                config = _with(on_hand(base, options.hand, side), options)
+                jobs.append(Job(options.object or path.stem if scenario else path.stem, config))
     return jobs
+
+
+def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
+    """The config with another hand: a file in conf/hands, or a side. Raises ConfigError."""
+    if hand is None and side is None:
+        return config
+    blocks: dict[str, Any] = {}
+    if hand is not None:
+        blocks["serial"] = hand
+        side = side or side_of(hand)
+    if side is not None:
+        blocks["side"] = side
+    return config.changed(hand=blocks)
 
 
 def outputs_in(folder: Path, job: Job, rig: Rig, wanted: Outputs) -> Outputs:
     """A recording and a picture in a folder, named after the run."""
     stem = f"{job.name}_{rig.spec.side}" if rig.trial is not None else job.name
+    for name in ("record", "image"):
+        if getattr(wanted, name) is not None:
+            raise ConfigError(f"--out keeps a recording and a picture of each run: leave out --{name}")
     return replace(wanted, record=folder / f"{stem}.arrow", image=folder / f"{stem}.png")
 
 
@@ -164,21 +189,38 @@ def _files(target: str) -> list[Path]:
     return [names[path.name]]
 
 
-def _under(policy: str | None, goal: str | None, grasp: str | None, config: RunConfig) -> RunConfig:
-    if policy is None:
-        return config
-    controller = PolicySettings(kind="policy", file=policy, goal=goal, grasp=grasp)
-    return config.model_copy(update={"controller": controller})
+def _performing(scenario: Path, hand: str | None, side: str | None) -> RunConfig:
+    """A scenario, performed in simulation or by the hand of a config, under PD with that config's gains."""
+    alone = scenario_config(scenario, side)
+    if hand is None:
+        return alone
+    base = load_config(hand)
+    gains = {"gains": base.controller.gains} if isinstance(base.controller, PositionSettings) else {}
+    controller = PositionSettings.model_validate({"kind": "pd", **gains})
+    task = alone.task.model_dump(exclude_unset=True, exclude_none=True)
+    content = base.model_dump(exclude_unset=True, exclude={"task", "seconds"})
+    return RunConfig.model_validate(content | {"task": task, "controller": controller.model_dump(exclude_unset=True)})
 
 
-def _with(config: RunConfig, side: str | None, seconds: float | None, partial: bool) -> RunConfig:
-    changes: dict[str, Any] = {}
-    if seconds is not None:
-        if not seconds > 0:
-            raise ConfigError(f"--seconds must be positive, not {seconds}")
-        changes["seconds"] = seconds
-    if side in SIDES:
-        changes["hand"] = config.hand.model_copy(update={"side": side})
-    if partial and config.backend.kind == "replay":
-        changes["backend"] = config.backend.model_copy(update={"partial": True})
-    return config.model_copy(update=changes)
+def _with(config: RunConfig, options: Options) -> RunConfig:
+    """The config with the task, the policy and the time that the options ask for."""
+    blocks: dict[str, Any] = {}
+    task = {key: value for key, value in config.task.model_dump().items() if value is not None}
+    if options.policy is not None:
+        blocks["controller"] = {"kind": "policy", "file": options.policy}
+    if options.policy is not None or options.grasp is not None:
+        task.pop("posture", None)  # Something else is asked for.
+    wanted = {"grasp": options.grasp, "object": options.object, "posture": options.goal}
+    task |= {key: value for key, value in wanted.items() if value is not None}
+    if options.goal is not None and options.policy is None and config.controller.kind != "policy":
+        raise ConfigError("--goal is for a policy: give --policy, too")
+    if options.seconds is not None:
+        if not options.seconds > 0:
+            raise ConfigError(f"--seconds must be positive, not {options.seconds}")
+        blocks["seconds"] = options.seconds
+    if options.partial:
+        if config.backend.kind != "replay":
+            raise ConfigError(f"--partial is for recordings; this config has backend {config.backend.kind}")
+        blocks["backend"] = config.backend.model_copy(update={"partial": True}).model_dump(exclude_unset=True)
+    content = config.model_dump(exclude_unset=True) | blocks | {"task": task}
+    return parse(RunConfig, content, "with these options")

@@ -27,6 +27,9 @@ def load_spec(
     `version` is the hand's, where its file does not say; it decides how much torque its driver lets through.
     Raises ConfigError that names the file and the key.
     """
+    its = side_of(serial) if serial else None
+    if its is not None and its != side:
+        raise ConfigError(f"{serial} is a {its} hand; hand.side is {side}")
     hand = facts.load(model, side)
     lower, upper = _limits(hand.joints, serial)
     fingers = tuple(Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items())
@@ -44,6 +47,11 @@ def load_spec(
         aliases=aliases(fingers, len(joints)),
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
     )
+
+
+def side_of(serial: str) -> Side | None:
+    """Which hand a file in conf/hands is of, where it says. Raises ConfigError."""
+    return load_wiring(serial=serial).side
 
 
 def _limits(joints: tuple[facts.Joint, ...], serial: str) -> tuple[Vector, Vector]:

@@ -70,6 +70,8 @@ class Body:
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     anchor: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Of the joint, in the body's own frame; a hinge."""
+    zero: float = 0.0
+    """Joint position at which the body is where it is said to be, rad."""
     shapes: tuple[Shape, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -81,6 +83,7 @@ class Body:
             "joint": self.joint,
             "axis": list(self.axis),
             "anchor": _rounded(self.anchor),
+            "zero": self.zero,
             "shapes": [shape.to_json() for shape in self.shapes],
         }
 
@@ -88,7 +91,8 @@ class Body:
     def from_json(content: Mapping[str, Any]) -> Body:
         rows = {key: tuple(content[key]) for key in ("position", "quaternion", "axis", "anchor")}
         shapes = tuple(Shape.from_json(shape) for shape in content["shapes"])
-        return Body(name=content["name"], parent=content["parent"], joint=content["joint"], shapes=shapes, **rows)
+        one = {key: content[key] for key in ("name", "parent", "joint", "zero")}
+        return Body(shapes=shapes, **one, **rows)
 
 
 def _rounded(values: tuple[float, ...]) -> list[float]:

@@ -13,7 +13,6 @@ from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.evaluate.held import Observations, Report, Window, judge
 from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
-from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import wrist
 from allegro_twin.sim.appearance import scene_look
@@ -21,6 +20,7 @@ from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.probe import Probe
 from allegro_twin.sim.scene import TIMESTEP, compile_scene
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 
@@ -152,7 +152,7 @@ class Trial:
 def too_heavy(mass: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
     """A warning for an object that friction cannot carry: every finger presses it against the palm or another finger,
     so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
-    forces = HandModel(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
+    forces = hand_model(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
     bound = 2.0 * friction * sum(forces.values())
     weight = mass * STANDARD_GRAVITY
     if weight <= bound:

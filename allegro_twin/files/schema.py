@@ -52,6 +52,8 @@ def _explain(error: ValidationError, model: type[BaseModel], source: Where) -> s
     if first["type"] == "missing":
         return f"{where}: {location}: missing{tail}"
     message = first["msg"][0].lower() + first["msg"][1:]
+    if not first["loc"]:  # About the whole, and it names what it is about.
+        return f"{where}: {message.removeprefix('value error, ')}{tail}"
     value = repr(first["input"])
     shown = value if len(value) <= 60 else value[:57] + "..."
     return f"{where}: {location}: {message.removeprefix('value error, ')}, not {shown}{tail}"

@@ -19,8 +19,8 @@ from allegro_twin.errors import ConfigError, MotionStalled, unknown
 from allegro_twin.hand.driver import Driver
 from allegro_twin.hand.watch import Goal, Watch
 from allegro_twin.hand.ways import Ways
-from allegro_twin.kinematics.model import HandModel
 from allegro_twin.loop import paced, run
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid"]
@@ -34,7 +34,7 @@ class Mover:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = HandModel(rig.spec), Ways(rig.spec)
+        self.model, self.ways = hand_model(rig.spec), Ways(rig.spec)
         self.kind: Kind | str = "torque"
         self.listeners: list[Callable[[Sample], None]] = []
         self.stalled: MotionStalled | None = None

@@ -1,4 +1,4 @@
-"""The whole hand in Pinocchio, from its URDF: fingertip poses, Jacobians and gravity torque, in the palm frame."""
+"""The whole hand in Pinocchio: fingertip poses, Jacobians and gravity torque, in the palm frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pinocchio as pin
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.pose import Pose as Pose
+from allegro_twin.kinematics.tree import Tree, built
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -18,19 +19,19 @@ from allegro_twin.types import Array, Vector
 class HandModel:
     """Rigid-body kinematics and statics of one hand. Joint vectors follow the spec's order, shape (n,)."""
 
-    def __init__(self, spec: HandSpec, urdf: Path | None = None) -> None:
-        path = urdf or data_root() / "models" / "urdf" / f"{spec.name}.urdf"
-        if not path.is_file():
-            raise ConfigError(f"hand {spec.name}: no URDF at {path}")
-        self._model = pin.buildModelFromUrdf(str(path))
+    def __init__(self, spec: HandSpec, source: Path | Tree | None = None) -> None:
+        """From a URDF, by default the hand's own, or from a tree of links. Raises ConfigError."""
+        if source is None and spec.foreign is not None:
+            raise ConfigError(
+                f"hand {spec.serial} is simulated from {spec.foreign.mjcf}: sim.statics.hand_model has its model"
+            )
+        self._model = built(source) if isinstance(source, Tree) else _from_urdf(spec, source)
         self._data = self._model.createData()
         # Pinocchio orders the fingers by name; `order` reads its vectors in ours, `place` writes ours into its.
         self._order = np.array([self._model.idx_vs[self._model.getJointId(name)] for name in spec.joints])
         self._place = np.argsort(self._order)
         self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
-        self._links = {
-            frame.name: index for index, frame in enumerate(self._model.frames) if frame.name.startswith("link_")
-        }
+        self._links = {frame.name: index for index, frame in enumerate(self._model.frames) if _is_link(frame)}
         self._gravity: Vector | None = None
 
     def gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
@@ -109,3 +110,15 @@ class HandModel:
         aligned = pin.LOCAL_WORLD_ALIGNED
         jacobians = [pin.getFrameJacobian(self._model, self._data, f, aligned)[:3][:, self._order] for f in frames]
         return places, np.array(jacobians)
+
+
+def _from_urdf(spec: HandSpec, urdf: Path | None) -> pin.Model:
+    path = urdf or data_root() / "models" / "urdf" / f"{spec.name}.urdf"
+    if not path.is_file():
+        raise ConfigError(f"hand {spec.name}: no URDF at {path}")
+    return pin.buildModelFromUrdf(str(path))
+
+
+def _is_link(frame: pin.Frame) -> bool:
+    """Whether a frame is a link that moves."""
+    return bool(frame.type == pin.FrameType.BODY and frame.parentJoint > 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
-from allegro_twin.kinematics.euler import matrix_from_quaternion
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.look.scenery import Scenery
 from allegro_twin.look.skeleton import Skeleton
 from allegro_twin.look.views import seen

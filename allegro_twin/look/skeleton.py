@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.description import facts, mesh
 from allegro_twin.description.shapes import Body, Shape
-from allegro_twin.kinematics.euler import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
+from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -53,7 +53,7 @@ class Skeleton:
             place = np.tile(np.array(body.position), (moments, 1))
             rotation = np.tile(turn, (moments, 1, 1))
             if body.joint >= 0:
-                about = _rotations(np.array(body.axis), position[:, body.joint])
+                about = _rotations(np.array(body.axis), position[:, body.joint] - body.zero)
                 anchor = np.array(body.anchor)
                 place = place + (rotation @ (anchor - about @ anchor)[..., None])[..., 0]
                 rotation = rotation @ about

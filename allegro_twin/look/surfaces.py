@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.description.appearance import of_object
 from allegro_twin.description.shapes import Shape
-from allegro_twin.kinematics.euler import matrix_from_quaternion
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
 _ROUND, _HIGH = 24, 12  # Parts around and along; enough where a millimetre is a pixel.

@@ -52,11 +52,10 @@ def observation_of(recording: Recording) -> Array:
 def task_of(recording: Recording) -> str:
     """In words, from the config that made it."""
     config = recording.meta.get("config", {})
-    backend, controller = config.get("backend", {}), config.get("controller", {})
-    scenario = backend.get("scenario") or (backend.get("scene") or {}).get("scenario")
-    if scenario:
-        return f"grasp: {Path(scenario).stem}"
-    return f"{controller.get('kind', 'unknown')}: {controller.get('posture') or controller.get('file') or 'motion'}"
+    task, controller = config.get("task", {}), config.get("controller", {})
+    if task.get("scenario") or task.get("grasp"):
+        return f"grasp: {Path(task.get('scenario') or task['grasp']).stem}"
+    return f"{controller.get('kind', 'unknown')}: {task.get('posture') or controller.get('file') or 'motion'}"
 
 
 def rebuilt(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> Recording:

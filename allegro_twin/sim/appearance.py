@@ -58,6 +58,7 @@ def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
                 joint=spec.joints.index(name) if name in spec.joints else -1,
                 axis=tuple(model.jnt_axis[joint]) if joint >= 0 else (0.0, 0.0, 1.0),
                 anchor=tuple(model.jnt_pos[joint]) if joint >= 0 else (0.0, 0.0, 0.0),
+                zero=float(model.qpos0[model.jnt_qposadr[joint]]) if joint >= 0 else 0.0,
                 shapes=_shapes(model, k),
             )
         )

@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 SIGHT = 0.008
 """Parts further apart than this are not told from each other, m."""
-PALM = "palm"
 Indices = NDArray[np.int_]
 
 
@@ -27,12 +27,12 @@ class Clearance:
         self._model, self._data = model, mujoco.MjData(model)
         self._in_use = threading.Lock()
         self._places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
-        names = (*(finger.name for finger in spec.fingers), PALM)
+        names = part_names(spec)
         couples = list(combinations_with_replacement(range(len(names)), 2))
         self.pairs = tuple((names[a], names[b]) for a, b in couples)
         """Which two parts each column is about; a finger can also meet itself."""
         self._geoms = np.array(touching_geoms(model), dtype=int).reshape(-1, 2)
-        part = _parts(model, spec)[model.geom_bodyid[self._geoms]]
+        part = parts_of(model, spec)[model.geom_bodyid[self._geoms]]
         self._columns = np.array([couples.index((min(row), max(row))) for row in part.tolist()], dtype=int)
 
     def __call__(self, postures: Array) -> Array:
@@ -90,12 +90,3 @@ def touching_geoms(model: mujoco.MjModel) -> list[tuple[int, int]]:
         return bool(bits) and not neighbours and (one << 16) + two not in excluded
 
     return [(a, b) for a, b in combinations(solid, 2) if touch(a, b)]
-
-
-def _parts(model: mujoco.MjModel, spec: HandSpec) -> Indices:
-    """The part of each body, (bodies,): the finger in the spec's order whose joint it hangs on, else the palm."""
-    part = np.full(model.nbody, len(spec.fingers))
-    mine = {int(model.joint(spec.joints[j]).bodyid[0]): k for k, f in enumerate(spec.fingers) for j in f.joints}
-    for body in range(1, model.nbody):  # Parents come first.
-        part[body] = mine.get(body, part[model.body_parentid[body]])
-    return part

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -19,15 +20,11 @@ class Probe:
         model = backend.model
         self._data, self._model = backend.data, model
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
-        # Each geom's group: 0 for the object, 1… for the fingers in the spec's order, last the palm; -1 for the rest.
-        self.parts = (*(finger.name for finger in backend.spec.fingers), "palm")
+        self.parts = part_names(backend.spec)
+        self._part = parts_of(model, backend.spec)
+        # An object, and what stands on the table, may be made of bodies that are welded together.
+        self._weld = model.body_weldid
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
-        self._part = np.full(model.ngeom, -1)
-        for number, finger in enumerate(backend.spec.fingers):
-            for joint in finger.joints:
-                body = model.joint(backend.spec.joints[joint]).bodyid[0]
-                self._part[model.geom_bodyid == body] = number
-        self._part[model.geom_bodyid == self._palm] = len(self.parts) - 1
 
     def __call__(self) -> dict[str, Array]:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
@@ -47,23 +44,24 @@ class Probe:
 
     def _contacts(self) -> tuple[Array, Array, Array, Array]:
         contact, forces = self._data.contact, self._data.efc_force
-        pairs, address = contact.geom, contact.efc_address
-        bodies = self._model.geom_bodyid[pairs]
-        mine = ((bodies == self._thing).any(axis=1) & (address >= 0)).nonzero()[0]
-        address, pairs, bodies = address[mine], pairs[mine], bodies[mine]
-        first = bodies[:, 0] == self._thing
-        other = np.where(first, pairs[:, 1], pairs[:, 0])
-        on_table = np.array([float((self._model.geom_bodyid[other] == 0).any())])
+        bodies, address = self._model.geom_bodyid[contact.geom], contact.efc_address
+        welds = self._weld[bodies]
+        mine = ((welds == self._thing).any(axis=1) & (address >= 0)).nonzero()[0]
+        address, bodies, welds = address[mine], bodies[mine], welds[mine]
+        first = welds[:, 0] == self._thing
+        other = np.where(first, bodies[:, 1], bodies[:, 0])
+        part = self._part[other]
+        on_table = np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
         if not len(mine):
             return np.zeros(self._n), on_table, np.full(3 * self._n, np.nan), np.zeros(3 * self._n)
         # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
         local = forces[address[:, None] + _AXES]
-        world = (local[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
         rows = np.empty((len(mine), 7))
-        rows[:, 0], rows[:, 4:] = local[:, 0], world
+        rows[:, 0] = local[:, 0]
         rows[:, 1:4] = local[:, :1] * contact.pos[mine]
+        rows[:, 4:] = (local[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
         rows[first, 4:] *= -1.0
-        total = (self._part[other] == self._parts_column) @ rows
+        total = (part == self._parts_column) @ rows
         by_part = total[:, 0]
         point = np.where(by_part[:, None] > 0, total[:, 1:4] / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
         return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1)

@@ -39,7 +39,8 @@ def config(tmp_path: Path) -> Any:
         content = {
             "hand": hand or {},
             "backend": {"kind": "can", "version": "v4", "interface": "allegro-virtual", **backend},
-            "controller": {"kind": "pid", "posture": "home", "gravity": [0, 0, -9.81]},
+            "task": {"posture": "home"},
+            "controller": {"kind": "pid", "gravity": [0, 0, -9.81]},
             "seconds": 0.6,
         }
         path.write_text(yaml.safe_dump(content))

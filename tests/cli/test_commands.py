@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin import session
 from allegro_twin.cli import catalogue, main
-from allegro_twin.cli.runs import configs_of, convert, show
+from allegro_twin.cli.runs import Options, configs_of, convert, show
 from allegro_twin.config import ReplaySettings
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
 from allegro_twin.evaluate.held import PhaseReport, Report
@@ -48,27 +48,29 @@ def test_one_list_is_only_that_list(command: Run) -> None:
 
 
 def test_a_scenario_is_a_job_for_each_hand_and_takes_another_grasp_and_object() -> None:
-    jobs = configs_of(["lemon"], "both", None, False, None, None)
+    jobs = configs_of(["lemon"], Options(side="both"))
     assert [(job.name, job.config.hand.side) for job in jobs] == [("lemon", "right"), ("lemon", "left")]
-    (left,) = configs_of(["lemon"], "left", 2.0, False, "sphere_4_finger", "golf_ball")
+    (left,) = configs_of(["lemon"], Options(side="left", seconds=2.0, grasp="sphere_4_finger", object="golf_ball"))
     assert (left.name, left.config.hand.side, left.config.seconds) == ("golf_ball", "left", 2.0)
-    backend = left.config.backend.model_dump()
-    assert "sphere_4_finger" in str(left.config.model_dump())
-    assert backend["kind"] == "sim"
-    (config,) = configs_of(["sim_right"], "left", 0.7, False, None, None)
+    assert left.config.task.grasp == "sphere_4_finger"
+    assert left.config.task.object == "golf_ball"
+    assert left.config.backend.kind == "sim"
+    (config,) = configs_of(["sim_right"], Options(side="left", seconds=0.7))
     assert (config.config.hand.side, config.config.seconds) == ("left", 0.7)
 
 
 def test_partial_reaches_the_replay(tmp_path: Path) -> None:
     for partial in (False, True):
-        (job,) = configs_of(["conf/replay.yaml"], None, None, partial, None, None)
+        (job,) = configs_of(["conf/replay.yaml"], Options(partial=partial))
         assert isinstance(job.config.backend, ReplaySettings)
         assert job.config.backend.partial is partial
+    with pytest.raises(ConfigError, match="--partial is for recordings; this config has backend sim"):
+        configs_of(["sim_right"], Options(partial=True))
 
 
 def test_a_folder_without_scenarios_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no scenarios in this folder"):
-        configs_of([str(tmp_path)], None, None, False, None, None)
+        configs_of([str(tmp_path)])
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import allegro_twin.hand
 from allegro_twin.cli import calibration, console, gallery
 from allegro_twin.cli.calibration import find_limits
 from allegro_twin.cli.keys import pressed
-from allegro_twin.config import load_config
+from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
@@ -68,8 +68,8 @@ class Spy:
 def test_posture_and_grasp_hand_their_options_on_and_let_go(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     spy, opened = Spy(), list[str]()
 
-    def open_(config: str) -> Spy:
-        opened.append(config)
+    def open_(config: RunConfig) -> Spy:
+        opened.append(config.hand.side)
         return spy
 
     monkeypatch.setattr(allegro_twin.hand.Hand, "open", open_)
@@ -77,7 +77,7 @@ def test_posture_and_grasp_hand_their_options_on_and_let_go(command: Run, monkey
     code, shown, _ = command("grasp", "quadpod", "--width", "0.04", "--force", "2")
     assert code == 0
     assert "pads 42 mm apart" in shown
-    assert opened == ["sim_left", "sim_right"]
+    assert opened == ["left", "right"]
     assert spy.asked == [
         ("move_to", "home", 0.5, {}),
         "closed",
@@ -151,7 +151,7 @@ def test_calibration_may_go_beyond_the_limits_and_pushes_gently() -> None:
 
 def test_calibration_by_hand_pushes_no_joint_and_lasts_as_long_as_it_was_told() -> None:
     told: list[tuple[float, float]] = []
-    spec, found = find_limits("sim_right", 0.3, lambda t, total: told.append((t, total)))
+    spec, found = find_limits(load_config("sim_right"), 0.3, lambda t, total: told.append((t, total)))
     assert spec.name == load_config("sim_right").hand.model + "_right"
     assert told[-1][0] == pytest.approx(0.3)
     assert told[-1][1] == 0.3

@@ -89,8 +89,8 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
     base = "backend: {kind: sim}\ncontroller: {kind: pd}\n"
     for text, message in (
         (
-            "backend: {kind: sim, scenari: x}\ncontroller: {kind: pd}\n",
-            "backend.sim.scenari: unknown key; did you mean 'scenario'",
+            "backend: {kind: sim, facin: x}\ncontroller: {kind: pd}\n",
+            "backend.sim.facin: unknown key; did you mean 'facing'",
         ),
         ("backend: {kind: simm}\ncontroller: {kind: pd}\n", "any of the expected tags: 'sim', 'can', 'replay'"),
         ("controller: {kind: pd}\n", "backend: missing"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build import assemble
-from allegro_twin.cli.runs import configs_of
+from allegro_twin.cli.runs import Options, configs_of
 from allegro_twin.config import RunConfig
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
@@ -23,9 +23,10 @@ pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: 
 CLOSE = 0.015  # m. Success in training is 10 mm; the velocity filter of a bus and the goal's own error come on top.
 
 
-def config(backend: dict[str, Any], **controller: Any) -> RunConfig:
-    policy = {"kind": "policy", "file": "reach_right", "goal": "ok"} | controller
-    return RunConfig.model_validate({"backend": backend, "controller": policy, "seconds": 2.0})
+def config(backend: dict[str, Any], file: str = "reach_right", **task: Any) -> RunConfig:
+    policy = {"kind": "policy", "file": file}
+    task = {"posture": "ok"} if file == "reach_right" and not task else task
+    return RunConfig.model_validate({"backend": backend, "task": task, "controller": policy, "seconds": 2.0})
 
 
 def driven(settings: RunConfig) -> list[Sample]:
@@ -67,26 +68,26 @@ def test_a_policy_answers_a_recording_as_it_answered_the_hand(recording_path: Pa
 
 
 def test_the_flag_replaces_the_controller_of_a_config() -> None:
-    (job,) = configs_of(["can_virtual"], None, 0.5, False, None, None, "reach_right", "ok")
+    (job,) = configs_of(["can_virtual"], Options(seconds=0.5, policy="reach_right", goal="ok"))
     assert job.config.controller.kind == "policy"
     assert apart(driven(job.config)[-1], "ok") < apart(driven(job.config)[0], "ok")
 
 
 def test_a_policy_with_a_script_runs_as_long_as_it_and_by_the_grasps_name() -> None:
-    (job,) = configs_of(["sim_right"], None, None, False, "quadpod", None, "grasp_right", None)
+    (job,) = configs_of(["sim_right"], Options(grasp="quadpod", policy="grasp_right"))
     rig = assemble(job.config.model_copy(update={"seconds": None}))
     assert rig.seconds == pytest.approx(4.3, abs=0.003)
     with pytest.raises(ConfigError, match="no grasp of this policy named 'quadpot'; did you mean 'quadpod'"):
-        assemble(config({"kind": "sim"}, file="grasp_right", grasp="quadpot", goal=None))
+        assemble(config({"kind": "sim"}, file="grasp_right", grasp="quadpot"))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"goal": None}, "reaches goals: name a posture with `goal` or --goal"),
+        ({"posture": None}, "reaches goals: name a posture with task.posture or --goal"),
         ({"file": "reach_rihgt"}, "no policy named 'reach_rihgt'; did you mean 'reach_right'"),
-        ({"goal": "okay"}, "did you mean 'ok'"),
-        ({"file": "grasp_right"}, r"takes a goal of 0 numbers, not 12"),
+        ({"posture": "okay"}, "did you mean 'ok'"),
+        ({"file": "grasp_right", "posture": "ok"}, "reaches no goals: leave out task.posture"),
     ],
 )
 def test_what_a_policy_lacks_is_named(change: dict[str, Any], message: str) -> None:
@@ -99,6 +100,6 @@ def test_a_policy_for_other_periods_or_another_timeline_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"decides for a period of 0\.003 s; the config says 0\.002 s"):
         assemble(settings)
     with pytest.raises(ConfigError, match="on its own timeline, not on a scenario's"):
-        assemble(config({"kind": "sim", "scenario": "apple"}, file="grasp_right", goal=None))
+        assemble(config({"kind": "sim"}, file="grasp_right", scenario="apple"))
     with pytest.raises(ConfigError, match="--goal is for a policy"):
-        configs_of(["sim_right"], None, None, False, None, None, None, "ok")
+        configs_of(["sim_right"], Options(goal="ok"))

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.build import assemble
+from allegro_twin.cli.runs import Options, configs_of
+from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
@@ -18,15 +21,21 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.sim.scene import hand_spec
+from allegro_twin.sim.scene import Stage, compile_scene, hand_spec
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import Side
 from tests.conftest import MakeSim
 
 PREFIX = {"0": "ff", "1": "mf", "2": "rf", "3": "th"}
 
 
+MASS = 1.5
+"""Times ours: somebody else's hand weighs something else."""
+
+
 def menagerie_like(folder: Path, side: Side) -> Path:
-    """Our hand in Menagerie's clothes: its joint names, tip bodies and servos; and the file that maps them."""
+    """Our hand in Menagerie's clothes: its joint names and servos, fingertips that are bodies of their own and welded
+    to the last link, and heavier links; and the file that maps them."""
     spec = mujoco.MjSpec.from_file(str(data_root() / "models" / "mjcf" / f"allegro_{side}.xml"))
     spec.modelfiledir, spec.meshdir = "", str(data_root() / "models" / "meshes")
     for sensor in list(spec.sensors):
@@ -42,6 +51,9 @@ def menagerie_like(folder: Path, side: Side) -> Path:
     spec.body("palm_link").name = "palm"
     for exclude in spec.excludes:
         exclude.bodyname1 = exclude.bodyname1.replace("palm_link", "palm")
+    for body in spec.bodies:
+        body.mass *= MASS
+        body.inertia, body.fullinertia = body.inertia * MASS, body.fullinertia * MASS
     tips = {}
     for finger, prefix, last, end in (
         ("index", "ff", 3, 0.0267),
@@ -50,8 +62,14 @@ def menagerie_like(folder: Path, side: Side) -> Path:
         ("thumb", "th", 15, 0.0423),
     ):
         spec.delete(spec.site(f"link_{last}.0_tip"))
-        spec.body(f"link_{last}.0").name = f"{prefix}_distal"
-        tips[finger] = [f"{prefix}_distal", [0, 0, end]]
+        distal, pad = spec.body(f"link_{last}.0"), spec.geom(f"link_{last}.0_tip")
+        distal.name = f"{prefix}_distal"
+        tip = distal.add_body(name=f"{prefix}_tip", mass=0.005, inertia=[1e-7] * 3, explicitinertial=True)
+        tip.add_geom(
+            type=pad.type, fromto=pad.fromto, size=pad.size, contype=pad.contype, conaffinity=pad.conaffinity, group=3
+        )
+        spec.delete(pad)
+        tips[finger] = [f"{prefix}_tip", [0, 0, end]]
     (folder / "hand.xml").write_text(spec.to_xml())
     names = [f"{prefix}j{k}" for prefix in PREFIX.values() for k in range(4)]
     path = folder / "theirs.yaml"
@@ -76,14 +94,83 @@ def test_it_goes_home_and_ends_where_our_own_hand_does(tmp_path: Path, side: Sid
     home = load_posture("home", ours)
     ends = []
     for spec in (theirs, ours):
-        controller = PD(Hold(home), load_gains("default", spec), Gravity(HandModel(spec).gravity_torque))
+        controller = PD(Hold(home), load_gains("default", spec), Gravity(hand_model(spec).gravity_torque))
         backend = make_sim(spec)
         for sample in until(1.0, run(backend, controller)):
             last = sample.state.position
         tips = np.array([backend.data.site(f.tip).xpos.copy() for f in spec.fingers])
         ends.append((last, tips))
     np.testing.assert_allclose(ends[0][0], home, atol=0.015)
-    np.testing.assert_allclose(ends[0][1], ends[1][1], atol=1e-4)
+    np.testing.assert_allclose(ends[0][1], ends[1][1], atol=3e-4)
+
+
+def test_gravity_jacobians_and_fingertips_are_those_of_the_model_in_use(tmp_path: Path, side: Side) -> None:
+    spec = load_spec(side=side, serial=str(menagerie_like(tmp_path, side)))
+    turn = np.array([0.6, 0.48, 0.0, 0.64])
+    model = compile_scene(spec, Stage(np.array([0.1, 0.2, 0.3]), turn))
+    data, ours = mujoco.MjData(model), hand_model(spec)
+    places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+    palm = model.body("palm_link").id
+    for posture in np.random.default_rng(3).uniform(spec.lower, spec.upper, (20, 16)):
+        data.qpos[places] = posture
+        mujoco.mj_forward(model, data)
+        down = data.xmat[palm].reshape(3, 3).T @ model.opt.gravity
+        weight = data.qfrc_bias[[int(model.joint(name).dofadr[0]) for name in spec.joints]]
+        np.testing.assert_allclose(ours.gravity_torque(posture, down), weight, atol=1e-12)
+        for finger, pose in ours.fingertips(posture).items():
+            seen = data.site(spec.finger(finger).tip).xpos - data.xpos[palm]
+            np.testing.assert_allclose(pose.position, data.xmat[palm].reshape(3, 3).T @ seen, atol=1e-12)
+    heavy, light = (
+        hand_model(s).gravity_torque(spec.lower, np.array([0.0, 9.81, 0.0])) for s in (spec, load_spec(side=side))
+    )
+    assert (heavy / light > MASS).all()
+
+
+def test_nobody_takes_our_weights_for_another_hands(tmp_path: Path) -> None:
+    spec = load_spec(serial=str(menagerie_like(tmp_path, "right")))
+    with pytest.raises(ConfigError, match=r"is simulated from .*hand\.xml: sim\.statics\.hand_model has its model"):
+        HandModel(spec)
+
+
+def test_a_hand_that_carries_its_own_weight_stays_where_it_is(tmp_path: Path, side: Side) -> None:
+    serial = str(menagerie_like(tmp_path, side))
+    blocks = {
+        "hand": {"side": side, "serial": serial},
+        "backend": {"kind": "sim", "facing": [0, 0, 1], "fingers": [1, 0, 0], "start": "ready"},
+        "controller": {"kind": "gravity"},
+    }
+    rig = assemble(RunConfig.model_validate(blocks))
+    before = rig.backend.reset().position
+    last = list(until(5.0, run(rig.backend, rig.controller)))[-1]
+    assert abs(last.state.position - before).max() < 0.005
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(path.stem, marks=() if path.stem == "apple" else pytest.mark.long)
+        for path in sorted((data_root() / "scenarios" / "demo").glob("*.yaml"))
+    ],
+)
+def test_its_welded_fingertips_hold_an_object_and_are_credited_with_it(name: str, tmp_path: Path, side: Side) -> None:
+    serial = str(menagerie_like(tmp_path, side))
+    (job,) = configs_of([name], Options(hand=serial, side=side))
+    rig = assemble(job.config)
+    assert rig.trial is not None
+    assert rig.seconds is not None
+    for _ in rig.trial.watched(until(rig.seconds, run(rig.backend, rig.controller))):
+        pass
+    report = rig.trial.report()
+    assert report.held, report.reason
+
+
+def test_a_hand_of_one_side_is_not_taken_for_the_other(tmp_path: Path) -> None:
+    path = menagerie_like(tmp_path, "left")
+    path.write_text(path.read_text() + "wire: {side: left}\n")
+    (job,) = configs_of(["lemon"], Options(hand=str(path)))
+    assert job.config.hand.side == "left"
+    with pytest.raises(ConfigError, match=r"theirs\.yaml is a left hand; hand\.side is right"):
+        assemble(configs_of(["lemon"], Options(hand=str(path), side="right"))[0].config)
 
 
 def test_a_name_that_the_file_does_not_have_is_given_with_the_nearest(tmp_path: Path) -> None:

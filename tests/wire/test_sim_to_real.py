@@ -131,18 +131,23 @@ def test_closed_loop_the_hand_on_the_bus_stays_near_the_simulated_one(
 
 def config(side: str, **backend: object) -> RunConfig:
     return RunConfig.model_validate(
-        {"hand": {"side": side}, "backend": backend, "controller": {"kind": "pd"}, "limits": {"velocity": 12.0}}
+        {
+            "hand": {"side": side},
+            "backend": backend,
+            "task": {"scenario": "rubiks_cube"},
+            "controller": {"kind": "pd"},
+            "limits": {"velocity": 12.0},
+        }
     )
 
 
 def rig(side: str, version: Version | None) -> Rig:
-    scene = {"kind": "sim", "scenario": "rubiks_cube"}
     if version is None:
-        return assemble(config(side, **scene))
+        return assemble(config(side, kind="sim"))
     # Without an IMU the hand cannot follow its palm as it turns: the gravity that is carried is of one moment.
     old = version.startswith(("v1", "v2", "v3"))
     down: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} if old else {"imu": 0.03}
-    return assemble(config(side, kind="can", version=version, interface="allegro-virtual", scene=scene, **down))
+    return assemble(config(side, kind="can", version=version, interface="allegro-virtual", **down))
 
 
 def performed(rig: Rig) -> Iterator[HandState]:

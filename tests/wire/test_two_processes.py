@@ -35,8 +35,8 @@ backend:
   imu: 0.1
   timeout: 2.0
   deadman: 2.0
-  scene: {{kind: sim, scenario: rubiks_cube}}
-controller: {{kind: pd, scenario: rubiks_cube}}
+task: {{scenario: rubiks_cube}}
+controller: {{kind: pd}}
 limits: {{velocity: 12.0}}
 {"" if seconds is None else f"seconds: {seconds}"}
 """

@@ -230,7 +230,7 @@ def test_a_published_hands_encoders_are_read_right_with_its_own_file_and_wrong_w
 
 
 def test_fingertips_of_a_v5_hand_feel_what_they_touch() -> None:
-    config = can_config("v5", scene={"kind": "sim", "scenario": "rubiks_cube"})
+    config = can_config("v5").changed(task={"scenario": "rubiks_cube", "posture": None}, controller={"kind": "pd"})
     scene = Scene()
     hand = firmware_of(config, scene, step=PERIOD, restart=False)
     assert scene.trial is not None

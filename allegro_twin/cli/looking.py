@@ -1,0 +1,61 @@
+"""Commands that show what there is already: a recording, and the grasps of the library."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Camera = Annotated[
+    str, typer.Option(help="From where: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command()(view)
+    app.command()(gallery)
+
+
+def view(
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
+    web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
+    port: Annotated[int, typer.Option(help="Of the page in the browser.")] = 9090,
+    camera: Camera = "side",
+    partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
+) -> None:
+    """Look at a recording in Rerun."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.runs import show
+    from allegro_twin.look import views
+
+    with console.progress() as bar:
+        task = bar.add_task("reading", total=None)
+        viewer, url = show(
+            recording, web=web, port=port, partial=partial, camera=views.checked(camera),
+            total=lambda n: bar.update(task, total=n), advance=lambda: bar.advance(task),
+        )  # fmt: skip
+    if url:
+        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
+        _wait()
+    viewer.close()
+
+
+def _wait() -> None:
+    try:
+        signal.pause()
+    except KeyboardInterrupt:
+        return
+
+
+def gallery(folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.")]) -> None:
+    """Render every grasp of the library and write the page that shows them."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.gallery import make
+
+    with console.progress() as bar:
+        task = bar.add_task("grasps", total=None)
+        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
+    console.console.print(f"{count} grasps in {folder}/grasps.md")

@@ -1,0 +1,33 @@
+"""The run config: one block a part, and `kind` picks the implementation."""
+
+from allegro_twin.config.backends import (
+    VIRTUAL,
+    CanSettings,
+    FaultSettings,
+    FirmwareSettings,
+    ReplaySettings,
+    SimSettings,
+)
+from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.run import HandSettings, LimitSettings, RunConfig, load_config
+from allegro_twin.config.task import TaskSettings
+from allegro_twin.config.values import PerJoint
+
+__all__ = [
+    "VIRTUAL",
+    "CanSettings",
+    "FaultSettings",
+    "FirmwareSettings",
+    "GravitySettings",
+    "HandSettings",
+    "LimitSettings",
+    "PerJoint",
+    "PolicySettings",
+    "PositionSettings",
+    "ReplaySettings",
+    "RunConfig",
+    "SimSettings",
+    "TaskSettings",
+    "TorqueSettings",
+    "load_config",
+]

@@ -1,0 +1,47 @@
+"""The controller block: how a hand is driven."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from allegro_twin.config.values import PerJoint, Positive, Vector3
+from allegro_twin.files.schema import Settings
+
+
+class TorqueSettings(Settings):
+    """Set and keep the same torques."""
+
+    kind: Literal["torque"]
+    torque: PerJoint = 0.0
+    """N·m."""
+
+
+class GravitySettings(Settings):
+    """Carry the hand's own weight."""
+
+    kind: Literal["gravity"]
+    gravity: Vector3 | None = None
+    """m/s² in the palm frame; default: what the hand reports."""
+
+
+class PositionSettings(Settings):
+    """Perform the task under PD or PID control."""
+
+    kind: Literal["pd", "pid"]
+    gains: str = "default"
+    """Name in conf/gains/<model>.yaml."""
+    speed: Positive = 1.0
+    """To a posture: the peak, of the joint that travels furthest, rad/s."""
+    profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
+    compensate: bool = True
+    """Carry the hand's weight by feed-forward."""
+    gravity: Vector3 | None = None
+    """m/s² in the palm frame; default: what the hand reports."""
+
+
+class PolicySettings(Settings):
+    """Let a trained policy decide."""
+
+    kind: Literal["policy"]
+    file: str
+    """.onnx or .zip, by path or by its name in conf/policies."""

@@ -1,0 +1,73 @@
+"""The run config: one block a part, and `kind` picks the implementation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from allegro_twin.config.backends import CanSettings, ReplaySettings, SimSettings
+from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.task import TaskSettings
+from allegro_twin.config.unread import unread
+from allegro_twin.config.values import PerJoint, Positive
+from allegro_twin.files.assets import find
+from allegro_twin.files.schema import Settings, load, parse
+from allegro_twin.spec import Side
+
+
+class HandSettings(Settings):
+    model: str = "allegro"
+    side: Side = "right"
+    serial: str = ""
+    """File in conf/hands with what was measured on this very hand."""
+
+
+class LimitSettings(Settings):
+    """What the guard lets through; docs/safety.md."""
+
+    torque: PerJoint | None = None
+    """N·m; default: the hand's own clip, which is also the highest possible."""
+    velocity: PerJoint = 12.0
+    """rad/s."""
+    margin: Annotated[float, Field(ge=-0.6)] = 0.0
+    """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""
+
+
+class RunConfig(Settings):
+    """Everything that `allegro-twin run` needs."""
+
+    hand: HandSettings = HandSettings()
+    backend: Annotated[SimSettings | CanSettings | ReplaySettings, Field(discriminator="kind")]
+    controller: Annotated[
+        TorqueSettings | GravitySettings | PositionSettings | PolicySettings, Field(discriminator="kind")
+    ]
+    task: TaskSettings = TaskSettings()
+    limits: LimitSettings = LimitSettings()
+    period: Positive = 0.003
+    """s. The hand reports every 3 ms."""
+    seconds: Positive | None = None
+    """How long to run; default: until the scenario, the motion or the recording ends."""
+
+    @model_validator(mode="after")
+    def _everything_is_read(self) -> RunConfig:
+        line = unread(self)
+        if line is not None:
+            raise ValueError(line)
+        return self
+
+    def changed(self, **blocks: Any) -> RunConfig:
+        """This config with other blocks, or other keys in a block that is given as a mapping. Raises ConfigError."""
+        content = self.model_dump(exclude_unset=True)
+        for name, block in blocks.items():
+            merged = isinstance(block, Mapping) and isinstance(content.get(name, {}), dict) and "kind" not in block
+            content[name] = {**content.get(name, {}), **block} if merged else block
+        return parse(RunConfig, content, "config")
+
+
+def load_config(name: str | Path) -> RunConfig:
+    """A config by path, or by its name in conf/. Raises ConfigError with file, path, value and nearest key."""
+    path = find(name, "config", "conf")
+    return load(RunConfig, path)
