@@ -89,9 +89,9 @@ class Body:
 
     @staticmethod
     def from_json(content: Mapping[str, Any]) -> Body:
-        rows = {key: tuple(content[key]) for key in ("position", "quaternion", "axis", "anchor")}
+        rows: dict[str, Any] = {key: tuple(content[key]) for key in ("position", "quaternion", "axis", "anchor")}
         shapes = tuple(Shape.from_json(shape) for shape in content["shapes"])
-        one = {key: content[key] for key in ("name", "parent", "joint", "zero")}
+        one: dict[str, Any] = {key: content[key] for key in ("name", "parent", "joint", "zero")}
         return Body(shapes=shapes, **one, **rows)
 
 
