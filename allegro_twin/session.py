@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +35,10 @@ class Outputs:
     """`native` or `web`: a Rerun viewer while it runs, in real time."""
     wire_log: Path | None = None
     """Every frame of the hand's bus: .blf, .log or .asc."""
+    size: tuple[int, int] = (480, 480)
+    """Of pictures and films: width and height, pixels."""
+    camera: str = "side"
+    """From where, also to begin with in Rerun: a name or three numbers, as `look.views.view` takes them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,48 +71,21 @@ def perform(
         samples = to_the_end(run(rig.backend, rig.controller))
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
-        beside = _Beside(rig)
+        beside, viewers = _Beside(rig), list[Any]()
         samples = beside.followed(samples)
         samples = _kept(samples, rig, config, outputs, beside)
-        samples = _drawn(samples, rig, outputs, beside, stack, tell)
-        samples = _photographed(samples, rig, outputs, notes, stack)
-        last = None
+        samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
+        samples, last = _photographed(samples, rig, outputs, notes, stack), None
         for sample in samples:
             last = sample.state
             advance(last.t)
         rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         assert last is not None  # The loop yields at least the state after reset.
         report = rig.trial.report() if rig.trial is not None else None
+        _concluded(viewers, report)
         if rig.wire is not None:
             notes += rig.wire.warnings()
     return Outcome(last, report, tuple(notes), "" if rig.wire is None else rig.wire.unconfirmed)
-
-
-def write_reports(path: Path, reports: dict[str, Report]) -> None:
-    """All verdicts with their margins as one JSON file."""
-    from allegro_twin.sim.backend import ENGINE
-
-    content = {
-        "allegro_twin": __version__,
-        "engine": ENGINE,
-        "trials": {name: asdict(report) for name, report in reports.items()},
-    }
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, default=dict))
-
-
-def picture_all(folder: Path, names: Iterable[str]) -> Path | None:
-    """One picture of all trials in a folder; None where there are no pictures."""
-    strips = {name: folder / f"{name}.png" for name in names}
-    if not strips or not all(path.is_file() for path in strips.values()):
-        return None
-    from allegro_twin.sim.render import overview
-
-    try:
-        overview(strips, folder / "overview.png")
-    except ImportError:
-        return None  # Every run has said so.
-    return folder / "overview.png"
 
 
 class _Beside:
@@ -167,25 +143,37 @@ def _kept(
         meta |= rig.sim.meta()
     if rig.trial is not None:
         meta |= rig.trial.meta()
+    else:
+        meta |= _look(rig)
     if rig.wire is not None:
         meta["calibration"] = rig.wire.calibration
     return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
 
 
 def _drawn(
-    samples: Iterator[Sample], rig: Rig, outputs: Outputs, beside: _Beside, stack: ExitStack, tell: Tell
+    samples: Iterator[Sample],
+    rig: Rig,
+    outputs: Outputs,
+    beside: _Beside,
+    stack: ExitStack,
+    tell: Tell,
+    viewers: list[Any],
 ) -> Iterator[Sample]:
     if outputs.rrd is None and outputs.live is None:
         return samples
     viewer_of, shown = rerun_stage()
-    things = rig.trial.meta()["objects"] if rig.trial is not None else ()
+    from allegro_twin.look.scenery import scenery
+
+    scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:
         temporary = stack.enter_context(whole_file(outputs.rrd))
-        viewer = viewer_of(rig.spec, things)
+        viewer = viewer_of(rig.spec, scene, view=outputs.camera)
+        viewers.append(viewer)
         stack.callback(viewer.close)
         samples = shown(samples, viewer.to_file(temporary), beside)
     if outputs.live is not None:
-        viewer = viewer_of(rig.spec, things)
+        viewer = viewer_of(rig.spec, scene, live=True, view=outputs.camera)
+        viewers.append(viewer)
         stack.callback(viewer.close)
         if outputs.live == "web":
             tell(f"Open {viewer.serve()}")
@@ -193,6 +181,25 @@ def _drawn(
             viewer.spawn()
         samples = shown(paced(samples), viewer, beside)
     return samples
+
+
+def _concluded(viewers: list[Any], report: Report | None) -> None:
+    if viewers and report is not None:
+        from allegro_twin.evaluate.again import checks, in_words
+
+        for viewer in viewers:
+            viewer.conclude(checks(report), in_words(report))
+
+
+def _look(rig: Rig) -> dict[str, Any]:
+    """What a recording says of the looks of a scene; nothing where our own hand is all there is."""
+    if rig.trial is not None:
+        return rig.trial.meta()
+    if rig.sim is None or rig.spec.foreign is None:
+        return {}
+    from allegro_twin.sim.appearance import scene_look
+
+    return {"look": scene_look(rig.sim.model, rig.spec, ())}
 
 
 def _photographed(
@@ -207,21 +214,16 @@ def _photographed(
         for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
             if wanted is not None:
                 import_module(name)
-        from allegro_twin.sim.render import Camera, filmed, pictured
+        from allegro_twin.look.strips import photographed
 
-        camera = Camera(rig.sim)
+        return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
+                            outputs.camera, stack)  # fmt: skip
     except ImportError as error:
         notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
         return samples
     except ConfigError as error:
         notes.append(f"no pictures: {error}")
         return samples
-    stack.callback(camera.close)
-    if outputs.video is not None:
-        samples = filmed(samples, camera, outputs.video)
-    if outputs.image is not None:
-        samples = pictured(samples, camera, outputs.image, _moments(rig))
-    return samples
 
 
 def _moments(rig: Rig) -> list[float]:
@@ -235,7 +237,7 @@ def _moments(rig: Rig) -> list[float]:
 def rerun_stage() -> tuple[Any, Any]:
     """The viewer and its stage. Raises ConfigError where Rerun is not installed."""
     try:
-        from allegro_twin.view import Viewer, shown
+        from allegro_twin.look.viewer import Viewer, shown
     except ImportError as error:
         raise ConfigError(f"looking needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
     return Viewer, shown

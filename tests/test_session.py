@@ -20,10 +20,12 @@ from allegro_twin.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.written import write_reports
 from allegro_twin.library.named import load_posture
+from allegro_twin.look import camera
+from allegro_twin.look.strips import picture_all
 from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform, picture_all, write_reports
-from allegro_twin.sim import render
+from allegro_twin.session import Outputs, perform
 from allegro_twin.types import Sample
 
 
@@ -44,7 +46,7 @@ class Fake:
 
     made: list[Fake]
 
-    def __init__(self, *about: object) -> None:
+    def __init__(self, *about: object, **settings: object) -> None:
         self.about, self.did, self.drawn = about, list[str](), list[tuple[Sample, Any]]()
         self.made.append(self)
 
@@ -59,9 +61,12 @@ class Fake:
     def spawn(self) -> None:
         self.did.append("spawn")
 
-    def take(self) -> render.Picture:
+    def take(self) -> camera.Picture:
         self.did.append("take")
         return np.zeros((8, 8, 3), dtype=np.uint8)
+
+    def conclude(self, held: object, words: object) -> None:
+        self.did.append("conclude")
 
     def close(self) -> None:
         self.did.append("close")
@@ -77,7 +82,7 @@ class Fake:
 def fakes(monkeypatch: pytest.MonkeyPatch) -> list[Fake]:
     Fake.made = []
     monkeypatch.setattr(session, "rerun_stage", lambda: (Fake, Fake.shown))
-    monkeypatch.setattr(render, "Camera", Fake)
+    monkeypatch.setattr(camera, "Camera", Fake)
     monkeypatch.setattr(session, "paced", lambda samples: samples)
     return Fake.made
 
@@ -182,10 +187,10 @@ def test_a_recording_has_no_picture_and_says_where_to_look(tmp_path: Path) -> No
 def test_a_scene_that_cannot_be_rendered_is_a_note_and_the_run_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def no_camera(backend: object) -> None:
+    def no_camera(backend: object, **settings: object) -> None:
         raise ConfigError("cannot render: no library")
 
-    monkeypatch.setattr(render, "Camera", no_camera)
+    monkeypatch.setattr(camera, "Camera", no_camera)
     _, outcome, times = performed(Outputs(image=tmp_path / "a.png"))
     assert outcome.notes == ("no pictures: cannot render: no library",)
     assert len(times) == 101

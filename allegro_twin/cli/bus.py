@@ -114,7 +114,7 @@ def firmware(
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import CanSettings, load_config
-    from allegro_twin.session import write_reports
+    from allegro_twin.evaluate.written import write_reports
     from allegro_twin.wire.device.serve import serve
     from allegro_twin.wire.host import realtime
     from allegro_twin.wire.tools.log import LoggedBus, WireLog

@@ -18,8 +18,9 @@ from allegro_twin.files.schema import load
 from allegro_twin.files.whole import whole_file
 from allegro_twin.library.entries import GraspFile
 from allegro_twin.library.named import grasp_names, load_grasp
+from allegro_twin.look.camera import Camera, Picture
+from allegro_twin.look.views import View
 from allegro_twin.loop import run, until
-from allegro_twin.sim.render import Camera, Picture
 
 _SIZE = 300
 _POSTURE = "posture: "
@@ -67,7 +68,7 @@ def _held(scenario: str, grasp: str) -> tuple[Report, Picture]:
     rig = assemble(scenario_config(scenario, "right", grasp))
     assert rig.trial is not None
     assert rig.sim is not None
-    with closing(rig.backend), closing(Camera(rig.sim, distance=0.42, azimuth=150.0, elevation=-25.0)) as camera:
+    with closing(rig.backend), closing(Camera(rig.sim, view=View(150.0, -25.0, 0.42))) as camera:
         up = next(window.end for window in rig.trial.windows if window.check)
         picture: Picture | None = None
         for sample in rig.trial.watched(until(rig.trial.seconds, run(rig.backend, rig.controller))):
@@ -85,7 +86,7 @@ def _posed(name: str) -> Picture:
     )
     rig = assemble(config)
     assert rig.sim is not None
-    with closing(rig.backend), closing(Camera(rig.sim, distance=0.36, azimuth=215.0, elevation=-15.0)) as camera:
+    with closing(rig.backend), closing(Camera(rig.sim, view=View(215.0, -15.0, 0.36))) as camera:
         for _ in until(0.3, run(rig.backend, rig.controller)):
             pass
         return camera.take()

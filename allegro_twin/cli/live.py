@@ -152,7 +152,7 @@ def keyboard(
     with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
         if view or web:
             viewer_of, _ = rerun_stage()
-            viewer = viewer_of(hand.spec)
+            viewer = viewer_of(hand.spec, live=True)
             if web:
                 console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
             else:

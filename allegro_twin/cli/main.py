@@ -4,7 +4,6 @@ grasp failed, 130 interrupted."""
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, complete, ends, exchange, live, options, shipped, training
+from allegro_twin.cli import bus, complete, ends, exchange, live, looking, options, shipped, training
 from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.version import __version__
@@ -102,6 +101,8 @@ def run(
             callback=options.file(".blf", ".log", ".asc"),
         ),
     ] = None,
+    size: Annotated[str, typer.Option(help="Of pictures and films: WIDTHxHEIGHT in pixels.")] = "480x480",
+    camera: looking.Camera = "side",
     view: Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch live in the browser.")] = False,
     seconds: Annotated[
@@ -110,11 +111,13 @@ def run(
     partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
+    from allegro_twin.look import views
     from allegro_twin.session import Outputs
 
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one run: choose one")
-    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log)
+    outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log,
+                      views.size(size), views.checked(camera))  # fmt: skip
     from allegro_twin.cli.runs import Options, configs_of
 
     options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
@@ -171,7 +174,7 @@ def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[
 def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: Path | None) -> None:
     """The table at the end, and the files."""
     from allegro_twin.cli import console
-    from allegro_twin.session import picture_all, write_reports
+    from allegro_twin.evaluate.written import write_reports
 
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
@@ -181,6 +184,8 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
 
         console.console.print(console.summary(reports, grasps, ENGINE))
     if out is not None and reports:
+        from allegro_twin.look.strips import picture_all
+
         names = {f"{name}_{side}": report for (name, side), report in reports.items()}
         write_reports(out / "report.json", names)
         shown = picture_all(out, names)
@@ -190,36 +195,9 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
         console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
 
 
-@app.command()
-def view(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
-    web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
-    port: Annotated[int, typer.Option(help="Of the page in the browser.", callback=options.port)] = 9090,
-    partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
-) -> None:
-    """Look at a recording in Rerun."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.runs import show
-
-    with console.progress() as bar:
-        task = bar.add_task("reading", total=None)
-        viewer, url = show(recording, web=web, port=port, partial=partial, total=lambda n: bar.update(task, total=n),
-                   advance=lambda: bar.advance(task))  # fmt: skip
-    if url:
-        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
-        _wait()
-    viewer.close()
-
-
-def _wait() -> None:
-    try:
-        signal.pause()
-    except KeyboardInterrupt:
-        return
-
-
 shipped.register(app)
 live.register(app)
+looking.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)

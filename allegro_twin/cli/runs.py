@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,7 @@ def show(
     web: bool,
     port: int,
     partial: bool,
+    camera: str,
     total: Callable[[int], None],
     advance: Callable[[], None],
 ) -> tuple[Any, str]:
@@ -103,13 +105,16 @@ def show(
     recording = load(path, partial=partial)
     total(len(recording))
     viewer_of, shown = rerun_stage()
-    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
+    from allegro_twin.look.scenery import scenery
+
+    viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta), view=camera)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:
         viewer.spawn()
     backend = ReplayBackend(recording)
     for _ in shown(samples_of(backend), viewer, backend.extras):
         advance()
+    _concluded(viewer, recording)
     viewer.flush()
     return viewer, url
 
@@ -152,12 +157,25 @@ def _rrd(recording: Any, target: Path) -> None:
     from allegro_twin.replay.backend import ReplayBackend, samples_of
     from allegro_twin.session import rerun_stage
 
-    viewer_of, _ = rerun_stage()
-    from allegro_twin.view import write_rrd
+    viewer_of, shown = rerun_stage()
+    from allegro_twin.files.whole import whole_file
+    from allegro_twin.look.scenery import scenery
 
     backend = ReplayBackend(recording)
-    viewer = viewer_of(recording.spec, recording.meta.get("objects", ()))
-    write_rrd(samples_of(backend), viewer, target, backend.extras)
+    with whole_file(target) as temporary:
+        viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
+        with closing(viewer):
+            for _ in shown(samples_of(backend), viewer, backend.extras):
+                pass
+            _concluded(viewer, recording)
+
+
+def _concluded(viewer: Any, recording: Any) -> None:
+    from allegro_twin.evaluate.again import checks, in_words, report_of
+
+    report = report_of(recording.spec, recording.columns, recording.meta)
+    if report is not None:
+        viewer.conclude(checks(report), in_words(report))
 
 
 def _files(target: str) -> list[Path]:

@@ -10,14 +10,14 @@ from allegro_twin.types import Array
 _SEGMENTS = 9  # Odd, so that no vertex lies on a mid-plane and every corner gets its own part of the sphere.
 
 
-def rounded_box(half: tuple[float, ...], radius: float) -> tuple[Array, NDArray[np.int64]]:
+def rounded_box(half: tuple[float, ...], radius: float, segments: int = _SEGMENTS) -> tuple[Array, NDArray[np.int64]]:
     """Vertices (k, 3) in m and triangles (f, 3) of a box with round edges, outward normals.
 
     A cube's grid is blown up to the unit sphere; the sphere's eight octants, scaled by `radius`, move into the corners.
     """
-    angles = np.tan(np.linspace(-np.pi / 4, np.pi / 4, _SEGMENTS + 1))
+    angles = np.tan(np.linspace(-np.pi / 4, np.pi / 4, segments + 1))
     a, b = np.meshgrid(angles, angles, indexing="ij")
-    corner = np.arange((_SEGMENTS + 1) ** 2, dtype=np.int64).reshape(_SEGMENTS + 1, _SEGMENTS + 1)
+    corner = np.arange((segments + 1) ** 2, dtype=np.int64).reshape(segments + 1, segments + 1)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
     vertices: list[Array] = []
     triangles: list[NDArray[np.int64]] = []

@@ -15,6 +15,7 @@ from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import wrist
+from allegro_twin.sim.appearance import scene_look
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.probe import Probe
@@ -137,6 +138,14 @@ class Trial:
             "grasp": self.grasp.name,
             "objects": things,
             "phases": [[w.name, w.begin, w.end] for w in self.windows],
+            "judged": {
+                "windows": [[w.name, w.begin, w.end, w.check] for w in self.windows],
+                "reference": self.protocol.reference,
+                "drift": self.protocol.success.drift,
+                "rotation": self.protocol.success.rotation,
+                "lift": self._lift,
+            },
+            "look": scene_look(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
         }
 
 

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
-from allegro_twin.gym.pictures import Pictures
 from allegro_twin.gym.settings import read_settings
 from allegro_twin.gym.spaces import action_space, observation_space
+from allegro_twin.look.batch import Pictures, has_screen
 from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.sim.look import has_screen
 
 _ONE = np.zeros(1, np.int64)
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
-from allegro_twin.gym.pictures import Pictures
 from allegro_twin.gym.settings import read_settings
 from allegro_twin.gym.spaces import action_space, observation_space
+from allegro_twin.look.batch import Pictures
 from allegro_twin.policy.interface import Floats, Observation
 
 Rows = NDArray[np.int64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.sim import paint
 from allegro_twin.sim.decompose import pieces_of
 from allegro_twin.sim.meshes import Mesh, load_hull, load_mesh
 from allegro_twin.types import Array, Vector
@@ -110,12 +110,13 @@ def add(spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float,
         return
     body = spec.worldbody.add_body(name=thing.name, pos=placement.position, quat=placement.quaternion)
     body.add_freejoint(name=thing.name)
-    look = {"friction": friction, "condim": 6, "mass": thing.mass, "rgba": _color(thing.name), "name": thing.name}
+    look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | paint.on(spec, thing.name)
     match thing.shape, thing.size:
         case "sphere", (d,):
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[d / 2, 0, 0], **look)
         case "cylinder", (d, h):
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[d / 2, h / 2, 0], **look)
+            paint.handle(body, thing.name, d / 2)
         case "ellipsoid", _:
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=thing.half_extents(), **look)
         case "box", _:
@@ -158,10 +159,3 @@ def _attach(spec: mujoco.MjSpec, placement: Placement) -> None:
 
 def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-
-
-def _color(name: str) -> list[float]:
-    """A calm colour that stays with the name."""
-    hue = (sum(ord(c) * (i + 7) for i, c in enumerate(name)) * 0.6180339887) % 1.0
-    r, g, b = (0.55 + 0.35 * math.cos(2 * math.pi * (hue + shift)) for shift in (0.0, 1 / 3, 2 / 3))
-    return [r, g, b, 1.0]

@@ -10,6 +10,8 @@ from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
+_AXES = np.arange(3)  # Of an elliptic contact's force: along the normal, along two tangents.
+
 
 class Probe:
     """Looks into the scene of a backend at one object, after each period."""
@@ -22,30 +24,47 @@ class Probe:
         self._part = parts_of(model, backend.spec)
         # An object, and what stands on the table, may be made of bodies that are welded together.
         self._weld = model.body_weldid
+        self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
 
     def __call__(self) -> dict[str, Array]:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
         on the object by each finger and the palm, (fingers + 1,), N. `on_table`: 1 where it touches the table or its
-        stand, (1,)."""
+        stand, (1,). `contact_point` and `contact_vector`, (3 parts,): where each part presses on the object, m, world,
+        and the whole force with friction by which it does, N, world; the point is NaN where nothing touches."""
         data = self._data
-        force, on_table = self._contacts()
+        force, on_table, point, vector = self._contacts()
         return {
             "palm": np.concatenate([data.xpos[self._palm], data.xquat[self._palm]]),
             "object": np.concatenate([data.xpos[self._thing], data.xquat[self._thing]]),
             "contact_force": force,
             "on_table": on_table,
+            "contact_point": point,
+            "contact_vector": vector,
         }
 
-    def _contacts(self) -> tuple[Array, Array]:
+    def _contacts(self) -> tuple[Array, Array, Array, Array]:
         contact, forces = self._data.contact, self._data.efc_force
         bodies, address = self._model.geom_bodyid[contact.geom], contact.efc_address
         welds = self._weld[bodies]
-        mine = (welds == self._thing).any(axis=1) & (address >= 0)
-        normal, bodies, welds = forces[address[mine]], bodies[mine], welds[mine]
-        other = np.where(welds[:, 0] == self._thing, bodies[:, 1], bodies[:, 0])
+        mine = ((welds == self._thing).any(axis=1) & (address >= 0)).nonzero()[0]
+        address, bodies, welds = address[mine], bodies[mine], welds[mine]
+        first = welds[:, 0] == self._thing
+        other = np.where(first, bodies[:, 1], bodies[:, 0])
         part = self._part[other]
-        by_part = np.bincount(part[part >= 0], weights=normal[part >= 0], minlength=len(self.parts)).astype(np.float64)
-        return by_part, np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
+        on_table = np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
+        if not len(mine):
+            return np.zeros(self._n), on_table, np.full(3 * self._n, np.nan), np.zeros(3 * self._n)
+        # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
+        local = forces[address[:, None] + _AXES]
+        rows = np.empty((len(mine), 7))
+        rows[:, 0] = local[:, 0]
+        rows[:, 1:4] = local[:, :1] * contact.pos[mine]
+        rows[:, 4:] = (local[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
+        rows[first, 4:] *= -1.0
+        total = (part == self._parts_column) @ rows
+        by_part = total[:, 0]
+        point = np.where(by_part[:, None] > 0, total[:, 1:4] / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
+        return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1)
 
 
 def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:

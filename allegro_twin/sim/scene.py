@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim import objects, presenter, wrist
@@ -79,7 +80,7 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
     palm.pos, palm.quat = stage.position, stage.quaternion
     if stage.wrist:
         wrist.add(scene, palm, ("wrist_z",) if stage.slide else wrist.JOINTS)
-    _surroundings(scene, stage)
+    _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
         objects.add(scene, placement, (stage.friction, TORSIONAL, ROLLING))
     if stage.presented:
@@ -104,7 +105,8 @@ def _options(scene: mujoco.MjSpec, stage: Stage) -> None:
     scene.compiler.degree = False
 
 
-def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
+def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
+    """The light falls on a left hand's mirror image as on a right hand: `side` is 1 or -1."""
     world = scene.worldbody
     scene.visual.headlight.ambient = [0.35, 0.35, 0.35]
     scene.visual.headlight.diffuse = [0.35, 0.35, 0.35]
@@ -117,8 +119,8 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
     sky.rgb1, sky.rgb2 = [0.93, 0.95, 0.97], [0.72, 0.77, 0.83]
     world.add_light(
         name="key",
-        pos=[0.4, -0.6, 1.4],
-        dir=[-0.3, 0.4, -1.0],
+        pos=[0.4, -0.6 * side, 1.4],
+        dir=[-0.3, 0.4 * side, -1.0],
         diffuse=[0.55] * 3,
         type=mujoco.mjtLightType.mjLIGHT_SPOT,
     )
@@ -126,10 +128,10 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage) -> None:
         x, y, length, width, height = stage.stand
         world.add_geom(
             name="stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[length / 2, width / 2, height / 2],
-            pos=[x, y, height / 2], friction=[stage.friction, TORSIONAL, ROLLING], rgba=[0.62, 0.56, 0.50, 1.0],
+            pos=[x, y, height / 2], friction=[stage.friction, TORSIONAL, ROLLING], rgba=[*STAND, 1.0],
         )  # fmt: skip
     if stage.table:
         world.add_geom(
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
-            friction=[stage.friction, TORSIONAL, ROLLING], rgba=[0.78, 0.70, 0.60, 1.0],
+            friction=[stage.friction, TORSIONAL, ROLLING], rgba=[*TABLE, 1.0],
         )  # fmt: skip

@@ -14,9 +14,10 @@ from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.env import HandEnv
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.gym.tasks import make_task
+from allegro_twin.look.camera import Picture
+from allegro_twin.look.films import film
 from allegro_twin.policy.controller import Policy, Still
 from allegro_twin.policy.loading import load_policy
-from allegro_twin.sim.render import Picture, film
 from allegro_twin.train.evaluation import Evaluation, evaluate, fitting, keywords
 from allegro_twin.train.settings import Recipe
 

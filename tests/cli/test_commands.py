@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from allegro_twin import session
-from allegro_twin.cli import catalogue, main
+from allegro_twin.cli import catalogue, looking, main
 from allegro_twin.cli.runs import Options, configs_of, convert, show
 from allegro_twin.config import ReplaySettings
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
@@ -183,7 +183,7 @@ class Viewer:
 def watched(monkeypatch: pytest.MonkeyPatch) -> list[Viewer]:
     made: list[Viewer] = []
 
-    def make(spec: HandSpec, things: Any) -> Viewer:
+    def make(spec: HandSpec, things: Any, **how: object) -> Viewer:
         made.append(Viewer(spec, things))
         return made[-1]
 
@@ -201,7 +201,7 @@ def test_a_recording_is_shown_whole_in_the_window_or_on_a_page_that_stays(
 ) -> None:
     made = watched(monkeypatch)
     waited: list[int] = []
-    monkeypatch.setattr(main, "_wait", lambda: waited.append(len(made[-1].did)))
+    monkeypatch.setattr(looking, "_wait", lambda: waited.append(len(made[-1].did)))
     assert command("view", recording_path) == (0, "", "")
     code, shown, _ = command("view", recording_path, "--web", "--port", "9123")
     assert (code, shown) == (0, "Open http://localhost:1 (Ctrl-C ends it)\n")
@@ -216,7 +216,22 @@ def test_a_recording_is_shown_whole_in_the_window_or_on_a_page_that_stays(
 def test_the_outcome_of_showing_counts_its_rows(recording_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     watched(monkeypatch)
     totals, steps = list[int](), list[None]()
-    show(recording_path, web=False, port=0, partial=False, total=totals.append, advance=lambda: steps.append(None))
+    show(
+        recording_path,
+        web=False,
+        port=0,
+        partial=False,
+        camera="side",
+        total=totals.append,
+        advance=lambda: steps.append(None),
+    )
     assert (totals, len(steps)) == ([251], 251)
     with pytest.raises(ConfigError, match="no export format"):
         convert(recording_path, Path("x.txt"), partial=False)
+
+
+@pytest.mark.parametrize(("option", "text"), [("--size", "huge"), ("--camera", "behind")], ids=["a size", "a camera"])
+def test_nonsense_about_pictures_is_one_line_and_nothing_is_run(option: str, text: str, command: Run) -> None:
+    code, out, errors = command("run", "lemon", option, text)
+    assert (code, out, errors.count("\n")) == (2, "", 1)
+    assert f"{option} {text}: " in errors

@@ -11,14 +11,14 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.env import HandEnv
-from allegro_twin.sim.look import has_screen
+from allegro_twin.look.batch import has_screen
 
 CODE = """
 import gymnasium, numpy as np, allegro_twin.gym
 env = gymnasium.make("AllegroTwin/Reach-v0", render_mode="human")
 env.reset(seed=0)
 env.step(np.zeros(16, np.float32))
-window = env.unwrapped._pictures._look._window
+window = env.unwrapped._pictures._window
 assert window.is_running()
 assert env.render() is None
 env.close()

@@ -13,7 +13,9 @@ from PIL import Image
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.render import Camera, Picture, filmed, overview, pictured
+from allegro_twin.look.camera import Camera, Picture
+from allegro_twin.look.films import filmed
+from allegro_twin.look.strips import overview, pictured
 from allegro_twin.types import Sample
 from tests.conftest import MakeSim
 from tests.test_loop import samples_for

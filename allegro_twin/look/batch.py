@@ -1,4 +1,4 @@
-"""Pictures of one simulation out of many, for those who look at environments."""
+"""Pictures of simulations in a batch: colours, depths, or a window; made when the first is asked for."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import os
 import sys
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.look.camera import Camera
 from allegro_twin.sim.batch import Snapshot, Worlds
-from allegro_twin.sim.render import Camera, Picture
 
 
 def has_screen() -> bool:
@@ -19,25 +18,34 @@ def has_screen() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-class Look:
-    """Cameras and windows on a batch, made when they are first used. Raises ConfigError where nothing can render."""
+class Pictures:
+    """Takes pictures of one batch. Raises ConfigError where nothing can be rendered."""
 
-    def __init__(self, worlds: Worlds, width: int, height: int) -> None:
-        self._worlds, self._size = worlds, (width, height)
+    def __init__(self, worlds: Worlds, width: int, height: int, *, mode: str) -> None:
+        self._worlds, self._size, self._mode = worlds, (width, height), mode
         self._camera: Camera | None = None
         self._window: Any = None
         self._seen: Snapshot | None = None
 
-    def colours(self, row: int) -> Picture:
-        """Rows, columns, RGB."""
-        return self._aimed(row).take()
+    def take(self, row: int) -> NDArray[Any] | None:
+        """Rows, columns, and RGB bytes, or depths in m as float32; nothing where a window shows it."""
+        match self._mode:
+            case "depth_array":
+                return self._aimed(row).take_depth()
+            case "human":
+                self._show(row)
+                return None
+            case _:
+                return self._aimed(row).take()
 
-    def depth(self, row: int) -> NDArray[np.float32]:
-        """Rows, columns, m."""
-        return self._aimed(row).take_depth()
+    def close(self) -> None:
+        if self._camera is not None:
+            self._camera.close()
+        if self._window is not None:
+            self._window.close()
+        self._camera = self._window = None
 
-    def show(self, row: int) -> None:
-        """Show it in a window. Raises ConfigError without a screen."""
+    def _show(self, row: int) -> None:
         if self._window is None:
             if not has_screen():
                 raise ConfigError("render_mode 'human' needs a screen; without one use 'rgb_array'")
@@ -48,13 +56,6 @@ class Look:
         with self._window.lock():
             self._worlds.snapshot(row, self._seen)
         self._window.sync()
-
-    def close(self) -> None:
-        if self._camera is not None:
-            self._camera.close()
-        if self._window is not None:
-            self._window.close()
-        self._camera = self._window = None
 
     def _aimed(self, row: int) -> Camera:
         self._seen = self._worlds.snapshot(row, self._seen)

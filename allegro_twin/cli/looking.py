@@ -1,0 +1,51 @@
+"""The command that shows a recording."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allegro_twin.cli import options
+
+Camera = Annotated[
+    str, typer.Option(help="From where: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command()(view)
+
+
+def view(
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
+    web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
+    port: Annotated[int, typer.Option(help="Of the page in the browser.", callback=options.port)] = 9090,
+    camera: Camera = "side",
+    partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
+) -> None:
+    """Look at a recording in Rerun."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.runs import show
+    from allegro_twin.look import views
+
+    with console.progress() as bar:
+        task = bar.add_task("reading", total=None)
+        viewer, url = show(
+            recording, web=web, port=port, partial=partial, camera=views.checked(camera),
+            total=lambda n: bar.update(task, total=n), advance=lambda: bar.advance(task),
+        )  # fmt: skip
+    if url:
+        console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
+        _wait()
+    viewer.close()
+
+
+def _wait() -> None:
+    try:
+        signal.pause()
+    except KeyboardInterrupt:
+        return

@@ -1,0 +1,120 @@
+"""The colours of everything: objects by name, fingers and joints by number. One place, whoever draws."""
+
+from __future__ import annotations
+
+import colorsys
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.types import Array
+
+Color = tuple[float, float, float]
+"""Red, green, blue, 0 to 1."""
+TABLE: Color = (0.78, 0.70, 0.60)
+STAND: Color = (0.62, 0.56, 0.50)
+LIMIT: Color = (0.55, 0.55, 0.55)
+# Okabe and Ito, "Color Universal Design" (2008): told apart by the colour-blind too.
+_SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c8c00")
+_FACES = ("#c41e3a", "#ff5800", "#009e60", "#0051ba", "#ffd500", "#ffffff")  # +x, -x, +y, -y, +z, -z.
+_PATTERNS = ("plain", "band", "lines", "halves", "faces")
+
+
+@dataclass(frozen=True, slots=True)
+class Handle:
+    """A loop on an object's side that is seen and never touched."""
+
+    height: float
+    """Of the loop, m."""
+    reach: float
+    """How far it stands out, m."""
+    thick: float
+    """m."""
+    at: float
+    """About the object's z, from its x, rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What an object looks like."""
+
+    color: Color
+    second: Color
+    pattern: str = "plain"
+    handle: Handle | None = None
+
+    def paint(self, place: Array) -> Array:
+        """Colours (k, 3) at places on the surface, (k, 3), in units of the object's half-extents."""
+        x, y, z = np.moveaxis(place / np.maximum(np.abs(place).max(axis=1, keepdims=True), 1e-9), 1, 0)
+        largest = np.abs(place).argmax(axis=1)
+        match self.pattern:
+            case "band":
+                second = (np.abs(place[:, 2]) < 0.45) & (largest != 2)
+            case "lines":
+                unit = place / np.maximum(np.linalg.norm(place, axis=1, keepdims=True), 1e-9)
+                second = np.abs(unit).min(axis=1) < 0.07
+            case "halves":
+                second = x + y + 0.5 * z > 0.3
+            case "faces":
+                return self._stickers(np.stack([x, y, z], axis=1), largest)
+            case _:
+                second = np.zeros(len(place), dtype=bool)
+        return np.where(second[:, None], np.array(self.second), np.array(self.color))
+
+    def _stickers(self, cube: Array, largest: Array) -> Array:
+        """Three by three on each face, with the second colour between them."""
+        rows = np.arange(len(cube))
+        face = 2 * largest + (cube[rows, largest.astype(int)] < 0)
+        cells = np.abs((cube * 1.5 + 1.5) % 1.0 - 0.5)
+        cells[rows, largest.astype(int)] = 0.0
+        colors = np.array([rgb(text) for text in _FACES])[face.astype(int)]
+        return np.where((cells.max(axis=1) > 0.4)[:, None], np.array(self.second), colors)
+
+
+def rgb(text: str) -> Color:
+    """Of `#rrggbb`. Raises ConfigError."""
+    try:
+        red, green, blue = bytes.fromhex(text.removeprefix("#"))
+    except ValueError:
+        raise ConfigError(f"{text!r} is no colour like #2a5fa8") from None
+    return (red / 255, green / 255, blue / 255)
+
+
+@cache
+def of_object(name: str) -> Look:
+    """What an object looks like: as conf/appearance says, or in a calm colour that stays with its name."""
+    row = _table().get(name)
+    if row is None:
+        hue = (sum(ord(c) * (i + 7) for i, c in enumerate(name)) * 0.6180339887) % 1.0
+        return Look(colorsys.hsv_to_rgb(hue, 0.6, 0.85), colorsys.hsv_to_rgb(hue, 0.6, 0.6))
+    if row["pattern"] not in _PATTERNS:
+        raise ConfigError(f"conf/appearance/objects.yaml: {name}: pattern {row['pattern']} is none of {_PATTERNS}")
+    handle = None
+    if "handle" in row:
+        height, reach, thick = (row["handle"][key] / 1000.0 for key in ("height", "reach", "thick"))
+        handle = Handle(height, reach, thick, math.radians(row["handle"]["at"]))
+    return Look(rgb(row["color"]), rgb(row["second"]), row["pattern"], handle)
+
+
+def of_series(number: int) -> Color:
+    """Of a joint by its place in its finger, of a finger by its place in the hand: any number of them."""
+    if number < len(_SERIES):
+        return rgb(_SERIES[number])
+    return colorsys.hsv_to_rgb((number * 0.6180339887) % 1.0, 0.75, 0.7)
+
+
+def lighter(color: Color) -> Color:
+    """Half way to white: the target of what has the colour."""
+    red, green, blue = ((1.0 + part) / 2 for part in color)
+    return (red, green, blue)
+
+
+@cache
+def _table() -> dict[str, dict[str, Any]]:
+    table: dict[str, dict[str, Any]] = read_yaml(data_root() / "conf" / "appearance" / "objects.yaml")
+    return table

@@ -1,0 +1,88 @@
+"""A camera in a simulated scene, with or without a screen."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.look.views import DEFAULT, Aim, View, seen
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+Picture = NDArray[np.uint8]
+"""Rows, columns, RGB."""
+_HINT = "headless rendering needs EGL: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL"
+
+
+class Scene(Protocol):
+    """What can be looked at: a backend, or one simulation of a batch."""
+
+    @property
+    def spec(self) -> HandSpec: ...
+    @property
+    def model(self) -> mujoco.MjModel: ...
+    @property
+    def data(self) -> mujoco.MjData: ...
+
+
+class Camera:
+    """Takes pictures of a scene, looking at the middle of the grasp and following the palm.
+
+    `view` is a View or the name of one (`look.views`). Raises ConfigError where nothing can be rendered.
+    """
+
+    def __init__(self, scene: Scene, *, width: int = 480, height: int = 480, view: str | View = DEFAULT) -> None:
+        self._scene, self._eye = scene, mujoco.MjvCamera()
+        self._palm = scene.model.body("palm_link").id
+        self._aim, place = _looking(scene, view)
+        direction = place.direction(scene.spec.side)
+        self._eye.distance, self._eye.elevation = place.distance, place.elevation
+        self._eye.azimuth = float(np.degrees(np.arctan2(direction[1], direction[0])))
+        screen = scene.model.vis.global_
+        screen.offwidth, screen.offheight = max(screen.offwidth, width), max(screen.offheight, height)
+        try:
+            self._renderer: Any = mujoco.Renderer(scene.model, height, width)
+        except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
+            raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
+
+    def take(self) -> Picture:
+        """The scene as it is now."""
+        data = self._scene.data
+        self._eye.lookat = data.xpos[self._palm] + data.xmat[self._palm].reshape(3, 3) @ self._aim.middle
+        self._renderer.update_scene(data, self._eye)
+        picture: Picture = self._renderer.render()
+        return picture
+
+    def take_depth(self) -> NDArray[np.float32]:
+        """How far everything is, rows and columns, m."""
+        self._renderer.enable_depth_rendering()
+        try:
+            depth: NDArray[np.float32] = np.array(self.take())
+        finally:
+            self._renderer.disable_depth_rendering()
+        return depth
+
+    def close(self) -> None:
+        self._renderer.close()
+
+
+def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
+    """What to look at and from where, by the scene as it is built: the same whatever has happened in it."""
+    spec, model, data = scene.spec, scene.model, mujoco.MjData(scene.model)
+    palm = model.body("palm_link").id
+    last = [model.joint(spec.joints[finger.joints[-1]]).bodyid[0] for finger in spec.fingers]
+    addresses = [int(model.joint(joint).qposadr[0]) for joint in spec.joints]
+
+    def distal(posture: Array) -> Array:
+        data.qpos[addresses] = posture
+        mujoco.mj_kinematics(model, data)
+        places: Array = (data.xpos[last] - data.xpos[palm]) @ data.xmat[palm].reshape(3, 3)
+        return places
+
+    straight = distal(np.clip(np.zeros(spec.n_joints), spec.lower, spec.upper))
+    bent = distal((spec.lower + spec.upper) / 2)
+    return seen(name, spec.side, straight, bent, data.xmat[palm].reshape(3, 3))

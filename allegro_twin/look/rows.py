@@ -1,0 +1,129 @@
+"""What moves, sent to Rerun in columns: a row a message would take a browser a minute to swallow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.look.scenery import Scenery
+from allegro_twin.look.skeleton import Skeleton
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Sample, TorqueCommand, Vector
+
+_ARROW = 0.012  # m for each newton of contact force.
+_STATE = ("position", "velocity", "torque", "command")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One moment."""
+
+    t: float
+    joints: Mapping[str, Vector]
+    """By quantity, (n,)."""
+    look: Mapping[str, Array]
+
+    @staticmethod
+    def of(sample: Sample, look: Mapping[str, Array]) -> Row:
+        """Raises ConfigError for a pose that is not one."""
+        state, command = sample
+        goal = command.torque if isinstance(command, TorqueCommand) else command.position
+        for name in ("palm", "object"):
+            if name in look and look[name].shape != (7,):
+                raise ConfigError(f"a pose has a place and a quaternion of four numbers, not {look[name].shape}")
+        joints = {"position": state.position, "velocity": state.velocity, "torque": state.torque, "command": goal}
+        if "target" in look:
+            joints["target"] = look["target"]
+        return Row(state.t, joints, look)
+
+
+class Rows:
+    """Collects moments and sends them together."""
+
+    def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
+        self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies)
+        self._object = next(iter(scene.objects), None)
+        self._rows: list[Row] = []
+
+    @property
+    def begin(self) -> float:
+        """Of what waits to be sent, s."""
+        return self._rows[0].t
+
+    def add(self, row: Row) -> None:
+        self._rows.append(row)
+
+    def send(self) -> None:
+        """Send what has been collected."""
+        if not self._rows:
+            return
+        rows, self._rows = self._rows, []
+        for name in (*_STATE, "target"):
+            having = [row for row in rows if name in row.joints]
+            self._series(name, having, np.array([row.joints[name] for row in having]))
+        self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
+        aimed = [row for row in rows if "target" in row.joints]
+        if aimed:
+            self._hand("world/palm/target", aimed, np.array([row.joints["target"] for row in aimed]))
+        self._limits(rows)
+        self._beside(rows)
+
+    def _series(self, name: str, rows: list[Row], values: Array) -> None:
+        for finger in self._spec.fingers if rows else ():
+            column = values[:, list(finger.joints)]
+            data = rr.Scalars.columns(scalars=column.reshape(-1)).partition([column.shape[1]] * len(rows))
+            self._stream.send_columns(f"joints/{name}/{finger.name}", indexes=_times(rows), columns=data)
+
+    def _hand(self, root: str, rows: list[Row], position: Array) -> None:
+        for body, (place, rotation) in zip(self._skeleton.bodies, self._skeleton.places(position), strict=True):
+            if body.parent >= 0:
+                self._placed(f"{root}/{body.name}", rows, place, rotation)
+
+    def _placed(self, path: str, rows: list[Row], place: Array, rotation: Array) -> None:
+        moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
+        self._stream.send_columns(path, indexes=_times(rows), columns=moved)
+
+    def _limits(self, rows: list[Row]) -> None:
+        """Lines need two points: the first and the last moment."""
+        ends = [rows[0], rows[-1]] if len(rows) > 1 else rows
+        for finger in self._spec.fingers:
+            values = np.unique(self._spec.actuation.torque_limit[list(finger.joints)])
+            lines = np.tile(np.concatenate([values, -values]), len(ends))
+            data = rr.Scalars.columns(scalars=lines).partition([2 * len(values)] * len(ends))
+            self._stream.send_columns(f"joints/torque_limit/{finger.name}", indexes=_times(ends), columns=data)
+
+    def _beside(self, rows: list[Row]) -> None:
+        for name, path in (("palm", "world/palm"), ("object", f"world/objects/{self._object}")):
+            having = [row for row in rows if name in row.look]
+            if having and (name == "palm" or self._object is not None):
+                poses = np.array([row.look[name] for row in having])
+                turns = poses[:, [4, 5, 6, 3]]
+                moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=turns)
+                self._stream.send_columns(path, indexes=_times(having), columns=moved)
+        having = [row for row in rows if "contact_force" in row.look]
+        if having:
+            force = np.array([row.look["contact_force"] for row in having])
+            data = rr.Scalars.columns(scalars=force.reshape(-1)).partition([force.shape[1]] * len(having))
+            self._stream.send_columns("contact/force", indexes=_times(having), columns=data)
+        having = [row for row in rows if "contact_vector" in row.look]
+        if having:
+            self._arrows(having)
+
+    def _arrows(self, rows: list[Row]) -> None:
+        """From where each part of the hand presses on the object, the way it pushes."""
+        points = np.array([row.look["contact_point"] for row in rows]).reshape(len(rows), -1, 3)
+        vectors = _ARROW * np.array([row.look["contact_vector"] for row in rows]).reshape(points.shape)
+        # An arrow is drawn towards its contact, so that the object does not hide it.
+        origins = np.nan_to_num(points) - np.nan_to_num(vectors)
+        drawn = rr.Arrows3D.columns(
+            vectors=np.nan_to_num(vectors).reshape(-1, 3), origins=origins.reshape(-1, 3)
+        ).partition([points.shape[1]] * len(rows))
+        self._stream.send_columns("world/contact", indexes=_times(rows), columns=drawn)
+
+
+def _times(rows: list[Row]) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("time", duration=[row.t for row in rows])]

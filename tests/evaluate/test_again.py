@@ -1,0 +1,49 @@
+"""The verdict can be had again from a recording, and is the one that was given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble, scenario_config
+from allegro_twin.evaluate.again import checks, in_words, report_of
+from allegro_twin.replay.recording import load
+from allegro_twin.session import Outputs, perform
+
+
+@pytest.fixture(scope="module")
+def trial(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, Path]:
+    path = tmp_path_factory.mktemp("again") / "lemon.arrow"
+    config = scenario_config("lemon", "right")
+    return perform(assemble(config), config, Outputs(record=path)).report, path
+
+
+def test_a_recorded_trial_has_the_same_verdict_again(trial: tuple[object, Path]) -> None:
+    report, path = trial
+    recording = load(path)
+    again = report_of(recording.spec, recording.columns, recording.meta)
+    assert again == report
+    assert again is not None
+    assert checks(again) == {"hold": True, "turn": True, "shake": True}
+    assert in_words(again).startswith("**held**\n")
+
+
+def test_a_trial_that_was_cut_short_or_none_at_all_has_no_verdict(trial: tuple[object, Path]) -> None:
+    recording = load(trial[1])
+    short = {name: column[:-1] for name, column in recording.columns.items()}
+    assert report_of(recording.spec, short, recording.meta) is None
+    assert report_of(recording.spec, recording.columns, {}) is None
+
+
+def test_the_contact_vectors_of_a_held_object_carry_its_weight(trial: tuple[object, Path]) -> None:
+    recording = load(trial[1])
+    begin, end = next((b, e) for name, b, e in recording.meta["phases"] if name == "hold")
+    rows = (recording.columns["t"] > (begin + end) / 2) & (recording.columns["t"] < end)
+    total = recording.columns["contact_vector"][rows].reshape(rows.sum(), -1, 3).sum(axis=1).mean(axis=0)
+    np.testing.assert_allclose(total, [0.0, 0.0, 0.029 * 9.81], atol=0.02)
+    points = recording.columns["contact_point"][rows].reshape(rows.sum(), -1, 3)
+    away = np.linalg.norm(points - recording.columns["object"][rows][:, None, :3], axis=2)
+    assert np.nanmax(away) < 0.036  # Half the lemon's length, and a little.
+    assert (np.isnan(away) == (recording.columns["contact_force"][rows] == 0)).all()
