@@ -11,6 +11,7 @@ import rerun as rr
 from allegro_twin.errors import ConfigError
 from allegro_twin.look.scenery import Scenery
 from allegro_twin.look.skeleton import Skeleton
+from allegro_twin.look.still import draw_ghost
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 
@@ -47,6 +48,8 @@ class Rows:
     def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
         self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies)
         self._object = next(iter(scene.objects), None)
+        self._scene = scene
+        self._wanted: Vector | None = None
         self._rows: list[Row] = []
 
     @property
@@ -66,9 +69,7 @@ class Rows:
             having = [row for row in rows if name in row.joints]
             self._series(name, having, np.array([row.joints[name] for row in having]))
         self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
-        aimed = [row for row in rows if "target" in row.joints]
-        if aimed:
-            self._hand("world/palm/target", aimed, np.array([row.joints["target"] for row in aimed]))
+        self._ghost([row for row in rows if "target" in row.joints])
         self._limits(rows)
         self._beside(rows)
 
@@ -82,6 +83,20 @@ class Rows:
         for body, (place, rotation) in zip(self._skeleton.bodies, self._skeleton.places(position), strict=True):
             if body.parent >= 0:
                 self._placed(f"{root}/{body.name}", rows, place, rotation)
+
+    def _ghost(self, rows: list[Row]) -> None:
+        """The hand that is wanted; it is sent again only when something else is, for what was sent stays."""
+        if not rows:
+            return
+        wanted = np.array([row.joints["target"] for row in rows])
+        if self._wanted is None:
+            draw_ghost(self._stream, self._scene)
+        before = np.concatenate([wanted[:1] if self._wanted is None else self._wanted[None], wanted[:-1]])
+        new = (wanted != before).any(axis=1)
+        new[0] |= self._wanted is None
+        self._wanted = wanted[-1]
+        if new.any():
+            self._hand("world/palm/target", [rows[k] for k in np.flatnonzero(new)], wanted[new])
 
     def _placed(self, path: str, rows: list[Row], place: Array, rotation: Array) -> None:
         moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.

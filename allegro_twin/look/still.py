@@ -24,8 +24,6 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     for body in scene.bodies:
         path = f"world/palm/{body.name}" if body.parent >= 0 else "world/palm"
         _shapes(stream, f"{path}/look", body.shapes)
-        if body.parent >= 0:
-            _shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
     for name, shapes in scene.objects.items():
         _shapes(stream, f"world/objects/{name}/look", shapes)
     _shapes(stream, "world/fixed", scene.fixed)
@@ -38,6 +36,13 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     if scene.phases:
         begins = [begin for _, begin, _ in scene.phases]
         _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])
+
+
+def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:
+    """The links of the hand that is only wanted."""
+    for body in scene.bodies:
+        if body.parent >= 0:
+            _shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
 
 
 def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.look.camera import Camera, Picture
-from allegro_twin.look.films import filmed
+from allegro_twin.look.films import film, filmed
 from allegro_twin.look.strips import overview, pictured
 from allegro_twin.types import Sample
 from tests.conftest import MakeSim
@@ -120,3 +120,20 @@ def test_the_left_hand_is_seen_from_the_mirrored_place_with_the_grasp_in_the_mid
     assert mirrored < 0.35 * as_it_is
     hand = np.abs(views["right"] - np.median(views["right"], axis=(0, 1))).sum(axis=2) > 60
     assert hand[60:100, 60:100].any()
+
+
+def test_a_film_may_have_any_size_though_its_codec_wants_even_ones(tmp_path: Path) -> None:
+    film((np.full((31, 41, 3), 200, dtype=np.uint8) for _ in range(3)), tmp_path / "odd.mp4", 30)
+    with av.open(str(tmp_path / "odd.mp4")) as container:
+        assert {(frame.width, frame.height) for frame in container.decode(video=0)} == {(42, 32)}
+
+
+def test_an_overview_of_wide_pictures_shows_their_middle(tmp_path: Path) -> None:
+    wide = np.zeros((SIZE, 2 * SIZE, 3), dtype=np.uint8)
+    wide[:, SIZE // 2 : -SIZE // 2] = 200
+    scene = fade(0.3)
+    scene.take = lambda: wide  # type: ignore[method-assign]  # A wider camera.
+    consume(pictured(scene.samples(), cast(Camera, scene), tmp_path / "a.png", [0.1, 0.2]))
+    overview({"wide": tmp_path / "a.png"}, tmp_path / "all.png")
+    sheet = np.asarray(Image.open(tmp_path / "all.png"))
+    assert (sheet[60:, 2:238] == 200).all()
