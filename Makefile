@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: demo demo-all test test-socketcan test-all bench models install clean
+.PHONY: demo demo-all test test-socketcan test-socketcan-timing test-all bench models install clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -23,8 +23,12 @@ test: $(READY)
 test-socketcan: $(READY)
 	$(BIN)/python -m tests.socketcan.guest
 
+test-socketcan-timing: $(READY)
+	$(BIN)/python -m tests.socketcan.emulated
+
 test-all: test
 	$(BIN)/pytest -n $(JOBS) -m long
+	$(BIN)/python -m tests.socketcan.emulated --color=no
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
