@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.socketcan.first import ROOT, status_of
+from tests.socketcan.first import ROOT, path, status_of
 
 _NEEDED = {
     "virtio_pci": "", "9pnet_virtio": "", "9p": "", "can-raw": "", "kvaser_pci": "", "vcan": "echo=1", "vxcan": "",
@@ -32,8 +32,6 @@ $busybox mkdir -p /host
 $busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,cache=loose,msize=262144 host /host
 exec $busybox chroot /host /bin/sh {script}
 """
-
-
 _LONGEST = 3600.0
 """s after which it hangs; a test takes minutes."""
 
@@ -49,8 +47,9 @@ class Kernel(NamedTuple):
 def kernel() -> Kernel | str:
     """The newest kernel that has drivers for CAN, or what is missing."""
     root = Path(os.environ.get("ALLEGRO_LINUX", "/"))
-    if shutil.which("qemu-system-x86_64") is None:
-        return "apt-get install qemu-system-x86"
+    for program, package in (("qemu-system-x86_64", "qemu-system-x86"), ("ip", "iproute2")):
+        if shutil.which(program, path=path()) is None:
+            return f"apt-get install {package}"
     busybox = next(filter(_stands_alone, (root / "bin/busybox", Path("/bin/busybox"))), None)
     for modules in sorted(root.glob("lib/modules/*/kernel"), reverse=True):
         image = root / "boot" / f"vmlinuz-{modules.parent.name}"
