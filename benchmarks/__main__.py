@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from benchmarks import (
     bus_cost,
     deadman,
@@ -18,11 +20,16 @@ from benchmarks import (
 BENCHMARKS = (loop_cost, inverse_kinematics, startup, memory, wire, bus_cost, deadman, deaths, two_processes, gym)
 
 
+def show(figures: Iterable[tuple[str, float, float, str]]) -> None:
+    """One a line, as they come."""
+    for what, measured, bar, unit in figures:
+        print(f"{what:<72}{measured:>10.2f} {unit:<2}{bar:>8} {unit}", flush=True)
+
+
 def main() -> None:
     print(f"{'what':<72}{'measured':>12}{'bar':>10}")
     for benchmark in BENCHMARKS:
-        for what, measured, bar, unit in benchmark.figures():
-            print(f"{what:<72}{measured:>10.2f} {unit:<2}{bar:>8} {unit}", flush=True)
+        show(benchmark.figures())
 
 
 if __name__ == "__main__":

@@ -15,12 +15,12 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
@@ -56,7 +56,7 @@ def make_sim() -> MakeSim:
         period: float = 0.003,
         posture: Vector | None = None,
     ) -> SimBackend:
-        stage = Stage(np.zeros(3), orientation(facing, fingers))
+        stage = Stage(np.zeros(3), quaternion_facing(facing, fingers))
         return SimBackend(spec, compile_scene(spec, stage), period=period, posture=posture)
 
     return make

@@ -15,7 +15,8 @@ PACKAGE = ROOT / "allegro_twin"
 LAYERS = [
     {"errors", "types", "spec"},
     {"backend", "files"},
-    {"description", "kinematics", "control", "loop", "safety"},
+    {"kinematics"},
+    {"description", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
     {"config", "view", "evaluate", "identify", "grasping"},

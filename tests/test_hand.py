@@ -20,8 +20,8 @@ from allegro_twin.hand import Hand
 from allegro_twin.hand.grasps import aperture, for_width
 from allegro_twin.hand.mover import Kind
 from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.euler import angle_between
 from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
 from allegro_twin.sim.guide import Guide
 from allegro_twin.spec import Side

@@ -81,9 +81,9 @@ def scenario_config(
 
 
 def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
+    from allegro_twin.kinematics.orientation import quaternion_facing
     from allegro_twin.sim.backend import SimBackend
-    from allegro_twin.sim.pose import orientation
     from allegro_twin.sim.scene import Stage, compile_scene
 
-    stage = Stage(np.zeros(3), orientation(settings.facing, settings.fingers))
+    stage = Stage(np.zeros(3), quaternion_facing(settings.facing, settings.fingers))
     return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-import numpy as np
-
 from allegro_twin.description import inertia
 from allegro_twin.description.facts import Description, Link
 from allegro_twin.description.text import document, mesh_name, number, numbers
+from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec import Actuation
 
 
@@ -65,7 +64,7 @@ def _assets(root: Element, hand: Description) -> None:
 def _body(parent: Element, link: Link, hand: Description, actuation: Actuation) -> Element:
     place = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
     if any(link.rpy):
-        place["quat"] = numbers(_quaternion(link.rpy))
+        place["quat"] = numbers(quaternion_from_euler(link.rpy))
     body = SubElement(parent, "body", {"name": link.name, "childclass": "hand"} | place)
     mass, center, tensor = inertia.of_link(link)
     upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
@@ -104,14 +103,3 @@ def _contact(root: Element, hand: Description) -> None:
         for a in (link for link in hand.links if link.kind == first):
             for b in (link for link in hand.links if link.kind == second):
                 SubElement(contact, "exclude", body1=a.name, body2=b.name)
-
-
-def _quaternion(rpy: tuple[float, float, float]) -> tuple[float, ...]:
-    """w, x, y, z of Rz(yaw) Ry(pitch) Rx(roll), as in a URDF."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(np.divide(rpy, 2.0)), np.sin(np.divide(rpy, 2.0))
-    return (
-        float(cr * cp * cy + sr * sp * sy),
-        float(sr * cp * cy - cr * sp * sy),
-        float(cr * sp * cy + sr * cp * sy),
-        float(cr * cp * sy - sr * sp * cy),
-    )

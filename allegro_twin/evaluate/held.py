@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
 from allegro_twin.types import Array, Vector
 
 
@@ -107,11 +108,10 @@ def judge(
 
 def relative_motion(seen: Observations, start: int) -> tuple[Array, Array]:
     """Distance (k,) in m and angle (k,) in degrees of the object in the palm's frame, from row `start`."""
-    palm = _matrix(seen.palm[:, 3:])
+    palm = matrix_from_quaternion(seen.palm[:, 3:])
     position = np.einsum("kji,kj->ki", palm, seen.thing[:, :3] - seen.palm[:, :3])
-    turn = np.einsum("kji,kjl->kil", palm, _matrix(seen.thing[:, 3:]))
-    cosine = (np.einsum("kij,ij->k", turn, turn[start]) - 1.0) / 2.0
-    return np.linalg.norm(position - position[start], axis=1), np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(seen.thing[:, 3:]))
+    return np.linalg.norm(position - position[start], axis=1), np.degrees(angle_between(turn, turn[start]))
 
 
 def _phase(
@@ -152,16 +152,3 @@ def _why(phase: PhaseReport, seen: Observations, window: Window) -> str:
 def _last(t: Array, moment: float) -> int:
     """The last row at or before a moment."""
     return int(np.searchsorted(t, moment + 1e-9, side="right")) - 1
-
-
-def _matrix(quaternion: Array) -> Array:
-    """Rotation matrices (k, 3, 3) of unit quaternions (k, 4), w first."""
-    w, x, y, z = quaternion.T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-        ],
-        axis=-2,
-    )

@@ -11,9 +11,9 @@ from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Window
 from allegro_twin.evaluate.scenario import ObjectSettings, Phase, Protocol, Scenario
+from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import objects, wrist
-from allegro_twin.sim.pose import facing, quaternion
 from allegro_twin.sim.scene import Stage
 from allegro_twin.spec import Side
 from allegro_twin.types import Vector
@@ -74,7 +74,9 @@ def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
         mirror = np.diag([1.0, -1.0, 1.0])
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
-    return Stage(position, quaternion(rotation), things, scenario.friction, table=True, wrist=True, stand=stand)
+    return Stage(
+        position, quaternion_from_matrix(rotation), things, scenario.friction, table=True, wrist=True, stand=stand
+    )
 
 
 def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:
@@ -132,5 +134,6 @@ def _own(settings: ObjectSettings, folder: Path) -> objects.Thing:
 
 
 def _mirrored(placement: objects.Placement) -> objects.Placement:
-    (x, y, z), (w, i, j, k) = placement.position, placement.quaternion
-    return objects.Placement(placement.thing, (x, -y, z), (w, -i, j, -k))
+    x, y, z = placement.position
+    w, i, j, k = mirrored(placement.quaternion).tolist()
+    return objects.Placement(placement.thing, (x, -y, z), (w, i, j, k))

@@ -11,6 +11,7 @@ from pydantic import AfterValidator
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
 from allegro_twin.gym.noise import Draws
+from allegro_twin.kinematics.orientation import product, quaternion_from_vector
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
 
@@ -153,18 +154,10 @@ class Physics:
         self._worlds.expand("dof_frictionloss")[rows[:, None], self._dofs] = torque[:, None]
 
     def _tilt(self, rows: Rows, angles: Array) -> None:
-        """q ← q · (1, φ/2) normalised: for small angles the turn by φ about the palm's own axes."""
+        """Turned by a rotation vector in the palm's own axes, rad."""
         palm = self._worlds.model.body("palm_link").id
         own = self._worlds.expand("body_quat")
-        w, x, y, z = np.moveaxis(own[rows, palm], -1, 0)
-        a, b, c = np.moveaxis(angles / 2, -1, 0)
-        turned = [
-            w - x * a - y * b - z * c,
-            x + w * a + y * c - z * b,
-            y + w * b + z * a - x * c,
-            z + w * c + x * b - y * a,
-        ]
-        own[rows, palm] = np.stack(turned, axis=-1) / np.sqrt(1 + a * a + b * b + c * c)[:, None]
+        own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
 
 
 _HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.euler import (
+from allegro_twin.kinematics.orientation import (
     angle_between,
     euler_from_matrix,
     matrix_from_euler,
     matrix_from_quaternion,
     quaternion_from_matrix,
+    slerp,
 )
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.solution import Best
@@ -133,12 +134,7 @@ def _turned(begin: Array, end: Array | None, parts: Array) -> list[Array | None]
     """The orientations at parts of the shortest turn from one to another, None where none is asked for."""
     if end is None:
         return [None] * len(parts)
-    a, b = quaternion_from_matrix(begin), quaternion_from_matrix(end)
-    b = b if a @ b >= 0.0 else -b
-    angle = np.arccos(np.clip(a @ b, -1.0, 1.0))
-    if angle < 1e-6:
-        return [end] * len(parts)
-    return [matrix_from_quaternion(np.sin((1 - s) * angle) * a + np.sin(s * angle) * b) for s in parts]
+    return list(matrix_from_quaternion(slerp(quaternion_from_matrix(begin), quaternion_from_matrix(end), parts)))
 
 
 def _three(value: ArrayLike, what: str) -> Vector:

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.kinematics.euler import matrix_from_euler
+from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.types import Array, Vector, frozen
 
 _FINGER = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 1, 0]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from allegro_twin.kinematics import euler
+from allegro_twin.kinematics.orientation import euler_from_matrix, quaternion_from_matrix
 from allegro_twin.types import Array
 
 
@@ -19,9 +19,9 @@ class Pose(NamedTuple):
     @property
     def quaternion(self) -> Array:
         """Unit quaternion (w, x, y, z) with w ≥ 0, shape (..., 4)."""
-        return euler.quaternion_from_matrix(self.rotation)
+        return quaternion_from_matrix(self.rotation)
 
     @property
     def euler(self) -> Array:
-        """Roll, pitch, yaw as in `kinematics.euler`, shape (..., 3), rad."""
-        return euler.euler_from_matrix(self.rotation)
+        """Roll, pitch, yaw as in `kinematics.orientation`, shape (..., 3), rad."""
+        return euler_from_matrix(self.rotation)

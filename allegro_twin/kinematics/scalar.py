@@ -5,21 +5,22 @@ from __future__ import annotations
 from math import atan, atan2, cos, hypot, pi, sin, sqrt
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.family import TOLERANCE
-from allegro_twin.kinematics.geometry import Geometry
-from allegro_twin.kinematics.planar import TOUCH
-from allegro_twin.kinematics.scalar_bend import (
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import TOLERANCE, TOUCH
+from allegro_twin.kinematics.forms.quartic import FixedBend
+from allegro_twin.kinematics.forms.scalar_bend import (
     Posture,
     Ranges,
     Solve,
     clear,
     finger_at_pitch,
     lead_of,
+    none,
     reach_of,
     thumb_at_q0,
     turned,
 )
-from allegro_twin.kinematics.scalar_quartic import solve_fixed_bend
+from allegro_twin.kinematics.geometry import Geometry
 from allegro_twin.types import Vector
 
 _ONLY_THUMB = "only the thumb is solved with q0, q1 or psi; use at_pitch"
@@ -81,6 +82,7 @@ class ScalarKinematics:
     def at_q1(self, x: float, y: float, z: float, q1: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with q₁."""
         self._needs_thumb()
+        none(x, y, z, q1)
         (l0, h0), (l1, h1), _, _ = self._limits
         x, y, z = self._in_base(x, y, z)
         r = (x - self._offset[0]) / cos(q1)
@@ -103,12 +105,13 @@ class ScalarKinematics:
     def at_psi(self, x: float, y: float, z: float, psi: float, margin: float = 0.0) -> list[Posture]:
         """The thumb's postures inside the limits, with ψ = q₂ + q₃."""
         self._needs_thumb()
+        none(x, y, z, psi)
         (l0, h0), (l1, h1), (l2, h2), (l3, h3) = self._limits
         x, y, z = self._in_base(x, y, z)
         (ax, ay, az), (link, tip) = self._offset, self._links
         up = az + self._rise + tip * cos(psi)
         found: list[Posture] = []
-        for q2, q0, q1 in solve_fixed_bend(x - ax, y, z, ay, link, tip * sin(psi), up, l2, h2):
+        for q2, q0, q1 in FixedBend(FLOATS, (x - ax, y, z), ay, link, tip * sin(psi), up).roots():
             q0, q1, q3 = turned(q0, l0, h0), turned(q1, l1, h1), turned(psi - q2, l3, h3)
             if l0 <= q0 <= h0 and l1 <= q1 <= h1 and l2 <= q2 <= h2 and l3 <= q3 <= h3:
                 found.append((q0, q1, q2, q3))

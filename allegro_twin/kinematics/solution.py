@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,9 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.kinematics.nearest import Nearest
-from allegro_twin.kinematics.planar import Flags
+from allegro_twin.kinematics.forms.planar import Flags
+from allegro_twin.kinematics.search.nearest import Nearest
 from allegro_twin.types import Array, Vector
+
+_ALIKE = 1e-6  # rad: orientations no further apart count as equally near.
 
 
 class Best(NamedTuple):
@@ -59,10 +62,12 @@ class Solutions:
         The nearest point is the one at the least straight-line distance among the tip positions of all postures that
         are inside the limits less the margin (`limits`), or of all postures, and that have the pitch, q0, q1 or psi
         asked for. A full pose and a position alone hold no angle: there the position comes first.
-        Targets that are reached have distance zero and their first branch. It searches, at milliseconds for each that
-        is not.
+        Targets that are reached have distance zero and their first branch.
         """
         good = self.within if limits else self.exists
+        if good.ndim == 1:  # One target.
+            found = self.search(np.asarray(not good.any()), limits)
+            return found._replace(posture=self.position[int(np.argmax(good))]) if good.any() else found
         found = self.search(np.asarray(~good.any(axis=-1)), limits)
         first = np.take_along_axis(self.position, np.argmax(good, axis=-1)[..., None, None], axis=-2)[..., 0, :]
         return found._replace(posture=np.where(good.any(axis=-1, keepdims=True), first, found.posture))
@@ -73,11 +78,14 @@ class Solutions:
         Without `near`, the one furthest from its nearest limit; a full pose prefers the least angle first.
         Where no branch is inside the limits, the nearest posture, and its distance.
         """
-        if near is None:
+        wish = None if near is None else np.asarray(near, dtype=np.float64)
+        if self.within.ndim == 1 and (wish is None or wish.ndim == 1):
+            return self._best_of_one(wish)
+        if wish is None:
             cost = -np.minimum(self.position - self.lower, self.upper - self.position).min(axis=-1)
         else:
-            cost = np.square(self.position - np.asarray(near, dtype=np.float64)[..., None, :]).sum(axis=-1)
-        exact = self.angle <= np.where(self.within, self.angle, np.inf).min(axis=-1, keepdims=True) + 1e-6
+            cost = np.square(self.position - wish[..., None, :]).sum(axis=-1)
+        exact = self.angle <= np.where(self.within, self.angle, np.inf).min(axis=-1, keepdims=True) + _ALIKE
         chosen = np.argmin(np.where(self.within & exact, cost, np.inf), axis=-1)
         posture = np.take_along_axis(self.position, chosen[..., None, None], axis=-2)[..., 0, :]
         angle = np.take_along_axis(self.angle, chosen[..., None], axis=-1)[..., 0]
@@ -91,3 +99,28 @@ class Solutions:
             np.where(reached, 0.0, nearest.distance),
             np.where(reached, angle, np.nan),
         )
+
+    def _best_of_one(self, near: Vector | None) -> Best:
+        """The same of one target."""
+        rows = [
+            (angle, q)
+            for q, ok, angle in zip(self.position.tolist(), self.within.tolist(), self.angle.tolist(), strict=True)
+            if ok
+        ]
+        if not rows:
+            nearest = self.nearest()
+            return Best(nearest.posture, np.asarray(False), nearest.distance, np.asarray(np.nan))
+        least = min(rows)[0] + _ALIKE
+        lower, upper = self.lower.tolist(), self.upper.tolist()
+        wish = None if near is None else near.tolist()
+
+        def cost(row: tuple[float, list[float]]) -> float:
+            if row[0] > least:
+                return math.inf
+            if wish is None:
+                rooms = [min(q - low, high - q) for q, low, high in zip(row[1], lower, upper, strict=True)]
+                return -float(min(rooms))
+            return math.dist(row[1], wish)
+
+        angle, posture = min(rows, key=cost) if len(rows) > 1 else rows[0]
+        return Best(np.array(posture), np.asarray(True), np.zeros(()), np.asarray(angle))

@@ -13,6 +13,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.types import Array, Vector
 
 Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
@@ -62,9 +63,7 @@ class Placement:
 
 def orientation(up: str, yaw: float) -> Vector:
     """The quaternion that points the object's own axis `up` at the sky and then turns it by `yaw` (rad) about it."""
-    turned = np.empty(4)
-    mujoco.mju_mulQuat(turned, np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]), np.array(_UP[up]))
-    return turned
+    return turned_by(_UP[up], (0.0, 0.0, yaw))
 
 
 @cache

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.forms.maths import ARRAYS
+from allegro_twin.kinematics.orientation import angle_between, entries_of_matrix, is_rotation
 from allegro_twin.sim.clearance import touching_geoms
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
@@ -178,9 +180,7 @@ class FingertipSolver:
             distance[name] = float(np.linalg.norm(site.xpos - target.translation()))
             if name in rotations:
                 wanted = target.rotation().as_matrix()
-                # |R - W|² = 8 sin²(θ/2): exact for small angles, where the arc cosine of the trace is not.
-                half = float(np.linalg.norm(site.xmat.reshape(3, 3) - wanted)) / np.sqrt(8.0)
-                angle[name] = 2 * float(np.arcsin(min(1.0, half)))
+                angle[name] = float(angle_between(site.xmat.reshape(3, 3), wanted))
         closest, pair = self._closest(configuration.data)
         clear = clearance is None or closest >= clearance
         near = all(d <= tolerance for d in distance.values())
@@ -226,6 +226,6 @@ def _finite(values: ArrayLike, shape: tuple[int, ...], what: str) -> Array:
 
 def _rotation(values: ArrayLike, name: str) -> Array:
     matrix = _finite(values, (3, 3), f"rotation of {name}")
-    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
+    if not is_rotation(ARRAYS, entries_of_matrix(matrix)):
         raise ConfigError(f"rotation of {name} is not a rotation matrix: {matrix.tolist()}")
     return matrix

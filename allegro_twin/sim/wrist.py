@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
 JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_yaw")
@@ -37,9 +38,7 @@ class Segment:
 
 def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = JOINTS) -> None:
     """Give the palm, placed where it is presented, the six joints and their servos, or only some of them."""
-    world_to_palm = np.empty(9)
-    mujoco.mju_quat2Mat(world_to_palm, palm.quat)
-    slides = world_to_palm.reshape(3, 3)  # Row i is the world's axis i seen from the palm as it is presented.
+    slides = matrix_from_quaternion(palm.quat)  # Row i is the world's axis i seen from the palm as it is presented.
     for index, name in enumerate(JOINTS):
         if name not in joints:
             continue

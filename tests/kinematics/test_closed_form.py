@@ -13,7 +13,7 @@ from allegro_twin.kinematics.geometry import load_geometry
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, THUMBS, held, postures, solve
+from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, held, postures, solve
 
 N = 100_000
 HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
@@ -105,19 +105,6 @@ def test_the_rotation_found_is_the_nearest_that_the_finger_can_have_there(key: K
         assert best.angle >= inside - 2e-3  # Half a step, and a narrow range between two steps.
         anywhere = np.where(dense.exists, angle, np.inf).min()
         assert np.nanmin(found.angle) <= anywhere + 1e-6
-
-
-@pytest.mark.parametrize("key", THUMBS, ids=str)
-def test_the_thumb_keeps_q0_of_the_rotation_where_it_can(key: Key) -> None:
-    finger = FINGERS[key]
-    q = postures(finger, 2000, seed=5)
-    rotation = finger.fk(q).rotation
-    other = finger.fk(postures(finger, 2000, seed=5) * [1, 1, 1, 0.9]).position  # The same q0; another bend.
-    solutions = finger.ik(other, rotation=rotation)
-    assert solutions.reachable.all()
-    kept = np.abs(solutions.position[..., 0] - q[:, None, 0]) < 1e-9
-    assert (kept | ~solutions.within).all()
-    assert (solutions.angle[solutions.within] > 1e-3).any()
 
 
 def at_double_roots(n: int) -> Array:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.euler import matrix_from_quaternion
 from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 

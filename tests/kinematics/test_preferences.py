@@ -8,7 +8,7 @@ import pytest
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, postures
+from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures
 
 Key = tuple[Side, str]
 
@@ -67,6 +67,20 @@ def test_without_a_wish_no_posture_of_a_dense_sampling_is_further_from_the_limit
     for point in finger.fk(postures(finger, 30, seed=5)).position:
         found = finger.ik(point).position[0]
         assert room(finger, found) >= room(finger, family(finger, point)).max(initial=-np.inf) - 1e-7
+
+
+@pytest.mark.parametrize("key", THUMBS, ids=str)
+def test_where_the_best_of_the_thumb_has_rivals_it_is_still_the_best(key: Key) -> None:
+    """One point in two hundred has two postures that leave more room to the limits than those beside them."""
+    finger = FINGERS[key]
+    points, wish = finger.fk(postures(finger, 2000, seed=7)).position, postures(finger, 2000, seed=8)
+    along = np.broadcast_to(np.linspace(finger.lower[0], finger.upper[0], 200), (2000, 200))
+    sampled = finger.ik(np.broadcast_to(points[:, None], (2000, 200, 3)), q0=along)
+    rooms = np.where(sampled.within, room(finger, sampled.position), -np.inf).max(axis=(1, 2))
+    ways = np.linalg.norm(sampled.position - wish[:, None, None], axis=-1)
+    assert (room(finger, finger.ik(points).position[:, 0]) >= rooms - 1e-7).all()
+    nearest = np.linalg.norm(finger.ik(points, near=wish).position[:, 0] - wish, axis=-1)
+    assert (nearest <= np.where(sampled.within, ways, np.inf).min(axis=(1, 2)) + 1e-7).all()
 
 
 @pytest.mark.parametrize("key", EVERY, ids=str)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from allegro_twin.control.controllers import Torque
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.kinematics.orientation import facing, quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.backend import SimBackend, substeps
-from allegro_twin.sim.pose import facing, orientation
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import TorqueCommand
@@ -64,7 +64,7 @@ def test_gravity_is_reported_in_the_palm_frame(
 def test_a_palm_cannot_look_where_its_fingers_point() -> None:
     with pytest.raises(ConfigError, match="must not be parallel"):
         facing((0, 0, 1), (0, 0, 2))
-    np.testing.assert_allclose(orientation((1, 0, 0), (0, 0, 1)), [1, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(quaternion_facing((1, 0, 0), (0, 0, 1)), [1, 0, 0, 0], atol=1e-12)
 
 
 def test_a_hand_on_its_own_starts_inside_its_limits(side: Side, make_sim: MakeSim) -> None:

@@ -14,11 +14,11 @@ from allegro_twin.gym.tasks.base import Task
 from allegro_twin.gym.tasks.scenes import THING, compiled, worlds
 from allegro_twin.gym.tasks.starts import played
 from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.script import Script
 from allegro_twin.sim import objects
 from allegro_twin.sim.batch import Rows, Worlds
-from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.scene import Stage
 from allegro_twin.types import Array, frozen
 
@@ -83,7 +83,7 @@ class InHand(Task):
             # The fingers point along the world's x, so the palm's x is up and its y to the world's y.
             place = (ALONG, 0.0, PALM + extents[2] / 2 + AIR)
             placed = objects.Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-            stage = Stage(np.zeros(3), orientation((0, 0, 1), (1, 0, 0)), [placed])
+            stage = Stage(np.zeros(3), quaternion_facing((0, 0, 1), (1, 0, 0)), [placed])
             model = compiled(self.spec, stage, self.settings)
             if not self._names:
                 self.worlds = worlds(self.spec, model, n, threads, self.settings)

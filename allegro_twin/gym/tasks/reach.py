@@ -11,10 +11,10 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Task, Ticks
 from allegro_twin.gym.tasks.scenes import compiled, worlds
 from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows
-from allegro_twin.sim.pose import orientation
 from allegro_twin.sim.probe import free_of_contact
 from allegro_twin.sim.scene import Stage
 from allegro_twin.types import Array
@@ -36,7 +36,7 @@ class Reach(Task):
         super().__init__(settings, n, threads)
         if settings.objects is not None:
             raise ConfigError("Reach has no objects to choose")
-        model = compiled(self.spec, Stage(np.zeros(3), orientation((1, 0, 0), (0, 0, 1))), settings)
+        model = compiled(self.spec, Stage(np.zeros(3), quaternion_facing((1, 0, 0), (0, 0, 1))), settings)
         self.worlds = worlds(self.spec, model, n, threads, settings)
         self.interface = self._interface(goal="fingertips", step=0.15)
         middle, half = self.interface.middle, self.interface.half

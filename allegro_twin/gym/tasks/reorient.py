@@ -9,7 +9,7 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import InHand
-from allegro_twin.gym.tasks.vectors import angle, turned_by
+from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
 from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -49,4 +49,4 @@ class Reorient(InHand):
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Minus the angle between the orientations (..., 4), rad."""
-        return -angle(np.asarray(achieved, np.float64), np.asarray(desired, np.float64))
+        return -angle_between_quaternions(np.asarray(achieved, np.float64), np.asarray(desired, np.float64))

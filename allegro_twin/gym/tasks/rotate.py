@@ -8,7 +8,8 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import InHand
-from allegro_twin.gym.tasks.vectors import effort_of, turn_about_z
+from allegro_twin.gym.tasks.vectors import effort_of
+from allegro_twin.kinematics.orientation import turn_about_z
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array

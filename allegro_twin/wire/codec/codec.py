@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.errors import ProtocolError
 from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.lanes import Positions, Torques
+from allegro_twin.wire.codec.lanes import Limits, Positions, Torques
 from allegro_twin.wire.codec.messages import Message, Request, Topic
 
 Decoder: TypeAlias = Callable[[Frame], Message]
@@ -57,8 +57,8 @@ class Codec(Protocol):
         ...
 
     @property
-    def pwm_limits(self) -> tuple[int, ...]:
-        """The most counts that this hand's driver sends to each motor, 16."""
+    def pwm_limits(self) -> Limits:
+        """The most counts that this hand's driver sends to each motor, (16,)."""
         ...
 
     def encode(self, message: Message) -> Frame:
@@ -87,7 +87,7 @@ class Codec(Protocol):
 
 def described(codec: Codec) -> dict[str, Any]:
     """What a recording should say of how counts became rad and N·m."""
-    return {"version": codec.version, **asdict(codec.calibration), "pwm_limit": list(codec.pwm_limits)}
+    return {"version": codec.version, **asdict(codec.calibration), "pwm_limit": codec.pwm_limits.tolist()}
 
 
 def no_such(message: Message, version: str) -> ProtocolError:

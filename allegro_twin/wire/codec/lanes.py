@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import floor
+from math import isnan
 from struct import Struct
 from types import MappingProxyType
-from typing import TypeAlias, cast
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.errors import ProtocolError
 from allegro_twin.types import Vector
@@ -16,8 +17,10 @@ from allegro_twin.wire.codec.counts import nearest, truncated
 from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.codec.messages import Four
 
-Limits: TypeAlias = Sequence[int]
+Limits: TypeAlias = NDArray[np.int_]
 _EPSILON = 1e-9  # As in counts.truncated.
+_TURNED = np.arange(16).reshape(4, 4)[:, ::-1].ravel()
+"""Each finger's four the other way round."""
 
 
 class Positions:
@@ -36,7 +39,7 @@ class Positions:
         self.identifiers = tuple(identifiers)
         self.fingers = {identifier: finger for finger, identifier in enumerate(identifiers)} | dict(also)
         """Whose report an identifier is."""
-        self._one, self._all = Struct(f"<4{kind}"), Struct(f"<16{kind}")
+        self._one = Struct(f"<4{kind}")
         self._scale, self._at = tuple(scale), tuple(at)
         self._range = (0, 0xFFFF) if kind == "H" else (-0x8000, 0x7FFF)
         self._word, self._scales, self._ats = np.dtype(f"<{kind}"), np.array(scale), np.array(at)
@@ -54,14 +57,13 @@ class Positions:
         (p, q, r, s), (t, u, v, w) = self._scale[first : first + 4], self._at[first : first + 4]
         return (a * p + t, b * q + u, c * r + v, d * s + w)
 
-    def frames(self, values: Sequence[float]) -> tuple[Frame, ...]:
-        """All four frames. Raises ProtocolError for NaN."""
+    def frames(self, values: Vector) -> tuple[Frame, ...]:
+        """All four frames of (16,), rad. Raises ProtocolError for NaN."""
         low, high = self._range
-        counts = [
-            floor(x + 0.5) if low <= (x := (value - at) / scale) <= high else nearest(x, low, high)
-            for value, scale, at in zip(values, self._scale, self._at, strict=True)
-        ]
-        return _cut(self.identifiers, self._all.pack(*counts))
+        counts = (values - self._ats) / self._scales
+        counts += 0.5
+        counts = _within(np.floor(counts, out=counts), low, high)
+        return _cut(self.identifiers, counts.astype(self._word).tobytes())
 
     def frame(self, finger: int, four: Four) -> Frame:
         """A finger's frame. Raises ProtocolError for NaN."""
@@ -81,16 +83,20 @@ class Torques:
         self.identifiers = tuple(identifiers)
         self.fingers = {identifier: finger for finger, identifier in enumerate(identifiers)}
         """Whose torques an identifier carries."""
-        self._one, self._all = Struct(f"{order}4h"), Struct(f"{order}16h")
+        self._one, self._word = Struct(f"{order}4h"), np.dtype(f"{order}i2")
         self._scale, self._worth = tuple(scale), tuple(1.0 / value for value in scale)
+        self._scales, self._worths = np.array(self._scale), np.array(self._worth)
         self._limit, self._backwards = limit, backwards
+        self.zero = _cut(self.identifiers, bytes(32))
+        """The frames that ask every motor for nothing."""
 
-    def values(self, data: bytes) -> list[float]:
-        """What the data of all four frames mean, 32 bytes; N·m."""
-        counts: Sequence[int] = self._all.unpack(data)
+    def values(self, data: bytes | bytearray) -> Vector:
+        """What the data of all four frames mean, 32 bytes; (16,), N·m."""
+        counts = np.frombuffer(data, self._word)
         if self._backwards:
-            counts = _turned(counts)
-        return [count * worth for count, worth in zip(counts, self._worth, strict=True)]
+            counts = counts[_TURNED]
+        found: Vector = counts * self._worths
+        return found
 
     def four(self, finger: int, data: bytes) -> Four:
         """What the data of a finger's frame mean, 8 bytes; N·m."""
@@ -99,21 +105,14 @@ class Torques:
         p, q, r, s = self._worth[first : first + 4]
         return (a * p, b * q, c * r, d * s)
 
-    def frames(self, torque: Sequence[float], limits: Limits) -> tuple[tuple[Frame, ...], list[float]]:
-        """All four frames of torques, 16 in N·m, with at most `limits` counts each; and what the hand makes of them,
-        N·m. Raises ProtocolError for NaN."""
-        try:
-            counts: Sequence[int] = [
-                (limit if x >= limit else int(x + _EPSILON))
-                if (x := value * scale) >= 0.0
-                else (-limit if x <= -limit else int(x - _EPSILON))
-                for value, scale, limit in zip(torque, self._scale, limits, strict=True)
-            ]
-        except ValueError as error:
-            raise ProtocolError("NaN cannot be put on the wire") from error
-        applied = [count * worth for count, worth in zip(counts, self._worth, strict=True)]
-        data = self._all.pack(*(_turned(counts) if self._backwards else counts))
-        return _cut(self.identifiers, data), applied
+    def frames(self, torque: Vector, limits: Limits) -> tuple[tuple[Frame, ...], Vector]:
+        """All four frames of torques (16,), N·m, with at most `limits` counts each, (16,); and what the hand makes of
+        them, (16,), N·m. Raises ProtocolError for NaN."""
+        counts = torque * self._scales
+        counts += np.copysign(_EPSILON, counts)
+        counts = _within(np.trunc(counts, out=counts), -limits, limits)
+        sent = counts[_TURNED] if self._backwards else counts
+        return _cut(self.identifiers, sent.astype(self._word).tobytes()), counts * self._worths
 
     def frame(self, finger: int, four: Four) -> Frame:
         """A finger's frame, with at most full scale. Raises ProtocolError for NaN."""
@@ -133,10 +132,8 @@ def _cut(identifiers: Sequence[int], data: bytes) -> tuple[Frame, ...]:
     )
 
 
-def _turned(counts: Sequence[int]) -> Sequence[int]:
-    """Each finger's four the other way round."""
-    c = counts
-    return cast(
-        Sequence[int],
-        (c[3], c[2], c[1], c[0], c[7], c[6], c[5], c[4], c[11], c[10], c[9], c[8], c[15], c[14], c[13], c[12]),
-    )
+def _within(counts: Vector, low: float | Limits, high: float | Limits) -> Vector:
+    """Inside what the wire can say. Raises ProtocolError for NaN."""
+    if isnan(counts @ counts):
+        raise ProtocolError("NaN cannot be put on the wire")
+    return np.minimum(np.maximum(counts, low, out=counts), high, out=counts)

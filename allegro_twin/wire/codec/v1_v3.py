@@ -10,6 +10,8 @@ import math
 from struct import Struct
 from typing import ClassVar, Final, Literal
 
+import numpy as np
+
 from allegro_twin.description.calibration import FULL_SCALE, Calibration, Version
 from allegro_twin.errors import ProtocolError
 from allegro_twin.wire.codec import messages as m
@@ -41,7 +43,7 @@ class V1To3:
         self.calibration = calibration
         self.identifies = version == "v3"
         self.count_limit = int(FULL_SCALE[version])
-        self.pwm_limits = calibration.pwm_limits(version)
+        self.pwm_limits = np.array(calibration.pwm_limits(version))
         self.torques = _torques(version, calibration)
         self.positions = _positions(calibration)
         self._decoders = self._decoding()

@@ -9,6 +9,8 @@ import math
 from struct import Struct
 from typing import ClassVar, Final
 
+import numpy as np
+
 from allegro_twin.description.calibration import FULL_SCALE, Calibration, Version, geared
 from allegro_twin.wire.codec import messages as m
 from allegro_twin.wire.codec.codec import Decoder, Encoder, ServoAnswer, answer, asked, exactly, no_such
@@ -41,7 +43,7 @@ class V4:
 
     def __init__(self, calibration: Calibration, device: int = 0) -> None:
         self.device, self.calibration = device, calibration
-        self.pwm_limits = calibration.pwm_limits(self.version)
+        self.pwm_limits = np.array(calibration.pwm_limits(self.version))
         full, doubled = FULL_SCALE[self.version], geared(self.version)
         scale = [
             full / (2.0 * constant if joint in doubled else constant)

@@ -63,9 +63,9 @@ class Firmware:
         self.power_up()
 
     @property
-    def torque(self) -> list[float]:
-        """What it was told last, N·m, for each motor."""
-        return self._codec.torques.values(bytes(self._counts))
+    def torque(self) -> Vector:
+        """What it was told last, (n,), N·m."""
+        return self._codec.torques.values(self._counts)
 
     @property
     def step(self) -> float:
@@ -138,7 +138,7 @@ class Firmware:
         frames: list[Frame] = []
         for topic in due:
             if topic is Topic.POSITION:
-                frames += self._codec.positions.frames(self._state.position.tolist())
+                frames += self._codec.positions.frames(self._state.position)
                 if self._pressures is None:
                     continue
                 frames += self._frames(self._pressed(self._pressures()))
@@ -183,9 +183,9 @@ class Firmware:
     def _obeyed(self) -> TorqueCommand:
         """What the motors make of the torques that they were told."""
         if not self.motors.cold:
-            return TorqueCommand(np.array(self.torque) * self.motors.share)
+            return TorqueCommand(self.torque * self.motors.share)
         if self._told is None:
-            self._told = TorqueCommand(np.array(self.torque))
+            self._told = TorqueCommand(self.torque)
         return self._told
 
     def _set_periods(self, message: m.SetPeriod) -> None:

@@ -118,12 +118,13 @@ class CanBackend:
 
     def write(self, command: Command) -> None:
         port = self._ready()
-        torque = torque_of(command, self._spec).tolist()
+        torque = torque_of(command, self._spec)
         try:
             frames, applied = self._codec.torques.frames(torque, self._codec.pwm_limits)
             if port.send(frames):
                 self._refused = 0
-                self._torque = frozen(applied)
+                applied.setflags(write=False)
+                self._torque = applied
             else:
                 self._refused += 1
                 self._listener.health.note("unsent", "the transmit queue is full")

@@ -44,8 +44,7 @@ def begin(
         identify(port, codec, spec, settings.timeout)
     serving()
     words = codec.opening(settings.period, settings.imu_period, settings.temperature_period)
-    zero, _ = codec.torques.frames([0.0] * len(codec.pwm_limits), codec.pwm_limits)
-    return _say(port, [*map(codec.encode, words), *zero, codec.encode(m.ServoOn())])
+    return _say(port, [*map(codec.encode, words), *codec.torques.zero, codec.encode(m.ServoOn())])
 
 
 def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:

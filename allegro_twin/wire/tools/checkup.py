@@ -39,7 +39,7 @@ class Checkup:
 
     def __init__(self, spec: HandSpec, codec: Codec, open_port: Callable[[], Port], settings: HostSettings) -> None:
         self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings
-        self._zero, _ = codec.torques.frames([0.0] * spec.n_actuators, codec.pwm_limits)
+        self._zero = codec.torques.zero
         self._shutdown = ShutdownSequence(codec, asks=codec.identifies and settings.identify, period=settings.period)
         self._listener = Listener(codec, settings)
         self._side: str | None = None

@@ -8,11 +8,12 @@ link is λ = ε/2 - atan(u (l₁ - l₂) / (l₁ + l₂)), which needs no second
 
 from __future__ import annotations
 
-from math import atan, atan2, copysign, cos, inf, pi, sin, sqrt, tan
+from math import atan, atan2, copysign, cos, inf, isfinite, pi, sin, sqrt, tan
 from typing import NamedTuple, Protocol
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.planar import TOUCH
+from allegro_twin.kinematics.forms.maths import FLOATS
+from allegro_twin.kinematics.forms.planar import TOUCH
 
 Posture = tuple[float, float, float, float]
 """Joints from the palm outward, rad."""
@@ -21,7 +22,10 @@ Ranges = tuple[tuple[float, float], ...]
 
 
 class Solve(Protocol):
-    """One way to solve: x, y, z, m, and the angle that is held, rad, to the postures `margin` inside the limits."""
+    """One way to solve: x, y, z, m, and the angle that is held, rad, to the postures `margin` inside the limits.
+
+    Raises ConfigError for a number that is not finite.
+    """
 
     def __call__(self, x: float, y: float, z: float, angle: float, /, margin: float = 0.0) -> list[Posture]: ...
 
@@ -69,18 +73,21 @@ def finger_at_pitch(rows: tuple[float, ...], tip: float, reach: Reach, limits: R
     (l0, h0), (l1, h1), _, (l3, h3) = limits
     l0, h0 = sorted((l0 * sign, h0 * sign))
 
-    def at_pitch(x: float, y: float, z: float, pitch: float, /, margin: float = 0.0) -> list[Posture]:
-        x, y, z = a * x + b * y + c * z - u, d * x + e * y + f * z - v, g * x + h * y + i * z - w
+    def at_pitch(px: float, py: float, pz: float, pitch: float, /, margin: float = 0.0) -> list[Posture]:
+        x, y, z = a * px + b * py + c * pz - u, d * px + e * py + f * pz - v, g * px + h * py + i * pz - w
         r = sqrt(x * x + y * y)
         q0 = atan2(y, x) if r > TOUCH else 0.0
         if q0 < l0 or q0 > h0:  # The limits of q₀ leave at most one side of the abduction axis.
             q0, r = q0 - copysign(pi, q0), -r
             if q0 < l0 or q0 > h0:
-                return []
-        r, z = r - tip * sin(pitch), z - tip * cos(pitch)
+                return none(px, py, pz, pitch)
+        try:
+            r, z = r - tip * sin(pitch), z - tip * cos(pitch)
+        except ValueError:
+            return none(px, py, pz, pitch)
         square = r * r + z * z
-        if square < least or square > most:
-            return []
+        if not least <= square <= most:
+            return none(px, py, pz, pitch)
         bend = (outer - square) / (square - inner)
         bend = sqrt(bend) if bend > 0.0 else 0.0
         half, towards = atan(bend), atan2(r, z)
@@ -110,15 +117,18 @@ def thumb_at_q0(rows: tuple[float, ...], aside: float, up: float, reach: Reach, 
     even, inner, outer, least, most, raised, lowered = reach
     (l0, h0), (l1, h1), (l2, h2), _ = limits
 
-    def at_q0(x: float, y: float, z: float, q0: float, /, margin: float = 0.0) -> list[Posture]:
-        s, t = sin(q0), cos(q0)
-        across, along = d * x + e * y + f * z - v, g * x + h * y + i * z - w
-        x, y, z = a * x + b * y + c * z - u, t * across - s * along - aside, s * across + t * along - up
+    def at_q0(px: float, py: float, pz: float, q0: float, /, margin: float = 0.0) -> list[Posture]:
+        try:
+            s, t = sin(q0), cos(q0)
+        except ValueError:
+            return none(px, py, pz, q0)
+        across, along = d * px + e * py + f * pz - v, g * px + h * py + i * pz - w
+        x, y, z = a * px + b * py + c * pz - u, t * across - s * along - aside, s * across + t * along - up
         square = x * x + y * y
         r = sqrt(square)
         square += z * z
-        if square < least or square > most:
-            return []
+        if not least <= square <= most:
+            return none(px, py, pz, q0)
         q1 = atan2(y, x) if r > TOUCH else 0.0
         if q1 < l1 or q1 > h1:  # The limits of q₁ leave at most one side of its axis.
             q1, r = q1 - copysign(pi, q1), -r
@@ -143,10 +153,17 @@ def thumb_at_q0(rows: tuple[float, ...], aside: float, up: float, reach: Reach, 
     return at_q0
 
 
+def none(x: float, y: float, z: float, angle: float) -> list[Posture]:
+    """No posture. Raises ConfigError if that is because a number is not finite."""
+    for name, value in (("x", x), ("y", y), ("z", z), ("the angle", angle)):
+        if not isfinite(value):
+            raise ConfigError(f"{name} must be finite; it is {value}")
+    return []
+
+
 def turned(angle: float, low: float, high: float) -> float:
     """The same angle within π of the middle of its range."""
-    away = angle - (low + high) / 2
-    return angle if -pi <= away <= pi else angle - 2 * pi * round(away / (2 * pi))
+    return FLOATS.turned(angle, (low + high) / 2)
 
 
 def clear(found: list[Posture], limits: Ranges, margin: float) -> list[Posture]:
