@@ -35,7 +35,7 @@ def said(codec: Codec, device: int, period: float, seconds: float) -> Iterator[t
 
 def told(codec: Codec, period: float, seconds: float) -> Iterator[tuple[float, Frame]]:
     """What its driver says, 1 ms after the reports."""
-    torques, _ = codec.torques.frames([0.1] * 16, codec.pwm_limits)
+    torques, _ = codec.torques.frames(np.full(16, 0.1), codec.pwm_limits)
     for k in range(int(seconds / period)):
         yield from ((k * period + 0.001, frame) for frame in torques)
         if k % 333 == 0:
