@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: demo demo-all test test-lowest test-socketcan test-all bench models install clean
+.PHONY: demo demo-all test test-lowest test-socketcan test-socketcan-timing test-all bench models install clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -23,13 +23,17 @@ test: $(READY)
 test-socketcan: $(READY)
 	$(BIN)/python -m tests.socketcan.guest
 
+test-socketcan-timing: $(READY)
+	$(BIN)/python -m tests.socketcan.emulated
+
 test-all: test
 	$(BIN)/pytest -n $(JOBS) -m long
+	$(BIN)/python -m tests.socketcan.emulated --color=no
 
 # Every lower bound of pyproject.toml, as it stands there; a newer click's warnings about an older typer are not ours.
 LOWEST := .venv-lowest
 CORE := tests/test_architecture.py tests/test_safety.py tests/test_spec.py tests/test_types.py tests/test_loop.py \
-        tests/test_view.py tests/contract tests/control tests/description tests/library tests/replay tests/sim \
+        tests/look tests/contract tests/control tests/description tests/library tests/replay tests/sim \
         tests/cli/test_wrong_inputs.py tests/policy
 test-lowest: $(LOWEST)/.ready
 	$(LOWEST)/bin/pytest -o filterwarnings=default -p no:cacheprovider $(CORE)

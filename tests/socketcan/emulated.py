@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.socketcan.first import ROOT, status_of
+from tests.socketcan.first import ROOT, path, status_of
 
 _NEEDED = {
     "virtio_pci": "", "9pnet_virtio": "", "9p": "", "can-raw": "", "kvaser_pci": "", "vcan": "echo=1", "vxcan": "",
@@ -32,6 +32,8 @@ $busybox mkdir -p /host
 $busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,cache=loose,msize=262144 host /host
 exec $busybox chroot /host /bin/sh {script}
 """
+_LONGEST = 3600.0
+"""s after which it hangs; a test takes minutes."""
 
 
 class Kernel(NamedTuple):
@@ -45,14 +47,20 @@ class Kernel(NamedTuple):
 def kernel() -> Kernel | str:
     """The newest kernel that has drivers for CAN, or what is missing."""
     root = Path(os.environ.get("ALLEGRO_LINUX", "/"))
-    if shutil.which("qemu-system-x86_64") is None:
-        return "apt-get install qemu-system-x86"
-    busybox = next((path for path in (root / "bin/busybox", Path("/bin/busybox")) if path.exists()), None)
+    for program, package in (("qemu-system-x86_64", "qemu-system-x86"), ("ip", "iproute2")):
+        if shutil.which(program, path=path()) is None:
+            return f"apt-get install {package}"
+    busybox = next(filter(_stands_alone, (root / "bin/busybox", Path("/bin/busybox"))), None)
     for modules in sorted(root.glob("lib/modules/*/kernel"), reverse=True):
         image = root / "boot" / f"vmlinuz-{modules.parent.name}"
         if image.exists() and any(modules.glob("drivers/net/can/**/kvaser_pci.ko*")):
             return "apt-get install busybox-static" if busybox is None else Kernel(image, modules, busybox)
     return "apt-get install linux-image-amd64"
+
+
+def _stands_alone(program: Path) -> bool:
+    """Whether a program needs no libraries."""
+    return program.exists() and b"/ld-linux" not in program.read_bytes()
 
 
 def run(arguments: list[str]) -> tuple[int, str]:
@@ -65,7 +73,7 @@ def run(arguments: list[str]) -> tuple[int, str]:
         script.write_text(f"export PATH={os.environ['PATH']} PYTHONPATH={ROOT}\ncd {ROOT}\nexec {' '.join(words)}\n")
         initrd.write_bytes(_archive(found, str(script)))
         done = subprocess.run(_command(found, initrd), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                              stderr=subprocess.STDOUT, text=True, errors="replace")  # fmt: skip
+                              stderr=subprocess.STDOUT, text=True, errors="replace", timeout=_LONGEST)  # fmt: skip
     return status_of(done.stdout), done.stdout
 
 
