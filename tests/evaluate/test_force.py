@@ -23,6 +23,8 @@ from allegro_twin.types import Array, Vector
 from tests.evaluate.test_trial import DEMO
 
 FORCE = ["grasp_3", "grasp_4", "pinch_index", "pinch_middle"]
+SIDES = ["right", pytest.param("left", marks=pytest.mark.long)]
+"""Both in the long run; a trial of the left hand is the mirror image of the right hand's."""
 
 
 def attempt(grasp: str, side: Side, thing: str | None = None, **changes: object) -> tuple[Report, Trial]:
@@ -68,7 +70,7 @@ def thumb_force(rig: Rig, position: Vector) -> float:
 
 
 @pytest.mark.parametrize("name", FORCE)
-@pytest.mark.parametrize("thing", ["lemon", "tuna_fish_can"])
+@pytest.mark.parametrize("thing", ["lemon", pytest.param("tuna_fish_can", marks=pytest.mark.long)])
 def test_one_grasp_holds_a_small_and_a_wide_object(name: str, thing: str) -> None:
     report, _ = attempt(name, "right", thing)
     assert report.held, report.reason
@@ -76,6 +78,7 @@ def test_one_grasp_holds_a_small_and_a_wide_object(name: str, thing: str) -> Non
 
 @pytest.mark.parametrize("name", FORCE)
 @pytest.mark.parametrize("difference", [-0.015, 0.015])
+@pytest.mark.parametrize("side", SIDES)
 def test_fifteen_millimetres_more_or_less_are_noticed_and_held(name: str, difference: float, side: Side) -> None:
     report, _ = attempt(name, side, shape="sphere", size=(0.0647 + difference,), mass=0.058)
     assert report.held, report.reason
@@ -118,6 +121,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_within_a_fifth() ->
 
 
 @pytest.mark.parametrize("diameter", [0.060, 0.080, 0.100])
+@pytest.mark.parametrize("side", SIDES)
 def test_the_envelop_grasp_wraps_cans_of_any_diameter_from_their_side(diameter: float, side: Side) -> None:
     report, _ = attempt("envelop", side, shape="cylinder", size=(diameter, 0.082), mass=0.118)
     assert report.held, report.reason
