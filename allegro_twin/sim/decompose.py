@@ -6,6 +6,7 @@ MuJoCo collides a mesh as its convex hull, which fills every hole and cavity.
 from __future__ import annotations
 
 import hashlib
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,15 @@ from allegro_twin.files.whole import whole_file
 from allegro_twin.sim.meshes import Mesh, hull_of
 from allegro_twin.types import Array
 
+log = logging.getLogger(__name__)
+
 CONVEX = 0.995
 """Of its hull's volume: a solid that fills so much is taken as convex."""
 TOLERANCE = 0.001
 """m that pieces may stand out of the surface."""
-THRESHOLDS = (0.03, 0.02, 0.014, 0.01)
-"""Concavity that is allowed in a piece, CoACD's measure, from coarse to fine until the tolerance is met."""
+THRESHOLDS, MOST = (0.03, 0.015, 0.01), 40
+"""Concavity that is allowed in a piece, CoACD's measure, from coarse to fine until the tolerance is met; and pieces at
+most."""
 VERSION = 1
 """Of this decomposition: part of what a result is kept under."""
 _SAMPLES = 60_000
@@ -45,19 +49,25 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     if kept.is_file():
         return _load(kept)
     coacd.set_log_level("error")
+    best, least = (hull,), standing_out((hull,), mesh)
     for threshold in THRESHOLDS:
         found = coacd.run_coacd(
             coacd.Mesh(mesh.vertices, mesh.faces),
             threshold=threshold,
             preprocess_mode="off",  # The surface is closed, so it can be cut as it is.
-            mcts_iterations=100,
+            max_convex_hull=MOST,
+            mcts_iterations=60,
             seed=_SEED,
         )
         pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
-        if standing_out(pieces, mesh) <= TOLERANCE:
+        if (error := standing_out(pieces, mesh)) < least:
+            best, least = pieces, error
+        if least <= TOLERANCE:
             break
-    _store(kept, pieces)
-    return pieces
+    else:
+        log.warning("%s: its %d pieces stand out of its surface by up to %.1f mm", what, len(best), least * 1000)
+    _store(kept, best)
+    return best
 
 
 def standing_out(pieces: tuple[Mesh, ...], mesh: Mesh) -> float:
@@ -91,7 +101,7 @@ def _key(mesh: Mesh) -> str:
     import coacd
 
     content = np.round(mesh.vertices, 9).tobytes() + mesh.faces.tobytes()
-    settings = repr((VERSION, THRESHOLDS, TOLERANCE, getattr(coacd, "__version__", "")))
+    settings = repr((VERSION, THRESHOLDS, MOST, TOLERANCE, getattr(coacd, "__version__", "")))
     return hashlib.sha256(content + settings.encode()).hexdigest()[:32]
 
 
