@@ -49,7 +49,8 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
     if kept.is_file():
         return _load(kept)
     coacd.set_log_level("error")
-    best, least = (hull,), standing_out((hull,), mesh)
+    best: tuple[Mesh, ...] = (hull,)
+    least = standing_out(best, mesh)
     for threshold in THRESHOLDS:
         found = coacd.run_coacd(
             coacd.Mesh(mesh.vertices, mesh.faces),
@@ -60,8 +61,8 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
             seed=_SEED,
         )
         pieces = tuple(Mesh(np.asarray(v), np.asarray(f, dtype=np.int64)) for v, f in found)
-        if (error := standing_out(pieces, mesh)) < least:
-            best, least = pieces, error
+        if (apart := standing_out(pieces, mesh)) < least:
+            best, least = pieces, apart
         if least <= TOLERANCE:
             break
     else:
