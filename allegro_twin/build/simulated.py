@@ -13,6 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 if TYPE_CHECKING:
+    from allegro_twin.evaluate.scenario import ObjectSettings
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.sim.backend import SimBackend
 
@@ -50,16 +51,27 @@ def make_trial(
 ) -> Trial:
     """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
     in place of its first, if they are named. Raises ConfigError."""
-    from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
+    from allegro_twin.evaluate.scenario import load_scenario
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.library.named import load_grasp
 
     settings, path = load_scenario(scenario)
     if thing is not None:
         others = settings.objects[1:]
-        settings = settings.model_copy(update={"objects": (ObjectSettings(name=thing), *others)})
+        settings = settings.model_copy(update={"objects": (object_of(thing), *others)})
     chosen = load_grasp(grasp or settings.grasp, spec)
     return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)
+
+
+def object_of(name: str) -> ObjectSettings:
+    """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³."""
+    from allegro_twin.evaluate.scenario import ObjectSettings
+    from allegro_twin.sim.meshes import SUFFIXES
+
+    path = Path(name)
+    if path.suffix.lower() not in SUFFIXES:
+        return ObjectSettings(name=name)
+    return ObjectSettings(name=path.stem, shape="mesh", file=path.resolve())
 
 
 def scenario_config(

@@ -73,7 +73,11 @@ def run(
     ] = None,
     thing: Annotated[
         str | None,
-        typer.Option("--object", help="Another object than the scenario's first.", autocompletion=complete.objects),
+        typer.Option(
+            "--object",
+            help="Another object than the scenario's first: of the catalogue, or an .obj or .stl.",
+            autocompletion=complete.objects,
+        ),
     ] = None,
     policy: Annotated[
         str | None,

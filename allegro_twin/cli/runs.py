@@ -55,7 +55,8 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
             for side in SIDES if options.side == "both" else (options.side,):
                 base = _performing(path, options.config, side) if scenario else load_config(path)
                 config = _with(on_hand(base, options.hand, side), options)
-                jobs.append(Job(options.object or path.stem if scenario else path.stem, config))
+                name = path.stem if options.object is None or not scenario else Path(options.object).stem
+                jobs.append(Job(name, config))
     names = [(job.name, job.config.hand.side) for job in jobs]
     for name, hand in names:
         if names.count((name, hand)) > 1:

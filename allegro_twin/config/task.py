@@ -16,6 +16,6 @@ class TaskSettings(Settings):
     """With a scenario: another grasp than the one it names. Without: close this one where the hand is. For a policy
     that has several scripts: which."""
     object: str | None = None
-    """With a scenario: another object of the catalogue in place of its first."""
+    """With a scenario: another object in place of its first: of the catalogue, or a mesh (.obj, .stl)."""
     posture: str | PerJoint | None = None
     """Where to go, by name or in rad. For a policy that reaches goals: the goal, whose fingertips it is to reach."""

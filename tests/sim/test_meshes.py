@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from allegro_twin.build import assemble
+from allegro_twin.cli.runs import Options, configs_of
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.plan import stage
 from allegro_twin.sim.decompose import pieces_of, standing_out
@@ -140,3 +142,16 @@ def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(t
     hole = {**own, "collision": "hull"}
     (placed,) = stage(scenario(objects=[hole]), "right", tmp_path).things
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
+
+
+def test_a_mesh_takes_the_place_of_a_scenarios_object_by_its_path(tmp_path: Path) -> None:
+    file = written(tmp_path / "ring.obj", *ring())
+    (job,) = configs_of(["grasp_3"], Options(object=str(file)))
+    rig = assemble(job.config)
+    assert rig.trial is not None
+    (placed,) = rig.trial.things
+    assert (placed.thing.name, placed.thing.shape) == ("ring", "mesh")
+    assert job.name == "ring"
+    (job,) = configs_of(["grasp_3"], Options(object=str(tmp_path / "no.obj")))
+    with pytest.raises(ConfigError, match=r"object no: no file at .*no\.obj"):
+        assemble(job.config)
