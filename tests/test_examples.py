@@ -51,6 +51,7 @@ def test_it_checks_what_it_shows(path: Path) -> None:
     assert any(isinstance(node, ast.Assert) for node in reached)
 
 
+@pytest.mark.long
 def test_an_example_that_shows_something_else_is_noticed(tmp_path: Path) -> None:
     """The ball stays on the table where the palm is not where this grasp needs it."""
     path = tmp_path / "wrong.py"

@@ -221,7 +221,17 @@ main()
 """
 
 
-@pytest.mark.parametrize("library", ["typer", "numpy", "pydantic", "allegro_twin.session", "pinocchio", "mujoco"])
+@pytest.mark.parametrize(
+    "library",
+    [
+        "typer",
+        "mujoco",
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("numpy", "pydantic", "allegro_twin.session", "pinocchio")
+        ),
+    ],
+)
 def test_ctrl_c_while_libraries_are_imported_is_exit_code_130_and_silence(library: str) -> None:
     code = INTERRUPTED.format(library=library)
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)

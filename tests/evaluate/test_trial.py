@@ -44,7 +44,9 @@ def test_the_demo_has_its_twelve_objects() -> None:
     assert len(DEMO) + len(MORE) == 22
 
 
-@pytest.mark.parametrize("name", ["tennis_ball", "rubiks_cube", "tomato_soup_can"])
+@pytest.mark.parametrize(
+    "name", ["tennis_ball", *(pytest.param(n, marks=pytest.mark.long) for n in ("rubiks_cube", "tomato_soup_can"))]
+)
 def test_an_object_is_picked_up_turned_over_and_shaken_without_being_lost(name: str, side: Side) -> None:
     report, _ = pick(name, side)
     assert report.held, report.reason

@@ -60,7 +60,7 @@ def test_a_writer_killed_at_any_moment_leaves_the_old_entry_or_the_new_one(tmp_p
     path.write_text(START)
     chance = random.Random(3)
     seen = set()
-    for _ in range(20):
+    for _ in range(10):
         with writer(path, "shown", -1) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "on\n"
@@ -104,13 +104,13 @@ def test_a_first_entry_that_cannot_be_written_leaves_the_comments_of_a_file_that
 def test_two_writers_at_once_lose_no_entry(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(START)
-    processes = [writer(path, name, 25) for name in ("a", "b")]
+    processes = [writer(path, name, 10) for name in ("a", "b")]
     assert [process.wait(60) for process in processes] == [0, 0]
     for process in processes:
         assert process.stdout is not None
         process.stdout.close()
     names = {listed.name for listed in Library(path).list() if not listed.shipped}
-    assert names == {"still"} | {f"{name}_{k}" for name in ("a", "b") for k in range(25)}
+    assert names == {"still"} | {f"{name}_{k}" for name in ("a", "b") for k in range(10)}
     assert path.read_text().startswith(START)
 
 

@@ -59,7 +59,13 @@ def soon(condition: object) -> bool:
 
 @pytest.mark.parametrize("link", LINKS)
 @pytest.mark.parametrize(
-    ("way", "library"), [("KILL", False), ("STOP", True), ("hang", True), ("TERM", True), ("HUP", False)]
+    ("way", "library"),
+    [
+        ("KILL", False),
+        ("hang", True),
+        ("HUP", False),
+        *(pytest.param(way, True, marks=pytest.mark.long) for way in ("STOP", "TERM")),
+    ],
 )
 def test_a_hand_whose_program_dies_is_limp_soon(link: Link, way: str, library: bool) -> None:
     with served(link) as hand:
