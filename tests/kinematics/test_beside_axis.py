@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.kinematics.closed_form import FingerKinematics
@@ -67,6 +67,7 @@ def test_on_the_axis_psi_leaves_q1_at_zero_a_wish_takes_it_along_and_a_pose_says
 
 
 @settings(max_examples=200, deadline=None)
+@example(("right", "thumb"), 30, -11.572123704123033)
 @given(st.sampled_from(THUMBS), st.integers(0, 99), st.floats(-12.0, -4.0))
 def test_one_target_beside_the_axis_is_solved_as_in_a_batch(key: Key, row: int, exponent: float) -> None:
     finger = FINGERS[key]
@@ -76,6 +77,10 @@ def test_one_target_beside_the_axis_is_solved_as_in_a_batch(key: Key, row: int, 
     np.testing.assert_allclose(one.position, batch.position[0], rtol=0, atol=1e-12)
     x, y, z = point.tolist()
     found = finger.scalar.at_psi(x, y, z, float(psi))
-    assert len(found) == one.within.sum() > 0
-    # Its way into the base rounds otherwise, and q₁ is no more certain than that.
-    np.testing.assert_allclose(found, one.position[one.within], rtol=0, atol=10 * np.sqrt(1e-16 / 10.0**exponent))
+    assert found
+    assert one.within.any()
+    # Its way into the base rounds otherwise, and q₁ is no more certain than that: two solutions may come out as one.
+    apart = np.abs(np.array(found)[:, None] - one.position[one.within][None]).max(axis=-1)
+    tolerance = 10 * np.sqrt(1e-16 / 10.0**exponent)
+    assert apart.min(axis=0).max() <= tolerance
+    assert apart.min(axis=1).max() <= tolerance
