@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import struct
@@ -230,12 +231,10 @@ def ear(channel: str) -> Iterator[socket.socket]:
         yield raw
 
 
-def said(raw: socket.socket) -> list[tuple[int, bytes]]:
-    """What it has heard: identifiers and data."""
+def said_until_quiet(raw: socket.socket, seconds: float = 2.0) -> list[tuple[int, bytes]]:
+    """What it has heard until nobody said a word for so long (a keeper repeats after 0.1 s)."""
     heard: list[tuple[int, bytes]] = []
-    while True:
-        try:
-            identifier, length, data = struct.unpack("=IB3x8s", raw.recv(16))
-        except BlockingIOError:
-            return heard
+    while select.select([raw], [], [], seconds)[0]:
+        identifier, length, data = struct.unpack("=IB3x8s", raw.recv(16))
         heard.append((identifier & 0x7FF, data[:length]))
+    return heard

@@ -22,7 +22,7 @@ from tests.socketcan.inside.rigs import (
     forked,
     hand_on,
     ip,
-    said,
+    said_until_quiet,
     with_patience,
 )
 
@@ -80,8 +80,7 @@ def test_stale_torques_of_a_full_queue_are_not_the_last_words(time_: int, tmp_pa
         with delayed("vxcan0", "delay", "1s", "limit", "10"):
             assert exit_code(run) == 3
             assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
-            time.sleep(2.0)
-        frames = [frame for frame in said(heard) if frame[0] in (*TORQUES, SERVO_OFF, PERIODS)]
+        frames = [frame for frame in said_until_quiet(heard) if frame[0] in (*TORQUES, SERVO_OFF, PERIODS)]
     assert frames[-1] == (PERIODS, bytes(6))
     for identifier in TORQUES:
         assert [data for known, data in frames if known == identifier][-1] == bytes(8)
