@@ -234,7 +234,7 @@ def test_a_file_for_rerun_is_drawn_with_every_sample_and_as_fast_as_it_goes(
 
 
 def test_reports_say_which_program_and_engine_judged(tmp_path: Path) -> None:
-    report = Report(held=False, reason="fell", phases=(), peak_torque=0.5, lift=0.01)
+    report = Report(held=False, reason="fell", phases=(), peak_torque=0.5, lift=0.01, penetration=0.0, at_limit={})
     write_reports(tmp_path / "report.json", {"lemon_left": report})
     content = json.loads((tmp_path / "report.json").read_text())
     assert content["allegro_twin"] == allegro_twin.__version__

@@ -9,6 +9,7 @@ import numpy as np
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.config import RunConfig
+from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Guard, Limits
@@ -46,7 +47,11 @@ class Rig:
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     """A backend behind the config's limits. Raises ConfigError."""
-    settings = config.limits
+    return Guard(backend, limits_of(config.limits, spec))
+
+
+def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:
+    """What a config lets through. Raises ConfigError."""
     torque = spec.actuation.torque_limit
     if settings.torque is not None:
         torque = np.minimum(torque, spec.vector(settings.torque, "limits.torque"))
@@ -57,4 +62,4 @@ def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     if settings.margin * 2 >= float((spec.upper - spec.lower).min()):
         raise ConfigError(f"limits.margin {settings.margin} rad leaves some joint no range")
     lower, upper = spec.lower + settings.margin, spec.upper - settings.margin
-    return Guard(backend, Limits(frozen(torque), velocity, frozen(lower), frozen(upper)))
+    return Limits(frozen(torque), velocity, frozen(lower), frozen(upper))

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from allegro_twin.evaluate.again import stalled
 from allegro_twin.evaluate.held import Report
 from allegro_twin.hand.grasps import Grasped
 from allegro_twin.identify.limits import FoundLimits, centring_offsets
@@ -36,7 +37,7 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     parts = list(next(iter(reports.values())).phases[0].contact_force)
     for name in ("object", "hand", "grasp", "held"):
         table.add_column(name)
-    for name in ("drift\nmm", "turn\n°", *(f"{part[:6]}\nN" for part in parts), "torque\npeak"):
+    for name in ("drift\nmm", "turn\n°", "inside\nmm", *(f"{part[:6]}\nN" for part in parts), "stalls"):
         table.add_column(name, justify="right")
     for (scenario, side), report in reports.items():
         checks = [phase for phase in report.phases if phase.check]
@@ -48,13 +49,20 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
             "[green]yes[/]" if report.held else "[red]no[/]",
             f"{max(phase.drift for phase in checks) * 1000:.1f}" if checks else "",
             f"{max(phase.rotation for phase in checks):.1f}" if checks else "",
+            f"{report.penetration * 1000:.1f}",
             *(f"{force:.1f}" for force in forces),
-            f"{report.peak_torque:.0%}",
+            _stalls(report),
         )
     failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]
     table.caption = "\n".join(failed)
     table.caption_justify = "left"
     return table
+
+
+def _stalls(report: Report) -> str:
+    """The joint that spends most time at its torque limit, and how much of it."""
+    joint, share = max(report.at_limit.items(), key=lambda item: item[1], default=("", 0.0))
+    return f"{joint} {share:.0%}" if share >= 0.01 else ""
 
 
 def phases(title: str, report: Report) -> Table:
@@ -68,7 +76,10 @@ def phases(title: str, report: Report) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    table.caption = f"lifted {report.lift * 1000:.0f} mm, peak torque {report.peak_torque:.0%} of its limit"
+    table.caption = (
+        f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
+        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}"
+    )
     return table
 
 

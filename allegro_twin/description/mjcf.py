@@ -17,7 +17,7 @@ def mjcf(hand: Description, actuation: Actuation) -> str:
     SubElement(root, "compiler", angle="radian", meshdir="../meshes", autolimits="true")
     # docs/models.md#contact: what each option was measured to do.
     SubElement(
-        root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="10", jacobian="dense",
+        root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
         noslip_iterations="2",
     )  # fmt: skip
     _defaults(root)
@@ -49,7 +49,16 @@ def _defaults(root: Element) -> None:
     visual = SubElement(top, "default", {"class": "visual"})
     SubElement(visual, "geom", contype="0", conaffinity="0", group="2", mass="0")
     collision = SubElement(top, "default", {"class": "collision"})
-    SubElement(collision, "geom", group="3", mass="0", condim="4", friction="0.8 0.01 0.0005", rgba=".5 .6 .7 .3")
+    SubElement(
+        collision,
+        "geom",
+        group="3",
+        mass="0",
+        condim="4",
+        friction="0.8 0.01 0.0005",
+        solref="0.005 1",
+        rgba=".5 .6 .7 .3",
+    )
 
 
 def _assets(root: Element, hand: Description) -> None:

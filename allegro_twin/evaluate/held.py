@@ -10,6 +10,9 @@ import numpy as np
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
 from allegro_twin.types import Array, Vector
 
+FULL = 0.99
+"""Of its torque limit: a joint that pushes so hard has no more to give."""
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -21,6 +24,22 @@ class Window:
     """s."""
     check: bool
     """The object must be held at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What counts as held."""
+
+    reference: str
+    """Motion of the object is counted from the end of this phase."""
+    drift: float
+    """How far it may have moved in the palm's frame, m."""
+    rotation: float
+    """Likewise, degrees."""
+    lift: float = 0.0
+    """How high the wrist lifts it, m: it must rise with it, but for `drift`."""
+    throughout: bool = False
+    """The limits hold during the whole of a phase that checks, not only at its end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +56,10 @@ class Observations:
     """Sum of normal forces on the object by each part of the hand, (k, p), N."""
     on_table: Array
     """1 where the object touches the table, (k,)."""
+    contacts: Array
+    """How many points of the hand touch the object, (k,)."""
+    penetration: Array
+    """How deep object and hand are in each other, (k,), m."""
     torque: Array
     """Applied joint torques, (k, n), N·m."""
 
@@ -54,6 +77,12 @@ class PhaseReport:
     """During the phase, m."""
     contact_force: Mapping[str, float]
     """Mean over the phase by part of the hand, N."""
+    contacts: float
+    """Points of the hand that touch the object, mean over the phase."""
+    penetration: float
+    """The deepest during the phase, m."""
+    margin: float
+    """What is left of the limits on drift and rotation, as a fraction of them; negative: so much too far."""
     check: bool
     held: bool
 
@@ -71,39 +100,50 @@ class Report:
     """The largest fraction of its limit that any joint used."""
     lift: float
     """How far the object rose between the reference and the first check, m."""
+    penetration: float
+    """The deepest that object and hand are in each other from the reference on, m."""
+    at_limit: Mapping[str, float]
+    """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
+
+    @property
+    def margin(self) -> float:
+        """The smallest of the phases that check; NaN where none does."""
+        return min((phase.margin for phase in self.phases if phase.check), default=float("nan"))
 
 
 def judge(
     seen: Observations,
     windows: Sequence[Window],
-    reference: str,
+    rule: Rule,
     *,
     parts: Sequence[str],
+    joints: Sequence[str],
     torque_limit: Vector,
-    drift: float,
-    rotation: float,
-    lift: float,
 ) -> Report:
-    """Held means: at the end of every phase that checks, the object has moved no more than `drift` (m) and `rotation`
-    (degrees) in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
-    rose by at least half of `lift` (m)."""
-    position, angle = relative_motion(seen, _last(seen.t, next(w.end for w in windows if w.name == reference)))
+    """Held means: at the end of every phase that checks, the object has moved no more than the rule's `drift` and
+    `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
+    rose as the wrist did."""
+    start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
+    position, angle = relative_motion(seen, start)
     phases = []
     begun = False
     for window in windows:
         if begun:
-            phases.append(_phase(seen, window, parts, position, angle, drift, rotation))
-        begun = begun or window.name == reference
+            phases.append(_phase(seen, window, parts, position, angle, rule))
+        begun = begun or window.name == rule.reference
     checks = [window for window in windows if window.check]
-    start = _last(seen.t, next(w.end for w in windows if w.name == reference))
     rise = float(seen.thing[_last(seen.t, checks[0].end), 2] - seen.thing[start, 2]) if checks else 0.0
     reason = next(
         (_why(p, seen, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), ""
     )
-    if not reason and rise < lift / 2:
-        reason = f"rose {rise * 1000:.0f} mm of {lift * 1000:.0f} mm"
-    peak = float((np.abs(seen.torque) / torque_limit).max())
-    return Report(not reason, reason, tuple(phases), peak, rise)
+    if not reason and rise < rule.lift - rule.drift:
+        reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
+    used = np.abs(seen.torque) / torque_limit
+    share = (used[start + 1 :] >= FULL).mean(axis=0) if start + 1 < len(used) else np.zeros(len(joints))
+    return Report(
+        not reason, reason, tuple(phases), float(used.max()), rise, _deepest(seen.penetration[start:]),
+        dict(zip(joints, map(float, share), strict=True)),
+    )  # fmt: skip
 
 
 def relative_motion(seen: Observations, start: int) -> tuple[Array, Array]:
@@ -115,19 +155,13 @@ def relative_motion(seen: Observations, start: int) -> tuple[Array, Array]:
 
 
 def _phase(
-    seen: Observations,
-    window: Window,
-    parts: Sequence[str],
-    position: Array,
-    angle: Array,
-    drift: float,
-    rotation: float,
+    seen: Observations, window: Window, parts: Sequence[str], position: Array, angle: Array, rule: Rule
 ) -> PhaseReport:
     rows = slice(_last(seen.t, window.begin) + 1, _last(seen.t, window.end) + 1)
     end = rows.stop - 1
-    held = (
-        position[end] <= drift and angle[end] <= rotation and not seen.on_table[end] and seen.contact_force[end].any()
-    )
+    judged = rows if rule.throughout else slice(end, end + 1)
+    moved, turned = float(position[judged].max()), float(angle[judged].max())
+    margin = 1.0 - max(moved / rule.drift, turned / rule.rotation)
     force = seen.contact_force[rows].mean(axis=0)
     return PhaseReport(
         window.name,
@@ -135,9 +169,17 @@ def _phase(
         float(angle[end]),
         float(position[rows].max()),
         dict(zip(parts, map(float, force), strict=True)),
+        float(seen.contacts[rows].mean()),
+        _deepest(seen.penetration[rows]),
+        margin,
         window.check,
-        bool(held),
+        bool(margin >= 0.0 and not seen.on_table[end] and seen.contact_force[end].any()),
     )
+
+
+def _deepest(penetration: Array) -> float:
+    """NaN where nobody looked, as in recordings of older versions."""
+    return float(penetration.max()) if len(penetration) else 0.0
 
 
 def _why(phase: PhaseReport, seen: Observations, window: Window) -> str:

@@ -16,7 +16,7 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.scene import Stage
 from allegro_twin.spec import Side
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 # What the mirror in the world's x-z plane does to the wrist's six coordinates: slides along x, y, z, and turns, which
 # are pseudovectors, about the palm's x, y, z.
@@ -33,6 +33,8 @@ class Plan:
     """What the fingers follow."""
     segments: list[wrist.Segment]
     """What the wrist does."""
+    push: Array
+    """What accelerates the object from outside in every control period, (periods, 3), m/s², world."""
 
     @property
     def seconds(self) -> float:
@@ -41,7 +43,7 @@ class Plan:
 
 def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float) -> Plan:
     """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
-    windows, waypoints, segments = [], [], []
+    windows, waypoints, segments, pushes = [], [], [], []
     posture, t = start, 0.0
     for phase in protocol.phases:
         waypoint = Waypoint(posture, seconds=phase.seconds)
@@ -52,11 +54,12 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
         waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
         segments.append(_segment(phase, seconds, scenario, side))
         windows.append(Window(phase.name, t, t + seconds, phase.check))
+        pushes.append(np.tile(_on_side(phase.push, side), (round(seconds / period), 1)))
         t += seconds
-    return Plan(tuple(windows), Moves(waypoints), segments)
+    return Plan(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
 
 
-def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
+def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     things = [_placed(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
@@ -68,16 +71,25 @@ def stage(scenario: Scenario, side: Side, folder: Path) -> Stage:
         x, y, z = things[0].position
         things[0] = replace(things[0], position=(x, y, z + scenario.stand.height))
         stand = (x, y, *scenario.stand.size, scenario.stand.height)
-    position = np.add(things[0].position, offset) + scenario.wrist.retreat
+    position = np.add(things[0].position, offset)
+    if any(phase.wrist == "approach" for phase in protocol.phases):
+        position = position + scenario.wrist.retreat
     rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
     if side == "left":
         things = [_mirrored(thing) for thing in things]
         mirror = np.diag([1.0, -1.0, 1.0])
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
+    friction = scenario.friction * protocol.physics.friction
     return Stage(
-        position, quaternion_from_matrix(rotation), things, scenario.friction, table=True, wrist=True, stand=stand
-    )
+        position, quaternion_from_matrix(rotation), things, friction, table=not protocol.floating, wrist=True,
+        stand=None if protocol.floating else stand, physics=protocol.physics.physics(),
+    )  # fmt: skip
+
+
+def _on_side(vector: tuple[float, float, float], side: Side) -> Vector:
+    """A vector of the world, seen in the mirror for a left hand."""
+    return np.array(vector) * (_MIRROR[:3] if side == "left" else 1.0)
 
 
 def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wrist.Segment:

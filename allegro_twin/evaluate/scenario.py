@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
+from allegro_twin.sim.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]
@@ -38,6 +39,8 @@ class Phase(Settings):
     turn: Vector3 = (0.0, 0.0, 0.0)
     """Degrees about the palm's own x, y, z."""
     shake: Shake | None = None
+    push: Vector3 = (0.0, 0.0, 0.0)
+    """Throughout the phase on the object's centre of mass, as the acceleration that it would give it, m/s², world."""
     check: bool = False
     """The object must be held at the end of this phase."""
 
@@ -55,12 +58,43 @@ class Success(Settings):
     """m."""
     rotation: Positive = 15.0
     """Degrees."""
+    throughout: bool = False
+    """During the whole of every phase that checks, not only at its end."""
+
+
+class PhysicsSettings(Settings):
+    """What differs from the physics of every scene (sim.physics)."""
+
+    timestep: Positive | None = None
+    """s."""
+    softness: Positive | None = None
+    """Time constant of contacts, s."""
+    impratio: Positive | None = None
+    noslip: Annotated[int, Field(ge=0)] | None = None
+    torsional: Positive | None = None
+    """m."""
+    rolling: Positive | None = None
+    """m."""
+    cone: Cone | None = None
+    integrator: Integrator | None = None
+    solver: Solver | None = None
+    gravity: Vector3 | None = None
+    """World, m/s²."""
+    friction: Positive = 1.0
+    """Factor on the scenario's sliding friction."""
+
+    def physics(self) -> Physics:
+        """Those of a scene."""
+        return Physics(**self.model_dump(exclude_none=True, exclude={"friction"}))
 
 
 class Protocol(Settings):
     """The timeline and the verdict, shared by scenarios so that their results compare."""
 
     version: int
+    physics: PhysicsSettings = PhysicsSettings()
+    floating: bool = False
+    """There is no table: the object hangs where the grasp meets it."""
     phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
     reference: str
     success: Success = Success()

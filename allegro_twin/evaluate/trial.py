@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
-from allegro_twin.evaluate.held import Observations, Report, Window, judge
+from allegro_twin.evaluate.held import FULL, Observations, Report, Rule, Window, judge
 from allegro_twin.evaluate.plan import plan, stage
-from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol
+from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import wrist
 from allegro_twin.sim.appearance import scene_look
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.backend import Push, SimBackend
 from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.probe import Probe
-from allegro_twin.sim.scene import TIMESTEP, compile_scene
+from allegro_twin.sim.scene import compile_scene
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
@@ -30,7 +31,8 @@ STANDARD_GRAVITY = 9.81  # m/s², as in every scene.
 class Trial:
     """A simulated hand at a scenario, and what is seen of it.
 
-    `start` are the joint positions at reset, (n,), rad; by default the grasp's pre-shape.
+    `start` are the joint positions at reset, (n,), rad; by default the grasp's pre-shape. `protocol` takes the place of
+    the scenario's; `draw` is what the hand is not told.
     """
 
     def __init__(
@@ -42,9 +44,14 @@ class Trial:
         folder: Path = Path(),
         period: float = 0.003,
         start: Vector | None = None,
+        protocol: Protocol | None = None,
+        draw: Draw | None = None,
     ) -> None:
-        self.scenario, self.grasp, self.protocol = scenario, grasp, load_protocol(scenario.protocol)
-        scene = stage(scenario, spec.side, folder)
+        self.scenario, self.grasp = scenario, grasp
+        self.protocol = load_protocol(scenario.protocol) if protocol is None else protocol
+        scene = stage(scenario, self.protocol, spec.side, folder)
+        if draw is not None:
+            scene = draw.on(scene, self.protocol.physics.friction)
         self.things: tuple[Placement, ...] = tuple(scene.things)
         posture = grasp.preshape if start is None else start
         timeline = plan(self.protocol, grasp, scenario, posture, spec.side, period)
@@ -52,11 +59,16 @@ class Trial:
         self.reference: Moves = timeline.reference
         self.seconds = timeline.seconds
         model = compile_scene(spec, scene)
-        drive = wrist.commands(timeline.segments, TIMESTEP, wrist.load(model))
-        self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive)
-        self._probe = Probe(self.backend, scenario.objects[0].name)
-        self._lift = float(sum(max(phase.move[2], 0.0) for phase in self.protocol.phases))
-        self._too_heavy = too_heavy(self.mass, grasp, spec, scenario.friction)
+        if draw is not None:
+            model.actuator_gear[[model.actuator(joint).id for joint in spec.joints], 0] *= draw.torque
+        physics, name = scene.physics, scenario.objects[0].name
+        drive = wrist.commands(timeline.segments, physics.timestep, wrist.load(model), -physics.gravity[2])
+        push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
+        self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
+        self._probe = Probe(model, self.backend.data, spec, name)
+        limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
+        self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
+        self._too_heavy = too_heavy(self.mass, grasp, spec, scenario.friction * self.protocol.physics.friction)
         self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
 
     @property
@@ -97,32 +109,34 @@ class Trial:
             raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
         t, torque, seen = zip(*self._rows, strict=True)
         columns = {key: np.array([row[key] for row in seen]) for key in seen[0]}
-        observed = Observations(
-            np.array(t),
-            columns["palm"],
-            columns["object"],
-            columns["contact_force"],
-            columns["on_table"][:, 0],
-            np.array(torque),
+        return self.judged(
+            Observations(
+                np.array(t),
+                columns["palm"],
+                columns["object"],
+                columns["contact_force"],
+                columns["on_table"][:, 0],
+                columns["contacts"][:, 0],
+                columns["penetration"][:, 0],
+                np.array(torque),
+            )
         )
+
+    def judged(self, seen: Observations) -> Report:
+        """The verdict on what was observed of this trial."""
+        spec = self.backend.spec
         report = judge(
-            observed,
-            self.windows,
-            self.protocol.reference,
-            parts=self._probe.parts,
-            torque_limit=self.backend.spec.actuation.torque_limit,
-            drift=self.protocol.success.drift,
-            rotation=self.protocol.success.rotation,
-            lift=self._lift,
-        )
-        return report if report.held else replace(report, reason=f"{report.reason}; {self._load(observed)}")
+            seen, self.windows, self.rule,
+            parts=self._probe.parts, joints=spec.aliases, torque_limit=spec.actuation.torque_limit,
+        )  # fmt: skip
+        return report if report.held else replace(report, reason=f"{report.reason}; {self._load(seen)}")
 
     def _load(self, seen: Observations) -> str:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
         begin = next(w.end for w in self.windows if w.name == self.protocol.reference)
         end = next((w.end for w in self.windows if w.check), self.seconds)
-        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= 0.99 * limit).mean(axis=0)
+        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
         full = [name for name, part in zip(self.backend.spec.aliases, share, strict=True) if part > 0.5]
         weight = f"it weighs {self.mass * STANDARD_GRAVITY:.1f} N"
         return f"{weight}, and {', '.join(full)} pushed at their torque limit" if full else weight
@@ -138,13 +152,7 @@ class Trial:
             "grasp": self.grasp.name,
             "objects": things,
             "phases": [[w.name, w.begin, w.end] for w in self.windows],
-            "judged": {
-                "windows": [[w.name, w.begin, w.end, w.check] for w in self.windows],
-                "reference": self.protocol.reference,
-                "drift": self.protocol.success.drift,
-                "rotation": self.protocol.success.rotation,
-                "lift": self._lift,
-            },
+            "judged": {"windows": [[w.name, w.begin, w.end, w.check] for w in self.windows]} | asdict(self.rule),
             "look": scene_look(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
         }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -19,11 +20,20 @@ ENGINE = f"mujoco {mujoco.__version__}"
 _NO_WRIST = np.zeros((0, 6))
 
 
+class Push(NamedTuple):
+    """What pushes a body from outside."""
+
+    body: str
+    force: Array
+    """On its centre of mass in every control period from the reset on, (k, 3), N, world; nothing after the last."""
+
+
 class SimBackend:
     """A hand in a compiled scene.
 
     `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
     `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits.
+    `pushing` is what pushes a body of the scene.
     Raises ConfigError for a period that is not a whole number of the model's timesteps.
     """
 
@@ -35,6 +45,7 @@ class SimBackend:
         period: float = 0.003,
         posture: Vector | None = None,
         drive: Array = _NO_WRIST,
+        pushing: Push | None = None,
     ) -> None:
         self._substeps = substeps(period, model.opt.timestep)
         self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
@@ -43,7 +54,8 @@ class SimBackend:
         self._motors = span([model.actuator(name).id for name in spec.joints])
         self._palm = model.body("palm_link").id
         self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
-        self._drive = drive
+        self.drive, self.pushing = drive, pushing
+        self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
         self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
         self._unknown = frozen(np.full(spec.n_actuators, math.nan))
         self._tick = 0
@@ -56,11 +68,16 @@ class SimBackend:
     def period(self) -> float:
         return self._period
 
+    @property
+    def posture(self) -> Vector:
+        """At reset, (n,), rad."""
+        return self._posture
+
     def reset(self) -> HandState:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self._qpos] = self._posture
         if self._wrist:
-            self.data.ctrl[self._wrist] = self._drive[0]
+            self.data.ctrl[self._wrist] = self.drive[0]
         mujoco.mj_forward(self.model, self.data)
         self._tick = 0
         return self._state()
@@ -69,9 +86,12 @@ class SimBackend:
         self.data.ctrl[self._motors] = torque_of(command, self._spec)
 
     def read(self) -> HandState:
+        if self._pushed is not None and self.pushing is not None:
+            rows = self.pushing.force[self._tick : self._tick + 1]
+            self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         first = self._tick * self._substeps
-        if first < len(self._drive):
-            for row in self._drive[first : first + self._substeps]:
+        if first < len(self.drive):
+            for row in self.drive[first : first + self._substeps]:
                 self.data.ctrl[self._wrist] = row
                 mujoco.mj_step(self.model, self.data)
         else:

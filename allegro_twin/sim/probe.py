@@ -5,7 +5,6 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -14,14 +13,13 @@ _AXES = np.arange(3)  # Of an elliptic contact's force: along the normal, along 
 
 
 class Probe:
-    """Looks into the scene of a backend at one object, after each period."""
+    """Looks into a scene at one object, after each period."""
 
-    def __init__(self, backend: SimBackend, thing: str) -> None:
-        model = backend.model
-        self._data, self._model = backend.data, model
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
+        self._data, self._model = data, model
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
-        self.parts = part_names(backend.spec)
-        self._part = parts_of(model, backend.spec)
+        self.parts = part_names(spec)
+        self._part = parts_of(model, spec)
         # An object, and what stands on the table, may be made of bodies that are welded together.
         self._weld = model.body_weldid
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
@@ -30,9 +28,10 @@ class Probe:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
         on the object by each finger and the palm, (fingers + 1,), N. `on_table`: 1 where it touches the table or its
         stand, (1,). `contact_point` and `contact_vector`, (3 parts,): where each part presses on the object, m, world,
-        and the whole force with friction by which it does, N, world; the point is NaN where nothing touches."""
+        and the whole force with friction by which it does, N, world; the point is NaN where nothing touches.
+        `contacts`: how many points of the hand touch it, (1,), and `penetration`, (1,): the deepest of them, m."""
         data = self._data
-        force, on_table, point, vector = self._contacts()
+        force, on_table, point, vector, contacts, depth = self._contacts()
         return {
             "palm": np.concatenate([data.xpos[self._palm], data.xquat[self._palm]]),
             "object": np.concatenate([data.xpos[self._thing], data.xquat[self._thing]]),
@@ -40,9 +39,11 @@ class Probe:
             "on_table": on_table,
             "contact_point": point,
             "contact_vector": vector,
+            "contacts": contacts,
+            "penetration": depth,
         }
 
-    def _contacts(self) -> tuple[Array, Array, Array, Array]:
+    def _contacts(self) -> tuple[Array, Array, Array, Array, Array, Array]:
         contact, forces = self._data.contact, self._data.efc_force
         bodies, address = self._model.geom_bodyid[contact.geom], contact.efc_address
         welds = self._weld[bodies]
@@ -53,7 +54,8 @@ class Probe:
         part = self._part[other]
         on_table = np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
         if not len(mine):
-            return np.zeros(self._n), on_table, np.full(3 * self._n, np.nan), np.zeros(3 * self._n)
+            nowhere = np.full(3 * self._n, np.nan)
+            return np.zeros(self._n), on_table, nowhere, np.zeros(3 * self._n), np.zeros(1), np.zeros(1)
         # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
         local = forces[address[:, None] + _AXES]
         rows = np.empty((len(mine), 7))
@@ -64,7 +66,9 @@ class Probe:
         total = (part == self._parts_column) @ rows
         by_part = total[:, 0]
         point = np.where(by_part[:, None] > 0, total[:, 1:4] / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
-        return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1)
+        hand = part >= 0
+        depth = np.array([max(-contact.dist[mine[hand]].min(initial=0.0), 0.0)])
+        return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1), np.array([float(hand.sum())]), depth
 
 
 def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:

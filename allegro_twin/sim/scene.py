@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim import objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt
+from allegro_twin.sim.physics import Physics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
-
-TIMESTEP = 0.001  # s. Divides the hand's 3 ms; docs/models.md#contact.
-TORSIONAL, ROLLING = 0.01, 0.0005  # m. Soft rubber on plastic; DexGraspBench takes 0.02 for the first.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +39,7 @@ class Stage:
     """Of that gantry the palm has only the vertical slide."""
     presented: bool = False
     """Somebody holds the first thing, moves it and lets go of it."""
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    physics: Physics = field(default_factory=Physics)
 
 
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
@@ -71,8 +68,8 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
 def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
     """The model of a hand on its stage. Raises ConfigError when MuJoCo refuses it."""
     scene = hand_spec(spec)
-    _options(scene, stage)
-    friction = [stage.friction, TORSIONAL, ROLLING]
+    stage.physics.options(scene)
+    friction = stage.physics.friction(stage.friction)
     for geom in scene.geoms:
         if geom.contype or geom.conaffinity:
             geom.friction = friction
@@ -82,27 +79,14 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
         wrist.add(scene, palm, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
-        objects.add(scene, placement, (stage.friction, TORSIONAL, ROLLING))
+        objects.add(scene, placement, friction)
     if stage.presented:
         presenter.add(scene, stage.things[0])
+    stage.physics.contacts(scene)
     try:
         return scene.compile()
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
-
-
-def _options(scene: mujoco.MjSpec, stage: Stage) -> None:
-    """The reasons are in docs/models.md#contact."""
-    option = scene.option
-    option.timestep = TIMESTEP
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.noslip_iterations = 2
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.gravity = np.asarray(stage.gravity)
-    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # A diverged state must be seen, not hidden.
-    scene.compiler.degree = False
 
 
 def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
@@ -128,10 +112,10 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
         x, y, length, width, height = stage.stand
         world.add_geom(
             name="stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[length / 2, width / 2, height / 2],
-            pos=[x, y, height / 2], friction=[stage.friction, TORSIONAL, ROLLING], rgba=[*STAND, 1.0],
+            pos=[x, y, height / 2], friction=stage.physics.friction(stage.friction), rgba=[*STAND, 1.0],
         )  # fmt: skip
     if stage.table:
         world.add_geom(
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
-            friction=[stage.friction, TORSIONAL, ROLLING], rgba=[*TABLE, 1.0],
+            friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
         )  # fmt: skip

@@ -112,7 +112,7 @@ def test_two_runs_do_not_share_an_output(flag: list[str], command: Run) -> None:
 
 def phase(*, held: bool) -> PhaseReport:
     force = {"index": 1.5, "thumb": 2.5, "palm": 0.0}
-    return PhaseReport("lift", 0.0123, 4.5, 0.02, force, check=True, held=held)
+    return PhaseReport("lift", 0.0123, 4.5, 0.02, force, 4.0, 0.0003, 0.5, check=True, held=held)
 
 
 def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails(
@@ -121,7 +121,7 @@ def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails
     def perform(rig: Any, config: Any, outputs: Outputs, advance: Any, tell: Any) -> Outcome:
         rig.backend.close()
         held = rig.spec.side == "right"
-        report = Report(held, "" if held else "it fell", (phase(held=held),), 0.5, 0.08)
+        report = Report(held, "" if held else "it fell", (phase(held=held),), 0.5, 0.08, 0.0003, {"thumb_2": 0.9})
         return Outcome(state(3), report, ("no pictures: none",))
 
     monkeypatch.setattr(session, "perform", perform)

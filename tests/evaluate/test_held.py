@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.evaluate.held import Observations, Report, Window, judge, relative_motion
+from allegro_twin.evaluate.held import Observations, Report, Rule, Window, judge, relative_motion
 
 WINDOWS = (Window("squeeze", 0.0, 1.0, False), Window("hold", 1.0, 2.0, True), Window("shake", 2.0, 3.0, True))
 T = np.arange(0, 3001) * 0.001
@@ -21,21 +21,20 @@ def observations(**changes: Any) -> Observations:
     pose[:, 2], pose[:, 3:] = lifted, IDENTITY
     values: dict[str, Any] = {
         "t": T, "palm": pose.copy(), "thing": pose.copy(), "contact_force": np.ones((len(T), 2)),
-        "on_table": (T < 1.0).astype(float), "torque": np.full((len(T), 16), 0.1),
+        "on_table": (T < 1.0).astype(float), "contacts": np.full(len(T), 4.0),
+        "penetration": np.where(T < 1.5, 0.0003, 0.0002), "torque": np.full((len(T), 16), 0.1),
     }  # fmt: skip
     return Observations(**(values | changes))
 
 
-def verdict(seen: Observations) -> Report:
+def verdict(seen: Observations, *, throughout: bool = False) -> Report:
     return judge(
         seen,
         WINDOWS,
-        "squeeze",
+        Rule("squeeze", drift=0.01, rotation=15.0, lift=0.15, throughout=throughout),
         parts=("index", "thumb"),
+        joints=[f"joint_{number}" for number in range(16)],
         torque_limit=np.full(16, 0.5),
-        drift=0.01,
-        rotation=15.0,
-        lift=0.15,
     )
 
 
@@ -53,6 +52,28 @@ def test_an_object_that_stays_is_held_with_its_margins() -> None:
     assert report.lift == pytest.approx(0.15)
     assert [phase.name for phase in report.phases] == ["hold", "shake"]
     assert report.phases[0].contact_force == {"index": 1.0, "thumb": 1.0}
+    assert (report.phases[0].contacts, report.margin) == (4.0, 1.0)
+    assert (report.penetration, report.phases[1].penetration) == (0.0003, 0.0002)
+
+
+def test_the_margin_is_what_the_worst_check_leaves_of_the_nearest_limit() -> None:
+    assert verdict(moved(0.004, 1.5)).margin == pytest.approx(0.6)
+    assert verdict(moved(0.012, 2.5)).margin == pytest.approx(-0.2)
+
+
+def test_a_joint_at_its_limit_is_named_with_its_share_of_the_time() -> None:
+    torque = np.full((len(T), 16), 0.1)
+    torque[T > 2.0, 3], torque[T <= 1.0, 4] = -0.499, 0.5
+    report = verdict(observations(torque=torque))
+    assert report.at_limit["joint_3"] == pytest.approx(0.5, abs=0.001)
+    assert report.at_limit["joint_4"] == 0.0  # Before the reference it does not count.
+
+
+def test_a_slip_that_comes_back_counts_where_limits_hold_throughout() -> None:
+    seen = observations()
+    seen.thing[(T > 1.4) & (T < 1.6), 1] += 0.02
+    assert verdict(seen).held
+    assert not verdict(seen, throughout=True).held
 
 
 @pytest.mark.parametrize(("distance", "held"), [(0.0099, True), (0.0101, False)])
@@ -102,3 +123,11 @@ def test_an_object_that_did_not_rise_is_not_held() -> None:
     seen = observations()
     seen.palm[:, 2] = seen.thing[:, 2] = 0.0
     assert verdict(seen).reason == "rose 0 mm of 150 mm"
+
+
+@pytest.mark.parametrize(("share", "held"), [(0.94, True), (0.92, False)])
+def test_it_must_rise_as_the_wrist_does_but_for_the_drift_that_is_allowed(share: float, held: bool) -> None:
+    seen = observations()
+    seen.palm[:, 2] *= share
+    seen.thing[:, 2] *= share
+    assert verdict(seen).held is held

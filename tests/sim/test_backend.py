@@ -92,7 +92,7 @@ def test_closing_leaves_the_hand_limp(spec: HandSpec, make_sim: MakeSim) -> None
 
 def test_every_scene_uses_the_options_that_were_measured(spec: HandSpec) -> None:
     option = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0, 0, 0]))).opt
-    assert (option.timestep, option.impratio, option.noslip_iterations) == (0.001, 10.0, 2)
+    assert (option.timestep, option.impratio, option.noslip_iterations) == (0.001, 100.0, 2)
     assert int(option.cone) == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
     assert int(option.integrator) == int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
     assert int(option.jacobian) == int(mujoco.mjtJacobian.mjJAC_DENSE)

@@ -17,11 +17,13 @@ from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.probe import Probe
-from allegro_twin.sim.scene import TIMESTEP, Stage, compile_scene
+from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import SIDES, HandSpec, Side
 from allegro_twin.types import TorqueCommand
 
+PROTOCOL = load_protocol("table_pick")
 AWAY = {"position": (0, 0, 0.4), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
 
 
@@ -32,7 +34,7 @@ def scenario(**changes: Any) -> Scenario:
 
 def backend_at(settings: Scenario, folder: Path = Path(), side: Side = "right") -> SimBackend:
     spec = load_spec(side=side)
-    return SimBackend(spec, compile_scene(spec, stage(settings, side, folder)))
+    return SimBackend(spec, compile_scene(spec, stage(settings, load_protocol(settings.protocol), side, folder)))
 
 
 def test_the_catalogue_has_the_22_ycb_objects() -> None:
@@ -58,7 +60,7 @@ def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str)
 
 @pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
 def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: float) -> None:
-    placed = stage(scenario(objects=[{"name": "pudding_box", "up": up}]), "right", Path()).things[0]
+    placed = stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
     assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
     turned = np.empty(3)
     mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
@@ -103,7 +105,7 @@ def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> N
 )
 def test_an_own_object_says_what_it_lacks(own: dict[str, Any], message: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=message):
-        stage(scenario(objects=[own]), "right", tmp_path)
+        stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
 
 
 def test_an_unreadable_mjcf_is_one_line_with_its_file(tmp_path: Path) -> None:
@@ -119,8 +121,8 @@ def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
     settings = scenario()
     grasp = load_grasp("quadpod", spec)
     timeline = plan(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
-    model = compile_scene(spec, stage(settings, side, Path()))
-    drive = wrist.commands(timeline.segments, TIMESTEP, wrist.load(model))
+    model = compile_scene(spec, stage(settings, PROTOCOL, side, Path()))
+    drive = wrist.commands(timeline.segments, Physics().timestep, wrist.load(model))
     return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline
 
 
@@ -169,7 +171,7 @@ def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> Non
     thing = objects.Thing("brick", "box", (0.04, 0.04, 0.02), 0.2)
     place = objects.Placement(thing, (0.06, 0.0, 0.0225), (1.0, 0.0, 0.0, 0.0))
     backend = SimBackend(spec, compile_scene(spec, Stage(np.zeros(3), upward, [place])))
-    probe = Probe(backend, "brick")
+    probe = Probe(backend.model, backend.data, spec, "brick")
     backend.reset()
     for _ in range(200):
         backend.write(TorqueCommand(np.zeros(16)))
@@ -182,7 +184,7 @@ def test_the_probe_weighs_an_object_that_lies_on_the_palm(spec: HandSpec) -> Non
 def test_a_fingertip_feels_what_it_presses(spec: HandSpec) -> None:
     """A tip that pushes on a fixed wall with a known torque reports that force."""
     place = objects.Placement(objects.Thing("wall", "box", (0.02, 0.2, 0.2), 50.0), (0.030, 0.0, 0.16), (1.0, 0, 0, 0))
-    stage_ = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), [place], gravity=(0.0, 0.0, 0.0))
+    stage_ = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), [place], physics=Physics(gravity=(0.0, 0.0, 0.0)))
     backend = SimBackend(spec, compile_scene(spec, stage_))
     backend.reset()
     torque = np.zeros(16)

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.evaluate.plan import stage
-from allegro_twin.evaluate.scenario import Scenario, load_scenario
+from allegro_twin.evaluate.scenario import Scenario, load_protocol, load_scenario
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.library.grasps import Grasp
@@ -77,7 +77,11 @@ def _found(name: str, spec: HandSpec, scenario: str | None) -> tuple[Scenario, S
         raise ConfigError(unknown("object", name, scenarios()))
     settings, path = load_scenario(scenario or scenarios()[name])
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    return settings, stage(settings, spec.side, path.parent), mirror * settings.wrist.retreat
+    return (
+        settings,
+        stage(settings, load_protocol(settings.protocol), spec.side, path.parent),
+        mirror * settings.wrist.retreat,
+    )
 
 
 def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:

@@ -1,0 +1,134 @@
+"""Trials by the hundred, described by plain data: what sweeps, comparisons and searches are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allegro_twin.build.rig import limits_of
+from allegro_twin.build.simulated import object_of
+from allegro_twin.config.run import LimitSettings
+from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol, load_scenario
+from allegro_twin.evaluate.together import Verdict, together
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.evaluate.uncertainty import Draw
+from allegro_twin.grasping import Timed, performer
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.named import load_grasp
+from allegro_twin.sim.statics import hand_model
+
+if TYPE_CHECKING:
+    from allegro_twin.spec import HandSpec, Side
+
+WIDTH = 64
+"""Trials side by side: more gain nothing, and cost memory (2 MB each)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One trial that is to be made."""
+
+    scenario: Scenario
+    grasp: Grasp
+    draw: Draw | None = None
+    protocol: Protocol | None = None
+    """None: the scenario's."""
+    folder: Path = Path()
+    """Where the scenario's own files are looked for."""
+
+
+class Bench:
+    """Makes trials of one hand, under PD at one set of gains or as their grasp controls force."""
+
+    def __init__(self, spec: HandSpec, gains: str = "default", period: float = 0.003, threads: int = 0) -> None:
+        self.spec, self.period, self._threads = spec, period, threads
+        self._model = hand_model(spec)
+        self._gains = load_gains(gains, spec)
+        self._gravity = Gravity(self._model.gravity_torque)
+        self._limits = limits_of(LimitSettings(), spec)
+
+    def verdicts(self, cases: Sequence[Case]) -> Iterator[Verdict]:
+        """One a case, in order. Raises ConfigError for a scene that cannot be built."""
+        for first in range(0, len(cases), WIDTH):
+            trials = [self.trial(case) for case in cases[first : first + WIDTH]]
+            yield from together(trials, [self._controller(t) for t in trials], self._limits, threads=self._threads)
+
+    def trial(self, case: Case) -> Trial:
+        """Its scene, its clock and what it is judged by. Raises ConfigError."""
+        return Trial(
+            case.scenario, self.spec, case.grasp, folder=case.folder, period=self.period, protocol=case.protocol,
+            draw=case.draw,
+        )  # fmt: skip
+
+    def _controller(self, trial: Trial) -> Any:
+        if trial.grasp.grip is None:
+            return PD(trial.reference, self._gains, self._gravity)
+        timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
+        return performer(trial.grasp, timed, self.spec, self._gains, self._gravity, self._model)
+
+
+@lru_cache(maxsize=8)
+def _bench(side: Side, serial: str, gains: str, threads: int) -> Bench:
+    return Bench(load_spec(side=side, serial=serial), gains, threads=threads)
+
+
+def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """A unit of a sweep. `shared`: `serial`, `gains`, `threads`. An item: `scenario` (a name or a path), and where they
+    differ from its own `grasp`, `object`, `protocol`, `side`; `draw`, the fields of a `Draw`. A flat row for each."""
+    rows: dict[int, dict[str, Any]] = {}
+    sides: dict[Side, list[int]] = {}
+    for index, item in enumerate(items):
+        sides.setdefault(item.get("side", "right"), []).append(index)
+    for side, indices in sides.items():
+        bench = _bench(side, shared.get("serial", ""), shared.get("gains", "default"), shared.get("threads", 0))
+        cases = [case_of(items[index], bench.spec) for index in indices]
+        for index, case, verdict in zip(indices, cases, bench.verdicts(cases), strict=True):
+            rows[index] = row_of(case, side, verdict)
+    return [rows[index] for index in range(len(items))]
+
+
+def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
+    """From plain data. Raises ConfigError."""
+    scenario, path = load_scenario(item["scenario"])
+    if item.get("object") is not None:
+        scenario = scenario.model_copy(update={"objects": (object_of(item["object"]), *scenario.objects[1:])})
+    protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
+    draw = None if item.get("draw") is None else Draw(**item["draw"])
+    return Case(scenario, load_grasp(item.get("grasp") or scenario.grasp, spec), draw, protocol, path.parent)
+
+
+def row_of(case: Case, side: str, verdict: Verdict) -> dict[str, Any]:
+    """A verdict as one flat row; NaN for what a trial that was stopped has not shown."""
+    row: dict[str, Any] = {
+        "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
+        "side": side, "protocol": case.scenario.protocol, "held": verdict.held,
+        "reason": verdict.stopped if verdict.report is None else verdict.report.reason,
+    }  # fmt: skip
+    return row | _numbers(verdict.report)
+
+
+def _numbers(report: Report | None) -> dict[str, float]:
+    nan = float("nan")
+    if report is None:
+        names = ("drift_mm", "rotation_deg", "margin", "lift_mm", "penetration_mm", "contacts", "torque_share", "stall")
+        return dict.fromkeys(names, nan)
+    checks = [phase for phase in report.phases if phase.check]
+    return {
+        "drift_mm": 1000.0 * max((phase.drift for phase in checks), default=nan),
+        "rotation_deg": max((phase.rotation for phase in checks), default=nan),
+        "margin": report.margin,
+        "lift_mm": 1000.0 * report.lift,
+        "penetration_mm": 1000.0 * report.penetration,
+        "contacts": float(np.mean([phase.contacts for phase in checks])) if checks else nan,
+        "torque_share": report.peak_torque,
+        "stall": max(report.at_limit.values()),
+    }

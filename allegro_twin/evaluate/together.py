@@ -1,0 +1,211 @@
+"""Many trials side by side: each as if it were alone, bit for bit, at the cost of its physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from allegro_twin.control import laws
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.trajectory import Path
+from allegro_twin.evaluate.held import Observations, Report
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.loop import Controller
+from allegro_twin.safety import Limits, clamp, violation
+from allegro_twin.sim.backend import substeps
+from allegro_twin.sim.many import Rows, Simulations, layout
+from allegro_twin.sim.probe import Probe
+from allegro_twin.types import Array, HandState, Vector, frozen
+
+LOOK = 10
+"""Periods from one look at the contacts to the next; also at the end of every phase."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """How a trial ended."""
+
+    report: Report | None
+    """None where it could not go on."""
+    stopped: str = ""
+    """Why."""
+
+    @property
+    def held(self) -> bool:
+        return self.report is not None and self.report.held
+
+
+def together(
+    trials: Sequence[Trial], controllers: Sequence[Controller[Any]], limits: Limits, *, threads: int = 0
+) -> list[Verdict]:
+    """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
+    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits."""
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for index, trial in enumerate(trials):
+        groups.setdefault(layout(trial.backend.model), []).append(index)
+    found: dict[int, Verdict] = {}
+    for indices in groups.values():
+        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads)
+        found |= dict(zip(indices, group.run(), strict=True))
+    return [found[index] for index in range(len(trials))]
+
+
+class _Group:
+    """Trials of one layout."""
+
+    def __init__(self, trials: list[Trial], controllers: list[Controller[Any]], limits: Limits, threads: int) -> None:
+        backends = [trial.backend for trial in trials]
+        self.trials, self.limits, self.n = trials, limits, len(trials)
+        self.spec, self.period = backends[0].spec, backends[0].period
+        self.steps = substeps(self.period, backends[0].model.opt.timestep)
+        self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads)
+        self.periods = np.array([round(trial.seconds / self.period) for trial in trials])
+        self._drive = [backend.drive for backend in backends]
+        self._pushing = [None if (p := b.pushing) is None or not p.force.any() else p for b in backends]
+        self._bodies = np.array([t.backend.model.body(t.scenario.objects[0].name).id for t in trials])
+        self._palm = backends[0].model.body("palm_link").id
+        sims.position[:] = [backend.posture for backend in backends]
+        sims.begin(np.array([drive[0] for drive in self._drive]))
+        self._torques = _Torques(controllers, [self._state(row, 0) for row in range(self.n)])
+        self._data = [mujoco.MjData(backend.model) for backend in backends[:1]]
+        self._probes = [Probe(b.model, self._data[0], self.spec, t.scenario.objects[0].name)
+                        for b, t in zip(backends, trials, strict=True)]  # fmt: skip
+        ends = [{round(w.end / self.period) for w in trial.windows} for trial in trials]
+        self._looks = ends
+        most = int(self.periods.max()) + 1
+        self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
+        self.torque = np.empty((self.n, most, self.spec.n_joints))
+        self.seen: list[list[dict[str, Array]]] = [[] for _ in trials]
+
+    def run(self) -> list[Verdict]:
+        stopped = [""] * self.n
+        alive = np.arange(self.n)
+        tick = 0
+        while True:
+            self._keep(alive, tick)
+            alive = alive[self.periods[alive] > tick]
+            if not len(alive):
+                break
+            torque = self._clamped(alive, tick)
+            self._advance(alive, torque, tick)
+            tick += 1
+            for row in alive.tolist():
+                stopped[row] = self._stopped(row)
+            alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
+        return [
+            Verdict(None, stopped[row]) if stopped[row] else Verdict(self.trials[row].judged(self._observed(row)))
+            for row in range(self.n)
+        ]
+
+    def _clamped(self, rows: Rows, tick: int) -> Array:
+        sims = self.sims
+        torque = self._torques(rows, tick * self.period, sims, lambda row: self._state(row, tick))
+        state = _States(sims.position[rows], np.full((len(rows), self.spec.n_joints), np.nan))
+        return clamp(torque, state, self.limits)  # type: ignore[arg-type]  # It reads no more of a state than this.
+
+    def _advance(self, rows: Rows, torque: Array, tick: int) -> None:
+        first = tick * self.steps
+        drive = np.stack([_from(self._drive[row], first, self.steps) for row in rows])
+        for row in rows:
+            pushing = self._pushing[row]
+            if pushing is not None:
+                body = self._bodies[row]
+                self.sims.push[row, body, :3] = pushing.force[tick] if tick < len(pushing.force) else 0.0
+        self.sims.advance(rows, torque, drive, self.steps)
+
+    def _stopped(self, row: int) -> str:
+        if not np.isfinite(self.sims.position[row].sum()):
+            return "the simulation diverged"
+        if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
+            return violation(self._state(row, 0), self.limits, self.spec) or ""
+        return ""
+
+    def _state(self, row: int, tick: int) -> HandState:
+        sims = self.sims
+        unknown = frozen(np.full(self.spec.n_actuators, np.nan))
+        return HandState(
+            tick * self.period, tick, frozen(sims.position[row]), frozen(sims.velocity[row]), frozen(sims.torque[row]),
+            unknown, frozen(sims.gravity[row]),
+        )  # fmt: skip
+
+    def _keep(self, rows: Rows, tick: int) -> None:
+        sims = self.sims
+        self.palm[rows, tick, :3] = sims.body_position[rows, self._palm]
+        self.palm[rows, tick, 3:] = sims.body_quaternion[rows, self._palm]
+        self.thing[rows, tick, :3] = sims.body_position[rows, self._bodies[rows]]
+        self.thing[rows, tick, 3:] = sims.body_quaternion[rows, self._bodies[rows]]
+        self.torque[rows, tick] = sims.torque[rows]
+        for row in rows.tolist():
+            if tick % LOOK == 0 or tick in self._looks[row] or tick == self.periods[row]:
+                sims.look(row, self._data[0])
+                self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
+
+    def _observed(self, row: int) -> Observations:
+        count = int(self.periods[row]) + 1
+        looks = self.seen[row]
+        last = np.searchsorted([int(look["tick"][0]) for look in looks], np.arange(count), side="right") - 1
+
+        def column(name: str) -> Array:
+            return np.array([look[name] for look in looks])[last]
+
+        t: Array = self.period * np.arange(count, dtype=np.float64)
+        return Observations(
+            t, self.palm[row, :count], self.thing[row, :count], column("contact_force"),
+            column("on_table")[:, 0], column("contacts")[:, 0], column("penetration")[:, 0], self.torque[row, :count],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _States:
+    """What the guard reads of many states."""
+
+    position: Array
+    temperature: Array
+
+
+class _Torques:
+    """Controllers side by side: PD as arrays, any other one by one."""
+
+    def __init__(self, controllers: list[Controller[Any]], states: list[HandState]) -> None:
+        self._controllers = controllers
+        self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
+        self._plain = np.array([isinstance(each, PD) for each in controllers])
+        self._paths: list[Path | None] = [getattr(memory, "path", None) for memory in self._memory]
+        self._kp = np.array([_gain(each, "kp", len(states[0].position)) for each in controllers])
+        self._kd = np.array([_gain(each, "kd", len(states[0].position)) for each in controllers])
+
+    def __call__(self, rows: Rows, t: float, sims: Simulations, state_of: Any) -> Array:
+        target, rate = np.zeros((2, len(rows), sims.spec.n_joints))
+        feed, own = np.zeros_like(target), {}
+        gravity = sims.gravity
+        for place, row in enumerate(rows.tolist()):
+            if not self._plain[row]:
+                command, self._memory[row] = self._controllers[row](state_of(row), self._memory[row])
+                own[place] = command.torque
+                continue
+            point = self._memory[row].path(t)
+            target[place], rate[place] = point.position, point.velocity
+            compensation = self._controllers[row].gravity
+            if compensation is not None:
+                down = gravity[row] if compensation.vector is None else compensation.vector
+                feed[place] = compensation.torque_of(sims.position[row], down)
+        torque = laws.pd(
+            target - sims.position[rows], rate - sims.velocity[rows], self._kp[rows], self._kd[rows], feed
+        )  # fmt: skip
+        for place, wanted in own.items():
+            torque[place] = wanted
+        return torque
+
+
+def _gain(controller: Controller[Any], name: str, n: int) -> Vector:
+    return np.asarray(getattr(controller.gains, name)) if isinstance(controller, PD) else np.zeros(n)
+
+
+def _from(drive: Array, first: int, steps: int) -> Array:
+    """The set-points of some steps; after the last one the wrist stays."""
+    rows = drive[first : first + steps]
+    return rows if len(rows) == steps else np.concatenate([rows, np.tile(drive[-1], (steps - len(rows), 1))])

@@ -1,0 +1,109 @@
+"""Trials side by side are the trials that they would be alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble
+from allegro_twin.build.simulated import scenario_config
+from allegro_twin.build.trials import Bench, Case, case_of, judged
+from allegro_twin.control.controllers import PD
+from allegro_twin.evaluate.scenario import Phase, Protocol, load_protocol
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.evaluate.uncertainty import Draw, Uncertainty, draws
+from allegro_twin.loop import run, until
+from allegro_twin.spec import HandSpec
+
+SHORT = load_protocol("table_pick")
+SHORT = SHORT.model_copy(
+    update={"phases": tuple(p.model_copy(update={"check": p.name == "lift"}) for p in SHORT.phases[:5])}
+)
+"""To the end of the lift."""
+
+
+def alone(case: Case, bench: Bench) -> Trial:
+    """The trial in the ordinary loop, with the ordinary controller, run to its end."""
+    trial = bench.trial(case)
+    rig = assemble(scenario_config("lemon"))
+    assert isinstance(rig.controller, PD)
+    controller = PD(trial.reference, rig.controller.gains, rig.controller.gravity)
+    for _ in trial.watched(until(trial.seconds, run(trial.backend, controller))):
+        pass
+    return trial
+
+
+@pytest.fixture(scope="module")
+def bench(spec: HandSpec) -> Bench:
+    return Bench(spec)
+
+
+@pytest.mark.parametrize("draw", [None, Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)])
+def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Draw | None, bench: Bench) -> None:
+    cases = [case_of({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
+    cases = [Case(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
+    for case, verdict in zip(cases, bench.verdicts(cases), strict=True):
+        report, other = alone(case, bench).report(), verdict.report
+        assert other is not None
+        for ours, theirs in zip(report.phases, other.phases, strict=True):
+            assert (ours.drift, ours.rotation, ours.margin) == (theirs.drift, theirs.rotation, theirs.margin)
+        assert (report.lift, report.peak_torque, report.at_limit) == (other.lift, other.peak_torque, other.at_limit)
+
+
+def test_a_push_moves_a_body_that_nothing_holds_as_newton_says(bench: Bench) -> None:
+    """½ a t² after t; the hand is far away."""
+    protocol = Protocol.model_validate({
+        "version": 1, "floating": True, "reference": "wait", "physics": {"gravity": (0.0, 0.0, 0.0)},
+        "phases": [{"name": "wait", "seconds": 0.03}, {"name": "push", "seconds": 0.3, "push": (0.0, 2.0, 0.0)}],
+    })  # fmt: skip
+    case = case_of({"scenario": "lemon"}, bench.spec)
+    wrist = case.scenario.wrist.model_copy(update={"position": (0.0, 0.0, 0.5)})
+    scenario = case.scenario.model_copy(update={"wrist": wrist})
+    trial = alone(Case(scenario, case.grasp, None, protocol), bench)
+    body = trial.backend.data.body("lemon")
+    assert trial.report().phases[0].drift == pytest.approx(0.5 * 2.0 * 0.3**2, rel=0.01)
+    assert trial.mass == pytest.approx(0.029)
+    assert body.xpos[1] == pytest.approx(0.09, rel=0.01)
+
+
+def test_a_phase_without_a_push_pushes_nothing() -> None:
+    assert Phase(name="wait", seconds=1.0).push == (0.0, 0.0, 0.0)
+
+
+def test_the_same_number_is_the_same_case_for_every_object_and_however_many_are_drawn() -> None:
+    few, many = draws(Uncertainty(), 3, seed=7), draws(Uncertainty(), 10, seed=7)
+    assert few == many[:3]
+    assert draws(Uncertainty(), 4, seed=7, first=3) == many[3:7]
+    assert draws(Uncertainty(), 3, seed=8) != few
+
+
+def test_draws_fill_their_ranges_and_no_more() -> None:
+    found = draws(Uncertainty(), 500)
+    for name, low, high in [("x", -0.01, 0.01), ("yaw", -0.1745, 0.1745), ("size", 0.95, 1.05), ("mass", 0.8, 1.2),
+                            ("friction", 0.5, 1.0), ("torque", 0.7, 1.3)]:  # fmt: skip
+        values = np.array([getattr(draw, name) for draw in found])
+        assert low <= values.min() < low + 0.02 * (high - low)
+        assert high - 0.02 * (high - low) < values.max() <= high + 1e-4
+
+
+def test_a_larger_object_stands_higher_and_the_hand_stays_where_it_was(bench: Bench) -> None:
+    nominal, large = (case_of({"scenario": "mug", "draw": d}, bench.spec) for d in (None, asdict(Draw(size=1.05))))
+    first, second = bench.trial(nominal), bench.trial(large)
+    assert second.things[0].position[2] - first.things[0].position[2] == pytest.approx(0.05 * 0.041)
+    assert (first.backend.model.body("palm_link").pos == second.backend.model.body("palm_link").pos).all()
+    assert second.mass == first.mass
+
+
+def test_weak_motors_give_what_they_are_told_times_a_factor(bench: Bench) -> None:
+    weak = bench.trial(case_of({"scenario": "mug", "draw": asdict(Draw(torque=0.7))}, bench.spec))
+    assert weak.backend.model.actuator_gear[weak.backend.model.actuator("joint_0.0").id, 0] == pytest.approx(0.7)
+
+
+@pytest.mark.long
+def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
+    items = [{"scenario": "lemon", "side": "left"}, {"scenario": "mug"}, {"scenario": "lemon"}]
+    rows = judged({}, items)
+    assert [(row["object"], row["side"]) for row in rows] == [("lemon", "left"), ("mug", "right"), ("lemon", "right")]
+    assert judged({}, items[1:2])[0] == rows[1]
