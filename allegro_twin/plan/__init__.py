@@ -1,0 +1,1 @@
+"""From an object to ranked grasps: geometry proposes, physics closes the hand, the project's own trial confirms."""

@@ -1,0 +1,197 @@
+"""Physics closes the hand: fingers press with a share of their torque until they rest on the object, which stands on the
+table; then they squeeze, lift and turn it, fast and coarsely, many candidates side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.control.controllers import Gains, GravityTorque
+from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
+from allegro_twin.plan.balance import imbalance, wrenches
+from allegro_twin.plan.candidate import Candidate
+from allegro_twin.plan.propose import UNBALANCED
+from allegro_twin.plan.surface import Random
+from allegro_twin.plan.workbench import Workbench, coordinates
+from allegro_twin.sim import wrist
+from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.types import Array
+
+STEPS = 2
+"""Physics steps in a control period."""
+OPEN = 0.2
+"""rad, by which fingers begin before the posture in which geometry has them touch."""
+CLOSING, SETTLING, LIFTING, TURNING = 0.45, 0.25, 0.4, 1.1
+"""s."""
+CAP = 0.45
+"""Of their torque limit that fingers close with."""
+LIGHT, STRONG = 0.35, 1.0
+"""Of it that they squeeze with, at least and at most; drawn."""
+OVER = 1.15
+"""A position grasp is told to go so much further than the torque needs: contacts give."""
+HEIGHT = 0.06
+"""m, of the lift."""
+DRIFT, ROTATION = 0.012, 18.0
+"""m and degrees: what a candidate may move in the hand."""
+
+
+class Outcome(NamedTuple):
+    """What became of a candidate."""
+
+    candidate: Candidate
+    passed: bool
+    where: str
+    """The stage in which it failed; `passed` otherwise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Performer:
+    """What moves the fingers."""
+
+    gains: Gains
+    gravity: GravityTorque
+
+
+def tried(
+    bench: Workbench, candidates: Sequence[Candidate], performer: Performer, friction: float, random: Random
+) -> list[Outcome]:
+    """All of them, side by side, in order. The workbench's model is stepped as it is."""
+    run = _Run(bench, list(candidates), performer, friction, random)
+    run.close()
+    run.squeeze()
+    run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
+    run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
+    return [Outcome(c, where == "passed", where) for c, where in zip(run.candidates, run.where, strict=True)]
+
+
+class _Run:
+    """Candidates in step."""
+
+    def __init__(
+        self, bench: Workbench, candidates: list[Candidate], performer: Performer, friction: float, random: Random
+    ) -> None:
+        self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
+        self.gains, self.gravity = performer.gains, performer.gravity
+        n = len(candidates)
+        self.where = ["passed"] * n
+        self.alive: Rows = np.arange(n)
+        self.sims = Simulations(bench.spec, [bench.model] * n)
+        self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
+        self.target = np.array([_opened(c) for c in candidates])
+        self.closing = np.array([c.closing for c in candidates])
+        self.sims.position[:] = self.target
+        for axis, name in enumerate(wrist.JOINTS):
+            self.sims.joint(name)[:, 0] = self.base[:, axis]
+        self._table = wrist.commands([], bench.model.opt.timestep, wrist.load(bench.model))
+        self.place = np.zeros(6)
+        self.sims.begin(self.base + self._table[0])
+        self.palm = bench.model.body("palm_link").id
+        self.scratch = mujoco.MjData(bench.model)
+        self.period = STEPS * float(bench.model.opt.timestep)
+
+    def close(self) -> None:
+        """Torque on the joints that close, the others stay."""
+        limit, held = self.bench.spec.actuation.torque_limit, self.target.copy()
+        for k in range(round(CLOSING / self.period)):
+            ramp = min(1.0, (k + 1) * self.period / 0.1)
+            push = ramp * CAP * limit * self.closing - self.gains.kd * self.sims.velocity
+            stay = self.gains.kp * (held - self.sims.position) - self.gains.kd * self.sims.velocity
+            self._step(np.where(self.closing != 0.0, push, stay))
+        for row in self.alive.tolist():
+            self.sims.look(row, self.scratch)
+            touch = self.bench.touch(self.scratch)
+            if not len(touch.points):
+                self.where[row] = "empty"
+            elif imbalance(wrenches(touch, self.scratch.xipos[self.bench.body], self.friction)) > UNBALANCED:
+                self.where[row] = "unbalanced"
+        self._drop()
+
+    def squeeze(self) -> None:
+        """From where they rest, further by what makes the wanted torque."""
+        spec = self.bench.spec
+        share = self.random.uniform(LIGHT, STRONG, (len(self.candidates), 1))
+        rest = self.sims.position.copy()
+        push = OVER * share * spec.actuation.torque_limit * self.closing / self.gains.kp
+        wanted = np.where(self.closing != 0.0, rest + push, self.target)
+        wanted = np.clip(wanted, spec.lower, spec.upper)
+        for row in self.alive.tolist():
+            self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
+        periods = round(SETTLING / self.period)
+        for k in range(periods):
+            part = min(1.0, 2.0 * (k + 1) / periods)
+            self.target = rest + part * (wanted - rest)
+            self._step(self._pd())
+        self.began = self._in_palm()
+
+    def move(self, segments: list[wrist.Segment], name: str) -> None:
+        """The wrist moves; whoever loses the object is out."""
+        timestep = float(self.bench.model.opt.timestep)
+        table = wrist.commands(segments, timestep, wrist.load(self.bench.model))
+        for k in range(len(table) // STEPS):
+            self._step(self._pd(), self.place + table[k * STEPS : (k + 1) * STEPS])
+            if k % 25 == 24:
+                self._judge(name)
+        self.place = self.place + sum(segment.move for segment in segments)
+        self._judge(name, last=True)
+
+    def _judge(self, name: str, *, last: bool = False) -> None:
+        position, turn = self._in_palm()
+        drift = np.linalg.norm(position - self.began[0], axis=1)
+        angle = np.degrees(angle_between(turn, self.began[1]))
+        for row in self.alive.tolist():
+            margin = 1.0 - max(drift[row] / DRIFT, angle[row] / ROTATION)
+            if not margin > 0.0:
+                self.where[row] = name
+            elif last:
+                self.candidates[row] = replace(self.candidates[row], score=float(margin))
+        self._drop()
+
+    def _in_palm(self) -> tuple[Array, Array]:
+        """The object in every palm's frame: (n, 3), m, and (n, 3, 3)."""
+        sims, body = self.sims, self.bench.body
+        palm = matrix_from_quaternion(sims.body_quaternion[:, self.palm])
+        away = sims.body_position[:, body] - sims.body_position[:, self.palm]
+        turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(sims.body_quaternion[:, body]))
+        return np.einsum("kji,kj->ki", palm, away), turn
+
+    def _pd(self) -> Array:
+        sims = self.sims
+        torque: Array = self.gains.kp * (self.target - sims.position) - self.gains.kd * sims.velocity
+        return torque
+
+    def _step(self, torque: Array, moved: Array | None = None) -> None:
+        rows, sims = self.alive, self.sims
+        if not len(rows):
+            return
+        wanted, down = torque[rows], sims.gravity
+        for place, row in enumerate(rows.tolist()):
+            wanted[place] += self.gravity(sims.position[row], down[row])
+        steady = np.repeat((self.place + self._table[0])[None], STEPS, axis=0)
+        drive = self.base[rows][:, None] + (steady if moved is None else moved)
+        sims.advance(rows, wanted, drive, STEPS)
+        bad = ~np.isfinite(sims.position[rows]).all(axis=1)
+        for row in rows[bad].tolist():
+            self.where[row] = "diverged"
+        if bad.any():
+            self._drop()
+
+    def _drop(self) -> None:
+        self.alive = np.array([row for row in self.alive if self.where[row] == "passed"], dtype=np.int64)
+
+
+def _opened(candidate: Candidate) -> Array:
+    """A little before the fingers touch, but no more open than the pre-shape."""
+    back = candidate.close - OPEN * candidate.closing
+    ahead = candidate.closing * (back - candidate.preshape) > 0.0
+    posture: Array = np.where(ahead, back, candidate.preshape)
+    return posture
+
+
+def _along(axis: int, by: float) -> Array:
+    move = np.zeros(6)
+    move[axis] = by
+    return move

@@ -1,0 +1,162 @@
+"""From proposals to grasps that hold: rounds of guessing, closing in physics, trying under draws, and the whole trial."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.build.trials import Bench, Case
+from allegro_twin.evaluate.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
+from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.plan.candidate import Candidate, different
+from allegro_twin.plan.confirm import grasp_of, scenario_of
+from allegro_twin.plan.propose import proposals
+from allegro_twin.plan.quick import Performer, tried
+from allegro_twin.plan.symmetry import symmetry
+from allegro_twin.plan.workbench import Workbench
+from allegro_twin.sim.statics import hand_model
+from allegro_twin.spec import HandSpec
+
+GUESSED, CLOSED = 192, 48
+"""Proposals a round, and the best of them that physics closes."""
+SQUEEZES = (1.0, 1.4, 1.8)
+"""Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers."""
+FIRST, MORE = 3, 7
+"""Draws that everybody gets, and that the better half gets after them."""
+COARSE = 0.002
+"""s, the physics step of what is only a search."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planned:
+    """A grasp that held in the whole trial."""
+
+    candidate: Candidate
+    scenario: Scenario
+    grasp: Grasp
+    success: float
+    """Share of the search's own draws in which it held."""
+    margin: float
+    """Of the whole trial."""
+    stall: float
+    """Share of the time that its most loaded joint spends at its torque limit."""
+
+
+@dataclass(slots=True)
+class Search:
+    """Looks for grasps of one object with one hand. Raises ConfigError for an object that it cannot stand on a table."""
+
+    scenario: Scenario
+    spec: HandSpec
+    templates: Sequence[Grasp]
+    folder: Path = Path()
+    seed: int = 0
+    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(position=0.005, torque=0.0))
+    threads: int = 0
+    ends: Counter[str] = field(default_factory=Counter)
+    """Where candidates ended."""
+
+    def run(
+        self, n: int, seconds: float, tell: Callable[[list[Planned], float], None] = lambda found, at: None
+    ) -> list[Planned]:
+        """The best `n` that are apart from each other, after at most about `seconds`; fewer where there are fewer."""
+        began, found = time.monotonic(), list[Planned]()
+        protocol, bench = load_protocol(self.scenario.protocol), self._bench()
+        random, performer = np.random.default_rng(self.seed), self._performer()
+        turns = _turns(protocol)
+        proposed = proposals(bench, self.templates, self.scenario.friction, turns, random)
+        while len(self._best(found, bench)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
+            guessed = sorted(_within(proposed, GUESSED, left / 3), key=lambda c: -c.score)[:CLOSED]
+            outcomes = tried(bench, guessed, performer, self.scenario.friction, random)
+            self.ends.update(outcome.where for outcome in outcomes)
+            passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+            found += self._proven(self._apart(passed, found, bench), bench, n)
+            tell(self._best(found, bench), time.monotonic() - began)
+        return self._best(found, bench)[:n]
+
+    def _bench(self) -> Workbench:
+        coarse = load_protocol(self.scenario.protocol).model_copy(update={"physics": PhysicsSettings(timestep=COARSE)})
+        return Workbench(self.scenario, coarse, self.spec, self.folder)
+
+    def _performer(self) -> Performer:
+        return Performer(load_gains("default", self.spec), hand_model(self.spec).gravity_torque)
+
+    def _apart(self, passed: list[Candidate], found: list[Planned], bench: Workbench) -> list[Candidate]:
+        """The best of each place, none of which is where something was found."""
+        turns, kept = symmetry(bench.placed), list[Candidate]()
+        taken = [each.candidate for each in found if each.success >= 0.8]
+        for candidate in sorted(passed, key=lambda c: -c.score):
+            if different(candidate, [*taken, *kept], turns):
+                kept.append(candidate)
+        return kept
+
+    def _proven(self, candidates: list[Candidate], bench: Workbench, n: int) -> list[Planned]:
+        """Of each candidate the squeeze that holds most draws, and of those the best in the whole trial."""
+        templates = {grasp.name: grasp for grasp in self.templates}
+        options = [
+            (c, scenario_of(c, bench, self.scenario), grasp_of(c, templates[c.template], bench, squeeze))
+            for c in candidates
+            for squeeze in SQUEEZES
+        ]
+        if not options:
+            return []
+        held = self._held(options, FIRST, 0)
+        order = np.argsort(-held, kind="stable")[: max(len(options) // 3, 2 * n)]
+        more = self._held([options[i] for i in order], MORE, FIRST)
+        success = {int(i): (held[i] + m) / (FIRST + MORE) for i, m in zip(order, more, strict=True)}
+        best: dict[int, int] = {}
+        for i in sorted(success, key=lambda i: -success[i]):
+            best.setdefault(id(options[i][0]), i)
+        chosen = sorted(best.values(), key=lambda i: -success[i])[: 2 * n]
+        verdicts = Bench(self.spec, threads=self.threads).verdicts(
+            [Case(options[i][1], options[i][2], folder=self.folder) for i in chosen]
+        )
+        proven = []
+        for i, verdict in zip(chosen, verdicts, strict=True):
+            self.ends["held" if verdict.held else "whole trial"] += 1
+            if verdict.held and verdict.report is not None:
+                stall = max(verdict.report.at_limit.values())
+                candidate = replace(options[i][0], score=success[i])
+                proven.append(Planned(candidate, options[i][1], options[i][2], success[i], verdict.report.margin, stall))
+        return proven
+
+    def _held(self, options: Sequence[tuple[Candidate, Scenario, Grasp]], count: int, first: int) -> np.ndarray:  # type: ignore[type-arg]
+        """In how many of some draws each holds, (k,)."""
+        cases = draws(self.uncertainty, count, self.seed, first)
+        protocol = load_protocol("quick")
+        bench = Bench(self.spec, period=0.004, threads=self.threads)
+        trials = [Case(s, g, draw, protocol, self.folder) for _, s, g in options for draw in cases]
+        held = np.array([verdict.held for verdict in bench.verdicts(trials)])
+        return held.reshape(len(options), count).sum(axis=1)
+
+    def _best(self, found: list[Planned], bench: Workbench) -> list[Planned]:
+        """In order, apart from each other."""
+        turns, kept = symmetry(bench.placed), list[Planned]()
+        for each in sorted(found, key=lambda p: (-p.success, -p.margin)):
+            if different(each.candidate, [k.candidate for k in kept], turns):
+                kept.append(each)
+        return kept
+
+
+def _turns(protocol: Protocol) -> list[float]:
+    """Palm's angles about its z, rad, through which the protocol turns it: at the begin, in the middle and at the end."""
+    most = sum(phase.turn[2] for phase in protocol.phases)
+    return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
+
+
+def _within(proposed: "itertools.islice[Candidate]", count: int, seconds: float) -> list[Candidate]:  # type: ignore[type-arg]
+    """The next candidates, as many as come in a time."""
+    found, until = list[Candidate](), time.monotonic() + seconds
+    for candidate in proposed:
+        found.append(candidate)
+        if len(found) == count or time.monotonic() > until:
+            break
+    return found

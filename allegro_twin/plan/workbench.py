@@ -1,0 +1,138 @@
+"""A hand on a gantry that can be anywhere, beside an object where it stands: what touches what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.evaluate.plan import stage
+from allegro_twin.evaluate.scenario import Protocol, Scenario
+from allegro_twin.sim import wrist
+from allegro_twin.sim.objects import Placement
+from allegro_twin.sim.parts import parts_of
+from allegro_twin.sim.scene import compile_scene
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+Indices = NDArray[np.int_]
+
+
+class Touch(NamedTuple):
+    """Contacts of the hand with the object, a row each."""
+
+    points: Array
+    """(k, 3), m, world."""
+    normals: Array
+    """Into the object, (k, 3)."""
+    part: Indices
+    """Which finger, or the palm, (k,)."""
+    depth: Array
+    """How deep, (k,), m."""
+
+
+class Workbench:
+    """One model for every pose of the palm: its wrist's coordinates are the pose."""
+
+    def __init__(self, scenario: Scenario, protocol: Protocol, spec: HandSpec, folder: Path = Path()) -> None:
+        around = stage(scenario, protocol, spec.side, folder)
+        around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
+        self.spec, self.thing = spec, around.things[0]
+        self.model = model = compile_scene(spec, around)
+        self.data = mujoco.MjData(model)
+        self.name = self.thing.thing.name
+        self.body = int(model.body(self.name).id)
+        self._joints = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+        self._wrist = [int(model.joint(name).qposadr[0]) for name in wrist.JOINTS]
+        self.part = parts_of(model, spec)[model.geom_bodyid]
+        """Which part of the hand each geom belongs to; -1: none."""
+        self.link = _links(model, spec)
+        """How far along its finger each geom is: the place of the last joint that moves it; -1: no finger's."""
+        self._of_object = model.geom_bodyid == self.body
+        self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
+
+    @property
+    def placed(self) -> Placement:
+        """The object where it stands."""
+        return self.thing
+
+    @property
+    def mass(self) -> float:
+        """Of the object, kg."""
+        return float(self.model.body_mass[self.body])
+
+    @property
+    def centre(self) -> Array:
+        """Its centre of mass, world, (3,), m."""
+        centre: Array = self.data.xipos[self.body].copy()
+        return centre
+
+    def place(self, position: Array, rotation: Array, posture: Vector) -> None:
+        """Put the palm somewhere, the fingers in a posture (n,), rad, and find what touches."""
+        self._move(position, rotation, posture)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+
+    def lowest(self, position: Array, rotation: Array, posture: Vector) -> float:
+        """Height of the hand's lowest point, by the bounding boxes of its shapes, m."""
+        self._move(position, rotation, posture)
+        data, box = self.data, self.model.geom_aabb[self._hand]
+        turn = data.geom_xmat[self._hand].reshape(-1, 3, 3)[:, 2]
+        centre = data.geom_xpos[self._hand, 2] + np.sum(turn * box[:, :3], axis=1)
+        return float((centre - np.sum(np.abs(turn) * box[:, 3:], axis=1)).min())
+
+    def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
+        self.data.qpos[self._joints] = posture
+        self.data.qpos[self._wrist] = coordinates(position, rotation)
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def meets_anything(self) -> bool:
+        """Whether the hand touches the object, or what it stands on."""
+        return bool(self._pairs()[2].any())
+
+    def meets(self) -> tuple[Indices, Indices]:
+        """Part and link of every geom of the hand that touches something that is not the hand."""
+        first, second, foreign = self._pairs()
+        hand = np.where(self.part[first] >= 0, first, second)[foreign]
+        return self.part[hand], self.link[hand]
+
+    def meets_table(self) -> bool:
+        """Whether the hand touches what stands still."""
+        first, second, foreign = self._pairs()
+        other = np.where(self.part[first] >= 0, second, first)[foreign]
+        return bool((~self._of_object[other]).any())
+
+    def touch(self, data: mujoco.MjData | None = None) -> Touch:
+        """Where hand and object touch; of another state of the same model, if one is given."""
+        contact = (self.data if data is None else data).contact
+        first, second = contact.geom[:, 0], contact.geom[:, 1]
+        at_second = self._of_object[second] & (self.part[first] >= 0)
+        mine = at_second | (self._of_object[first] & (self.part[second] >= 0))
+        sign = np.where(at_second, 1.0, -1.0)[mine, None]
+        hand = np.where(at_second, first, second)[mine]
+        return Touch(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
+
+    def _pairs(self) -> tuple[Indices, Indices, NDArray[np.bool_]]:
+        geoms = self.data.contact.geom
+        first, second = geoms[:, 0], geoms[:, 1]
+        return first, second, (self.part[first] >= 0) != (self.part[second] >= 0)
+
+
+def coordinates(position: Array, rotation: Array) -> Array:
+    """The wrist's six coordinates of a palm: slides, then the angles of R = Rx(a) Ry(b) Rz(c)."""
+    b = np.arcsin(np.clip(rotation[0, 2], -1.0, 1.0))
+    a, c = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
+    return np.array([*position, a, b, c])
+
+
+def _links(model: mujoco.MjModel, spec: HandSpec) -> Indices:
+    place = {int(model.joint(spec.joints[j]).bodyid[0]): k for f in spec.fingers for k, j in enumerate(f.joints)}
+    found = np.full(model.nbody, -1)
+    for body in range(1, model.nbody):
+        found[body] = place.get(body, found[model.body_parentid[body]])
+    links: Indices = found[model.geom_bodyid]
+    return links
