@@ -1,8 +1,8 @@
 """The space of wrenches that a grasp can exert: its largest ball and its volume.
 
 Ferrari and Canny, "Planning optimal grasps", ICRA 1992. The L1 variant: the normal forces of all contacts together are
-at most 1 N, so the space is the convex hull of 0 and the primitive wrenches. (In the other, L∞, each contact has 1 N of its
-own, and the space is the sum of their hulls: it grows with the number of contacts and is not computed here.)
+at most 1 N, so the space is the convex hull of 0 and the primitive wrenches. (In the other, L∞, each contact has 1 N
+of its own, and the space is the sum of their hulls: it grows with the number of contacts and is not computed here.)
 """
 
 from __future__ import annotations
