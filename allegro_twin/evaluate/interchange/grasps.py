@@ -69,6 +69,12 @@ class Grasps:
         hand = product(np.broadcast_to(back, self.hand[..., 3:].shape), _unit(self.hand[..., 3:]))
         return np.concatenate([position, product(hand, np.broadcast_to(self.frame.palm, hand.shape))], axis=-1)
 
+    def palm_from(self, middle: ArrayLike) -> Array:
+        """The palm from another origin in the object, (3,), m, in its file's axes: from the middle of its mesh
+        (`sim.meshes.middle_of`), say, which is where the frame of an object in a scene is."""
+        shift = np.append(np.asarray(middle, dtype=np.float64), np.zeros(4))
+        return self.palm - shift
+
     @property
     def approach(self) -> Array:
         """(k, s − 3, n), rad."""

@@ -199,6 +199,13 @@ def test_joints_are_known_by_many_names(tmp_path: Path, spec: HandSpec, style: s
     np.testing.assert_array_equal(read_grasps(path, spec).close[0], postures(spec)[1])
 
 
+def test_the_palm_can_be_had_from_the_middle_of_the_mesh(tmp_path: Path, spec: HandSpec) -> None:
+    grasps = read_grasps(saved(tmp_path / "a.npy", stacked(spec)), spec)
+    shifted = grasps.palm_from([0.01, 0.02, 0.03])
+    np.testing.assert_allclose(grasps.palm[..., :3] - shifted[..., :3], np.broadcast_to([0.01, 0.02, 0.03], (4, 3, 3)))
+    np.testing.assert_array_equal(shifted[..., 3:], grasps.palm[..., 3:])
+
+
 def test_grasps_are_picked_and_brought_inside_the_limits(tmp_path: Path, spec: HandSpec) -> None:
     grasps = read_grasps(saved(tmp_path / "a.npy", stacked(spec)), spec)
     assert len(grasps.pick([0, 2])) == 2
