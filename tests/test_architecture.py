@@ -47,7 +47,7 @@ HOMES = {
     "av": {"look"},
     "coacd": {"sim"},
     "platformdirs": {"sim"},
-    "scipy": {"sim"},
+    "scipy": {"sim", "evaluate"},
     "PIL": {"look", "cli"},
     "rich": {"cli"},
     "typer": {"cli"},

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 LARGEST, SMALLEST = 1.0, 0.002
 """m; an object beyond these is no object for a hand, and its file probably has another unit."""
@@ -65,6 +65,15 @@ def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
     return mesh
 
 
+def middle_of(path: Path, scale: float = 1.0) -> Vector:
+    """Where the origin of a loaded mesh, the middle of its bounding box, is in the axes of its file, (3,), m: poses
+    that others give of an object are those of its file. Raises ConfigError for what is no mesh of a hand's size."""
+    load_mesh(path, scale)
+    vertices, _ = _as_in_file(_compiled(path, scale))
+    middle: Vector = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    return middle
+
+
 def load_hull(path: Path, scale: float = 1.0) -> Mesh:
     """The convex hull of a mesh, whose surface need not be closed. Raises ConfigError."""
     return hull_of(_read(path, scale).vertices, str(path))
@@ -83,6 +92,10 @@ def hull_of(points: Array, what: str) -> Mesh:
 
 
 def _read(path: Path, scale: float) -> Mesh:
+    return _of_model(_compiled(path, scale))
+
+
+def _compiled(path: Path, scale: float) -> mujoco.MjModel:
     if path.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"{path}: a mesh is {' or '.join(SUFFIXES)}")
     if not path.is_file():
@@ -97,15 +110,19 @@ def _read(path: Path, scale: float) -> Mesh:
         raise ConfigError(f"{path}: not a readable mesh: {_first_line(error)}") from error
     if int(model.mesh_facenum[0]) > TRIANGLES:
         raise ConfigError(f"{path}: {int(model.mesh_facenum[0])} triangles; at most {TRIANGLES}: decimate it")
-    return _of_model(model)
+    return model
 
 
 def _of_model(model: mujoco.MjModel) -> Mesh:
+    return _welded(*_as_in_file(model))
+
+
+def _as_in_file(model: mujoco.MjModel) -> tuple[Array, Array]:
     """The only mesh of a compiled model, in the axes of its file, which MuJoCo turns into those of its inertia."""
     turn = np.empty(9)
     mujoco.mju_quat2Mat(turn, model.mesh_quat[0])
     vertices = model.mesh_vert.astype(np.float64) @ turn.reshape(3, 3).T + model.mesh_pos[0]
-    return _welded(vertices, model.mesh_face.astype(np.int64))
+    return vertices, model.mesh_face.astype(np.int64)
 
 
 def _welded(vertices: Array, faces: Array) -> Mesh:

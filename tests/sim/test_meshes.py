@@ -14,7 +14,7 @@ from allegro_twin.cli.runs import Options, configs_of
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.plan import stage
 from allegro_twin.sim.decompose import pieces_of, standing_out
-from allegro_twin.sim.meshes import Mesh, hull_of, load_mesh
+from allegro_twin.sim.meshes import Mesh, hull_of, load_mesh, middle_of
 from allegro_twin.sim.objects import Placement, Thing, add
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
@@ -155,3 +155,14 @@ def test_a_mesh_takes_the_place_of_a_scenarios_object_by_its_path(tmp_path: Path
     (job,) = configs_of(["grasp_3"], Options(object=str(tmp_path / "no.obj")))
     with pytest.raises(ConfigError, match=r"object no: no file at .*no\.obj"):
         assemble(job.config)
+
+
+def test_the_middle_of_a_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    off = np.array([0.01, -0.02, 0.3])
+    path = written(tmp_path / "ring.obj", vertices + off, faces, unit=0.001)
+    np.testing.assert_allclose(middle_of(path, 0.001), off, atol=1e-6)
+    mesh = load_mesh(path, 0.001)
+    np.testing.assert_allclose(
+        mesh.vertices.min(axis=0) + middle_of(path, 0.001), (vertices + off).min(axis=0), atol=1e-6
+    )
