@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -17,6 +18,9 @@ from allegro_twin.hand.grasps import Grasped
 from allegro_twin.identify.limits import FoundLimits, centring_offsets
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState
+
+if TYPE_CHECKING:
+    from allegro_twin.plan.search import Planned
 
 console = Console(width=None if sys.stdout.isatty() else 120)
 errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
@@ -56,6 +60,19 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]
     table.caption = "\n".join(failed)
     table.caption_justify = "left"
+    return table
+
+
+def planned(name: str, found: Sequence[Planned]) -> Table:
+    """One row a grasp, best first."""
+    table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
+    for title in ("", "from", "like", "type", "held in\ndraws", "limits\nleft", "stalls"):
+        table.add_column(title, justify="left" if title in ("from", "like", "type") else "right")
+    for number, each in enumerate(found, 1):
+        table.add_row(
+            str(number), each.candidate.direction, each.candidate.template, each.grasp.taxonomy.name,
+            f"{each.success:.0%}", f"{each.margin:.0%}", f"{each.stall:.0%}",
+        )  # fmt: skip
     return table
 
 

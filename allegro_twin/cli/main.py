@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, complete, ends, exchange, live, looking, options, shipped, training
+from allegro_twin.cli import bus, complete, ends, exchange, live, looking, options, planning, shipped, training
 from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.version import __version__
@@ -202,6 +202,7 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
 shipped.register(app)
 live.register(app)
 looking.register(app)
+planning.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)

@@ -177,7 +177,7 @@ class Scenario(Settings):
     stand: Stand | None = None
     """None: the objects lie on the table."""
     grasp: str
-    """Name in the grasp library."""
+    """Name in the grasp library, or a file; a relative path is the scenario's own."""
     side: Side = "right"
     wrist: Wrist
     protocol: str = "table_pick"
@@ -186,7 +186,10 @@ class Scenario(Settings):
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
     path = find(name, "scenario", "scenarios", below=True)
-    return load(Scenario, path), path
+    scenario = load(Scenario, path)
+    if scenario.grasp.endswith(".yaml"):
+        scenario = scenario.model_copy(update={"grasp": str(path.parent / scenario.grasp)})
+    return scenario, path
 
 
 def load_protocol(name: str) -> Protocol:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from allegro_twin.control import laws
@@ -71,8 +70,8 @@ class _Group:
         sims.position[:] = [backend.posture for backend in backends]
         sims.begin(np.array([drive[0] for drive in self._drive]))
         self._torques = _Torques(controllers, [self._state(row, 0) for row in range(self.n)])
-        self._data = [mujoco.MjData(backend.model) for backend in backends[:1]]
-        self._probes = [Probe(b.model, self._data[0], self.spec, t.scenario.objects[0].name)
+        self._scratch = backends[0].data
+        self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
         ends = [{round(w.end / self.period) for w in trial.windows} for trial in trials]
         self._looks = ends
@@ -141,7 +140,7 @@ class _Group:
         self.torque[rows, tick] = sims.torque[rows]
         for row in rows.tolist():
             if tick % LOOK == 0 or tick in self._looks[row] or tick == self.periods[row]:
-                sims.look(row, self._data[0])
+                sims.look(row, self._scratch)
                 self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
 
     def _observed(self, row: int) -> Observations:

@@ -11,8 +11,8 @@ import numpy as np
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.evaluate.held import FULL, Observations, Report, Rule, Window, judge
-from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol
+from allegro_twin.evaluate.timeline import plan, stage
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.sim import wrist

@@ -137,6 +137,19 @@ def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") ->
     return PostureFile(description=description, side=spec.side, angles=_angles(values, spec))
 
 
+def grasp_entry(
+    postures: Mapping[str, Vector], spec: HandSpec, taxonomy: Taxonomy, description: str = "", evidence: str = "",
+    object_size: tuple[float, float] | None = None,
+) -> GraspFile:  # fmt: skip
+    """An entry from `preshape`, `close` and `squeeze`, (n,) each, rad, of the spec's hand. Raises ConfigError outside
+    the limits."""
+    preshape, close, squeeze = (_angles(spec.posture(postures[name], name), spec) for name in GraspFile.joint_fields)
+    return GraspFile(
+        description=description, taxonomy=taxonomy, side=spec.side, evidence=evidence, object_size=object_size,
+        preshape=preshape, close=close, squeeze=squeeze,
+    )  # fmt: skip
+
+
 def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
     """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad."""
     content = {

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.workbench import Touch, Workbench
+from allegro_twin.sim.workbench import Meetings, Workbench
 
 STEP, STEPS = 0.17, 9
 """rad, and how many."""
 
 
-def closed(bench: Workbench, candidate: Candidate) -> tuple[Candidate, Touch]:
+def closed(bench: Workbench, candidate: Candidate) -> tuple[Candidate, Meetings]:
     """The candidate with its fingers closed, and where it touches the object."""
     spec = bench.spec
     posture = candidate.preshape.copy()

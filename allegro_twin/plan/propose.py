@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from allegro_twin.evaluate.metrics.carrying import least_normal_force
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.plan.balance import LEVER, UNBEARABLE, carrying, imbalance, wrenches
+from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.closing import closed
 from allegro_twin.plan.poses import Guesses, guesses
 from allegro_twin.plan.surface import Random, placed_surface
-from allegro_twin.plan.workbench import Touch, Workbench
+from allegro_twin.sim.workbench import Meetings, Workbench
 from allegro_twin.types import Array
 
 LOWEST, HIGHER = 0.002, 0.008
@@ -23,7 +24,6 @@ LOWERED, NEAR = 0.5, 0.03
 """The share of palms that come down to the table where they are not further above it, m."""
 RETREAT = (0.025, 0.05, 0.10)
 """m along the way out, where the hand must be free."""
-UNBALANCED = 0.25
 BATCH = 256
 
 
@@ -52,7 +52,7 @@ def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Can
     lowest = bench.lowest(position, rotation, preshape)
     gap = random.uniform(LOWEST, HIGHER)
     if lowest < gap or (lowest < NEAR and random.random() < LOWERED):
-        position = position + [0.0, 0.0, gap - lowest]
+        position = position + np.array([0.0, 0.0, gap - lowest])
     if position[2] > 0.5 or np.linalg.norm(position - guessed.position[row]) > 0.06:
         return None
     bench.place(position, rotation, preshape)
@@ -73,18 +73,18 @@ def _free(bench: Workbench, position: Array, rotation: Array, posture: Array) ->
 
 
 def promise(
-    bench: Workbench, candidate: Candidate, touch: Touch, centre: Array, friction: float, turns: Sequence[float]
+    bench: Workbench, candidate: Candidate, touch: Meetings, centre: Array, friction: float, turns: Sequence[float]
 ) -> float | None:
     """How little force would do, as a score; None for contacts that cannot hold."""
     palm = len(bench.spec.fingers)
     fingers = set(touch.part.tolist())
     if len(fingers) < 2 or bench.meets_table() or not fingers & {palm, palm - 1}:
         return None  # A finger alone, or fingers without anything against them.
-    columns = wrenches(touch, centre, friction)
-    if imbalance(columns) > UNBALANCED:
+    held = gripped(touch, centre, friction)
+    if imbalance(held) > UNBALANCED:
         return None
-    force = carrying(columns, loads(candidate.rotation, bench.mass, turns))
-    return None if force >= UNBEARABLE else -force
+    force = float(least_normal_force(held, loads(candidate.rotation, bench.mass, turns)).max())
+    return -force if np.isfinite(force) else None
 
 
 def loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:
@@ -97,6 +97,3 @@ def loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         found[row, :3] = rotation @ turn.T @ rotation.T @ weight
     return found
-
-
-__all__ = ["LEVER", "fitting", "loads", "promise", "proposals"]

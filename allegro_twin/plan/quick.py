@@ -1,5 +1,5 @@
-"""Physics closes the hand: fingers press with a share of their torque until they rest on the object, which stands on the
-table; then they squeeze, lift and turn it, fast and coarsely, many candidates side by side."""
+"""Physics closes the hand: fingers press with a share of their torque until they rest on the object where it stands;
+then they squeeze, lift and turn it, fast and coarsely, many candidates side by side."""
 
 from __future__ import annotations
 
@@ -7,18 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from allegro_twin.control.controllers import Gains, GravityTorque
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
-from allegro_twin.plan.balance import imbalance, wrenches
+from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.propose import UNBALANCED
 from allegro_twin.plan.surface import Random
-from allegro_twin.plan.workbench import Workbench, coordinates
 from allegro_twin.sim import wrist
 from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.sim.workbench import Workbench, coordinates
 from allegro_twin.types import Array
 
 STEPS = 2
@@ -90,7 +88,6 @@ class _Run:
         self.place = np.zeros(6)
         self.sims.begin(self.base + self._table[0])
         self.palm = bench.model.body("palm_link").id
-        self.scratch = mujoco.MjData(bench.model)
         self.period = STEPS * float(bench.model.opt.timestep)
 
     def close(self) -> None:
@@ -102,11 +99,11 @@ class _Run:
             stay = self.gains.kp * (held - self.sims.position) - self.gains.kd * self.sims.velocity
             self._step(np.where(self.closing != 0.0, push, stay))
         for row in self.alive.tolist():
-            self.sims.look(row, self.scratch)
-            touch = self.bench.touch(self.scratch)
+            self.sims.look(row, self.bench.scratch)
+            touch, centre = self.bench.touch(self.bench.scratch), self.bench.scratch.xipos[self.bench.body].copy()
             if not len(touch.points):
                 self.where[row] = "empty"
-            elif imbalance(wrenches(touch, self.scratch.xipos[self.bench.body], self.friction)) > UNBALANCED:
+            elif imbalance(gripped(touch, centre, self.friction)) > UNBALANCED:
                 self.where[row] = "unbalanced"
         self._drop()
 

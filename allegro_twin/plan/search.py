@@ -1,11 +1,10 @@
-"""From proposals to grasps that hold: rounds of guessing, closing in physics, trying under draws, and the whole trial."""
+"""From proposals to grasps that hold: rounds of guessing, of closing in physics, of draws, and of whole trials."""
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from allegro_twin.build.trials import Bench, Case
 from allegro_twin.evaluate.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
+from allegro_twin.evaluate.timeline import stage
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
@@ -21,9 +21,10 @@ from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.propose import proposals
 from allegro_twin.plan.quick import Performer, tried
 from allegro_twin.plan.symmetry import symmetry
-from allegro_twin.plan.workbench import Workbench
 from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
 
 GUESSED, CLOSED = 192, 48
 """Proposals a round, and the best of them that physics closes."""
@@ -52,7 +53,7 @@ class Planned:
 
 @dataclass(slots=True)
 class Search:
-    """Looks for grasps of one object with one hand. Raises ConfigError for an object that it cannot stand on a table."""
+    """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface."""
 
     scenario: Scenario
     spec: HandSpec
@@ -84,7 +85,7 @@ class Search:
 
     def _bench(self) -> Workbench:
         coarse = load_protocol(self.scenario.protocol).model_copy(update={"physics": PhysicsSettings(timestep=COARSE)})
-        return Workbench(self.scenario, coarse, self.spec, self.folder)
+        return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
 
     def _performer(self) -> Performer:
         return Performer(load_gains("default", self.spec), hand_model(self.spec).gravity_torque)
@@ -125,17 +126,20 @@ class Search:
             if verdict.held and verdict.report is not None:
                 stall = max(verdict.report.at_limit.values())
                 candidate = replace(options[i][0], score=success[i])
-                proven.append(Planned(candidate, options[i][1], options[i][2], success[i], verdict.report.margin, stall))
+                proven.append(
+                    Planned(candidate, options[i][1], options[i][2], success[i], verdict.report.margin, stall)
+                )
         return proven
 
-    def _held(self, options: Sequence[tuple[Candidate, Scenario, Grasp]], count: int, first: int) -> np.ndarray:  # type: ignore[type-arg]
+    def _held(self, options: Sequence[tuple[Candidate, Scenario, Grasp]], count: int, first: int) -> Array:
         """In how many of some draws each holds, (k,)."""
         cases = draws(self.uncertainty, count, self.seed, first)
         protocol = load_protocol("quick")
         bench = Bench(self.spec, period=0.004, threads=self.threads)
         trials = [Case(s, g, draw, protocol, self.folder) for _, s, g in options for draw in cases]
-        held = np.array([verdict.held for verdict in bench.verdicts(trials)])
-        return held.reshape(len(options), count).sum(axis=1)
+        held = np.array([float(verdict.held) for verdict in bench.verdicts(trials)])
+        total: Array = held.reshape(len(options), count).sum(axis=1)
+        return total
 
     def _best(self, found: list[Planned], bench: Workbench) -> list[Planned]:
         """In order, apart from each other."""
@@ -147,12 +151,12 @@ class Search:
 
 
 def _turns(protocol: Protocol) -> list[float]:
-    """Palm's angles about its z, rad, through which the protocol turns it: at the begin, in the middle and at the end."""
+    """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
     most = sum(phase.turn[2] for phase in protocol.phases)
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 
-def _within(proposed: "itertools.islice[Candidate]", count: int, seconds: float) -> list[Candidate]:  # type: ignore[type-arg]
+def _within(proposed: Iterator[Candidate], count: int, seconds: float) -> list[Candidate]:
     """The next candidates, as many as come in a time."""
     found, until = list[Candidate](), time.monotonic() + seconds
     for candidate in proposed:

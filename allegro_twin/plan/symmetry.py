@@ -15,7 +15,7 @@ def symmetry(placed: Placement) -> Array:
     """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
     cylinder or a sphere, of a box, and no other than none of a mesh."""
     thing = placed.thing
-    w, x, y, z = placed.quaternion
+    _w, x, y, _z = placed.quaternion
     upright = abs(x) < 1e-6 and abs(y) < 1e-6
     match thing.shape:
         case "sphere":

@@ -100,7 +100,7 @@ def test_the_thumb_presses_whatever_it_holds_within_a_fifth_of_what_was_asked_fo
     assert all(0.8 <= value <= 1.2 for value in share.values()), share
 
 
-def test_every_fingertip_presses_with_its_share_of_the_force_within_a_fifth() -> None:
+def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_friction_hides() -> None:
     """On a ball that weighs next to nothing, so that all that is felt is the grip."""
     name, wanted = "grasp_3", 2.5
     rig = assemble(scenario_config(name))
@@ -117,7 +117,8 @@ def test_every_fingertip_presses_with_its_share_of_the_force_within_a_fifth() ->
             felt.append([float(np.linalg.norm(force[1:])) for force in touch])
             tips, _ = controller.fingertips(sample.state.position)
     share = np.linalg.norm(pressing(tips, wanted, controller.spread), axis=1)
-    np.testing.assert_allclose(np.mean(felt, axis=0), share, rtol=0.2)
+    hidden = float(rig.spec.actuation.frictionloss.max()) / 0.06  # N, at a fingertip's distance from its joints.
+    np.testing.assert_allclose(np.mean(felt, axis=0), share, rtol=0.05, atol=hidden)
 
 
 @pytest.mark.parametrize("diameter", [0.060, 0.100, pytest.param(0.080, marks=pytest.mark.long)])

@@ -8,14 +8,17 @@ import numpy as np
 import pytest
 
 from allegro_twin.build import assemble
+from allegro_twin.build.rig import limits_of
 from allegro_twin.build.simulated import scenario_config
 from allegro_twin.build.trials import Bench, Case, case_of, judged
+from allegro_twin.config import LimitSettings
 from allegro_twin.control.controllers import PD
+from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.scenario import Phase, Protocol, load_protocol
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Draw, Uncertainty, draws
 from allegro_twin.loop import run, until
-from allegro_twin.spec import HandSpec
+from allegro_twin.safety import Guard
 
 SHORT = load_protocol("table_pick")
 SHORT = SHORT.model_copy(
@@ -25,19 +28,20 @@ SHORT = SHORT.model_copy(
 
 
 def alone(case: Case, bench: Bench) -> Trial:
-    """The trial in the ordinary loop, with the ordinary controller, run to its end."""
+    """The trial in the ordinary loop, behind the guard, with the ordinary controller, run to its end."""
     trial = bench.trial(case)
     rig = assemble(scenario_config("lemon"))
     assert isinstance(rig.controller, PD)
     controller = PD(trial.reference, rig.controller.gains, rig.controller.gravity)
-    for _ in trial.watched(until(trial.seconds, run(trial.backend, controller))):
+    hand = Guard(trial.backend, limits_of(LimitSettings(), bench.spec))
+    for _ in trial.watched(until(trial.seconds, run(hand, controller))):
         pass
     return trial
 
 
 @pytest.fixture(scope="module")
-def bench(spec: HandSpec) -> Bench:
-    return Bench(spec)
+def bench() -> Bench:
+    return Bench(load_spec())
 
 
 @pytest.mark.parametrize("draw", [None, Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)])

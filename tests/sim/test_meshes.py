@@ -12,7 +12,8 @@ import pytest
 from allegro_twin.build import assemble
 from allegro_twin.cli.runs import Options, configs_of
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.plan import stage
+from allegro_twin.evaluate.scenario import load_protocol
+from allegro_twin.evaluate.timeline import stage
 from allegro_twin.sim.decompose import pieces_of, standing_out
 from allegro_twin.sim.meshes import Mesh, hull_of, load_mesh, middle_of
 from allegro_twin.sim.objects import Placement, Thing, add
@@ -135,7 +136,7 @@ def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> Non
 def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     own = {"name": "ring", "shape": "mesh", "file": str(file)}
-    (placed,) = stage(scenario(objects=[own]), "right", tmp_path).things
+    (placed,) = stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.position[2] == pytest.approx(HALF, abs=2e-4)
     volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
     assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)

@@ -12,8 +12,8 @@ import pytest
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.plan import plan, stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.evaluate.timeline import plan, stage
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim import objects, wrist
 from allegro_twin.sim.backend import SimBackend

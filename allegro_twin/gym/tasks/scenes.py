@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.evaluate.plan import stage
 from allegro_twin.evaluate.scenario import Scenario, load_protocol, load_scenario
+from allegro_twin.evaluate.timeline import stage
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.library.grasps import Grasp

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.evaluate.plan import stage
-from allegro_twin.evaluate.scenario import Protocol, Scenario
 from allegro_twin.sim import wrist
 from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.parts import parts_of
-from allegro_twin.sim.scene import compile_scene
+from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 Indices = NDArray[np.int_]
 
 
-class Touch(NamedTuple):
-    """Contacts of the hand with the object, a row each."""
+class Meetings(NamedTuple):
+    """Where hand and object are in contact, a row each: their geometry, without what it takes to have forces."""
 
     points: Array
     """(k, 3), m, world."""
@@ -38,12 +35,12 @@ class Touch(NamedTuple):
 class Workbench:
     """One model for every pose of the palm: its wrist's coordinates are the pose."""
 
-    def __init__(self, scenario: Scenario, protocol: Protocol, spec: HandSpec, folder: Path = Path()) -> None:
-        around = stage(scenario, protocol, spec.side, folder)
+    def __init__(self, spec: HandSpec, around: Stage) -> None:
         around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
         self.spec, self.thing = spec, around.things[0]
         self.model = model = compile_scene(spec, around)
-        self.data = mujoco.MjData(model)
+        self.data, self.scratch = mujoco.MjData(model), mujoco.MjData(model)
+        """What is placed here, and room for a state from elsewhere."""
         self.name = self.thing.thing.name
         self.body = int(model.body(self.name).id)
         self._joints = [int(model.joint(name).qposadr[0]) for name in spec.joints]
@@ -106,7 +103,7 @@ class Workbench:
         other = np.where(self.part[first] >= 0, second, first)[foreign]
         return bool((~self._of_object[other]).any())
 
-    def touch(self, data: mujoco.MjData | None = None) -> Touch:
+    def touch(self, data: mujoco.MjData | None = None) -> Meetings:
         """Where hand and object touch; of another state of the same model, if one is given."""
         contact = (self.data if data is None else data).contact
         first, second = contact.geom[:, 0], contact.geom[:, 1]
@@ -114,7 +111,7 @@ class Workbench:
         mine = at_second | (self._of_object[first] & (self.part[second] >= 0))
         sign = np.where(at_second, 1.0, -1.0)[mine, None]
         hand = np.where(at_second, first, second)[mine]
-        return Touch(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
+        return Meetings(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
 
     def _pairs(self) -> tuple[Indices, Indices, NDArray[np.bool_]]:
         geoms = self.data.contact.geom
