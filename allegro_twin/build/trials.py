@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from allegro_twin.config.run import LimitSettings
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.held import Report
-from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol, load_scenario
+from allegro_twin.evaluate.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario
 from allegro_twin.evaluate.together import Verdict, together
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Draw
@@ -29,6 +29,9 @@ from allegro_twin.sim.statics import hand_model
 if TYPE_CHECKING:
     from allegro_twin.spec import HandSpec, Side
 
+AXES = {f"{sign}{axis}": (k, value) for k, axis in enumerate("xyz") for sign, value in (("+", 1.0), ("-", -1.0))}
+PERIOD = 0.003
+"""s, the hand's."""
 WIDTH = 64
 """Trials side by side: more gain nothing, and cost memory (2 MB each)."""
 
@@ -44,12 +47,26 @@ class Case:
     """None: the scenario's."""
     folder: Path = Path()
     """Where the scenario's own files are looked for."""
+    rules: str | None = None
+    """The protocol's name, where it is not the scenario's."""
+
+    @property
+    def ruled(self) -> Protocol:
+        """The protocol that it is tried under."""
+        return load_protocol(self.scenario.protocol) if self.protocol is None else self.protocol
+
+    def directions(self) -> list[Case]:
+        """The trials that it takes: one, or one for each axis and sign."""
+        protocol = self.ruled
+        if protocol.directions == 1:
+            return [self]
+        return [replace(self, protocol=in_direction(protocol, *way)) for way in AXES.values()]
 
 
 class Bench:
     """Makes trials of one hand, under PD at one set of gains or as their grasp controls force."""
 
-    def __init__(self, spec: HandSpec, gains: str = "default", period: float = 0.003, threads: int = 0) -> None:
+    def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_model(spec)
         self._gains = load_gains(gains, spec)
@@ -77,22 +94,26 @@ class Bench:
 
 
 @lru_cache(maxsize=8)
-def _bench(side: Side, serial: str, gains: str, threads: int) -> Bench:
-    return Bench(load_spec(side=side, serial=serial), gains, threads=threads)
+def _bench(side: Side, serial: str, gains: str, period: float, threads: int) -> Bench:
+    return Bench(load_spec(side=side, serial=serial), gains, period, threads)
 
 
 def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of a sweep. `shared`: `serial`, `gains`, `threads`. An item: `scenario` (a name or a path), and where they
     differ from its own `grasp`, `object`, `protocol`, `side`; `draw`, the fields of a `Draw`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
-    sides: dict[Side, list[int]] = {}
+    groups: dict[tuple[Side, str, float], list[tuple[int, Case]]] = {}
     for index, item in enumerate(items):
-        sides.setdefault(item.get("side", "right"), []).append(index)
-    for side, indices in sides.items():
-        bench = _bench(side, shared.get("serial", ""), shared.get("gains", "default"), shared.get("threads", 0))
-        cases = [case_of(items[index], bench.spec) for index in indices]
-        for index, case, verdict in zip(indices, cases, bench.verdicts(cases), strict=True):
-            rows[index] = row_of(case, side, verdict)
+        side = item.get("side", "right")
+        case = case_of(item, load_spec(side=side, serial=shared.get("serial", "")))
+        gains = case.ruled.gains or shared.get("gains", "default")
+        groups.setdefault((side, gains, case.ruled.period or PERIOD), []).append((index, case))
+    for (side, gains, period), members in groups.items():
+        bench = _bench(side, shared.get("serial", ""), gains, period, shared.get("threads", 0))
+        split = [case.directions() for _, case in members]
+        verdicts = bench.verdicts([case for cases in split for case in cases])
+        for (index, case), cases in zip(members, split, strict=True):
+            rows[index] = row_of(case, side, [next(verdicts) for _ in cases])
     return [rows[index] for index in range(len(items))]
 
 
@@ -103,17 +124,41 @@ def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
         scenario = scenario.model_copy(update={"objects": (object_of(item["object"]), *scenario.objects[1:])})
     protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
     draw = None if item.get("draw") is None else Draw(**item["draw"])
-    return Case(scenario, load_grasp(item.get("grasp") or scenario.grasp, spec), draw, protocol, path.parent)
+    grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
+    return Case(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 
 
-def row_of(case: Case, side: str, verdict: Verdict) -> dict[str, Any]:
-    """A verdict as one flat row; NaN for what a trial that was stopped has not shown."""
+def row_of(case: Case, side: str, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
+    stopped has not shown."""
+    worst = min(verdicts, key=lambda v: (v.held, -np.inf if v.report is None else v.report.margin))
+    named = case.scenario.protocol if case.rules is None else case.rules
     row: dict[str, Any] = {
         "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
-        "side": side, "protocol": case.scenario.protocol, "held": verdict.held,
-        "reason": verdict.stopped if verdict.report is None else verdict.report.reason,
-    }  # fmt: skip
-    return row | _numbers(verdict.report)
+        "side": side, "protocol": f"{named} {case.ruled.version}",
+        "held": all(verdict.held for verdict in verdicts),
+        "reason": worst.stopped if worst.report is None else worst.report.reason,
+    } | _numbers(worst.report)  # fmt: skip
+    if len(verdicts) == len(AXES):
+        for name, verdict in zip(AXES, verdicts, strict=True):
+            row[f"margin_{name}"] = float("nan") if verdict.report is None else verdict.report.margin
+            row[f"strength_{name}"] = _strength(case, verdict)
+        row["strength_n"] = min(row[f"strength_{name}"] for name in AXES)
+    return row
+
+
+def _strength(case: Case, verdict: Verdict) -> float:
+    """The largest push that it held, N: that of the last phase before the first one in which it did not."""
+    mass = case.ruled.mass
+    held = 0.0
+    if verdict.report is None:
+        return held
+    pushes = {phase.name: float(np.abs(phase.push).max()) for phase in case.ruled.phases}
+    for phase in verdict.report.phases:
+        if phase.check and not phase.held:
+            break
+        held = max(held, pushes[phase.name])
+    return held * (verdict.mass if mass is None else mass)
 
 
 def _numbers(report: Report | None) -> dict[str, float]:

@@ -95,6 +95,16 @@ class Protocol(Settings):
     physics: PhysicsSettings = PhysicsSettings()
     floating: bool = False
     """There is no table: the object hangs where the grasp meets it."""
+    mass: Positive | None = None
+    """Of the object, kg; None: its own."""
+    friction: Annotated[float, Field(gt=0, le=2.0)] | None = None
+    """Sliding friction of every contact; None: the scenario's."""
+    gains: str | None = None
+    """Of the hand's position controller; None: those of whoever runs it."""
+    period: Positive | None = None
+    """Of control, s; None: the hand's."""
+    directions: Literal[1, 6] = 1
+    """6: a trial for each of ±x, ±y, ±z, to which the pushes along x are turned."""
     phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
     reference: str
     success: Success = Success()
@@ -190,6 +200,17 @@ def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     if scenario.grasp.endswith(".yaml"):
         scenario = scenario.model_copy(update={"grasp": str(path.parent / scenario.grasp)})
     return scenario, path
+
+
+def in_direction(protocol: Protocol, axis: int, sign: float) -> Protocol:
+    """The protocol with its pushes along x turned to one of the six axes."""
+
+    def turned(push: Vector3) -> Vector3:
+        x, y, z = (sign * push[0] if k == axis else 0.0 for k in range(3))
+        return x, y, z
+
+    phases = tuple(p.model_copy(update={"push": turned(p.push)}) if any(p.push) else p for p in protocol.phases)
+    return protocol.model_copy(update={"phases": phases, "directions": 1})
 
 
 def load_protocol(name: str) -> Protocol:

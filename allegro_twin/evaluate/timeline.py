@@ -80,7 +80,9 @@ def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> S
         mirror = np.diag([1.0, -1.0, 1.0])
         stand = stand and (stand[0], -stand[1], *stand[2:])
         position, rotation = mirror @ position, mirror @ rotation @ mirror
-    friction = scenario.friction * protocol.physics.friction
+    if protocol.mass is not None:
+        things[0] = replace(things[0], thing=replace(things[0].thing, mass=protocol.mass))
+    friction = (protocol.friction or scenario.friction) * protocol.physics.friction
     return Stage(
         position, quaternion_from_matrix(rotation), things, friction, table=not protocol.floating, wrist=True,
         stand=None if protocol.floating else stand, physics=protocol.physics.physics(),

@@ -32,6 +32,8 @@ class Verdict:
     """None where it could not go on."""
     stopped: str = ""
     """Why."""
+    mass: float = float("nan")
+    """Of the object, kg."""
 
     @property
     def held(self) -> bool:
@@ -96,7 +98,11 @@ class _Group:
                 stopped[row] = self._stopped(row)
             alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
         return [
-            Verdict(None, stopped[row]) if stopped[row] else Verdict(self.trials[row].judged(self._observed(row)))
+            Verdict(
+                None if stopped[row] else self.trials[row].judged(self._observed(row)),
+                stopped[row],
+                self.trials[row].mass,
+            )
             for row in range(self.n)
         ]
 

@@ -141,7 +141,7 @@ def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(t
     volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
     assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)
     hole = {**own, "collision": "hull"}
-    (placed,) = stage(scenario(objects=[hole]), "right", tmp_path).things
+    (placed,) = stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 

@@ -1,0 +1,204 @@
+"""What a search sees of an object: its surface, its symmetry, palms that look at it, fingers that close on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from allegro_twin.cli.planning import scenario_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol
+from allegro_twin.evaluate.timeline import stage
+from allegro_twin.plan.balance import gripped, imbalance
+from allegro_twin.plan.candidate import Candidate, apart, different
+from allegro_twin.plan.closing import closed
+from allegro_twin.plan.poses import guesses
+from allegro_twin.plan.propose import loads
+from allegro_twin.plan.surface import placed_surface, surface
+from allegro_twin.plan.symmetry import symmetry
+from allegro_twin.plan.templates import templates
+from allegro_twin.sim.objects import Placement, Thing, named
+from allegro_twin.sim.workbench import Meetings, Workbench, coordinates
+
+SPEC = load_spec()
+MADE = {
+    "sphere": Thing("a", "sphere", (0.06,), 0.1),
+    "cylinder": Thing("a", "cylinder", (0.06, 0.1), 0.1),
+    "box": Thing("a", "box", (0.03, 0.06, 0.1), 0.1),
+    "ellipsoid": Thing("a", "ellipsoid", (0.05, 0.08), 0.1),
+}
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Workbench:
+    return bench_of("tennis_ball")
+
+
+def bench_of(name: str) -> Workbench:
+    scenario = scenario_of(name, "z", 1.0, None, 0.8)
+    return Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
+
+
+def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: float = 0.0) -> Candidate:
+    """A palm that looks down."""
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+    zero = np.zeros(SPEC.n_joints)
+    return Candidate(np.array(position), rotation, np.array([0, 0, 0.1]), zero, zero, zero, zero, "grasp_3")
+
+
+@pytest.mark.parametrize("shape", sorted(MADE))
+def test_points_lie_on_the_surface_and_normals_point_out_of_it(shape: str) -> None:
+    thing, random = MADE[shape], np.random.default_rng(0)
+    points, normals = surface(thing, 500, random)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    inside, outside = (inside_of(thing, points + step * normals) for step in (-1e-4, 1e-4))
+    assert inside.all()
+    assert not outside.any()
+
+
+def inside_of(thing: Thing, points: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    half = thing.half_extents()
+    match thing.shape:
+        case "box":
+            return (np.abs(points) <= half).all(axis=1)
+        case "cylinder":
+            return (np.linalg.norm(points[:, :2], axis=1) <= half[0]) & (np.abs(points[:, 2]) <= half[2])
+    return np.linalg.norm(points / half, axis=1) <= 1.0
+
+
+def test_points_are_spread_evenly_over_faces_of_different_size() -> None:
+    _, normals = surface(MADE["box"], 20_000, np.random.default_rng(1))
+    share = np.abs(normals).sum(axis=0) / 20_000
+    areas = np.array([0.06 * 0.1, 0.03 * 0.1, 0.03 * 0.06])
+    np.testing.assert_allclose(share, areas / areas.sum(), atol=0.01)
+
+
+def test_an_ellipsoid_has_no_more_points_at_its_ends_than_their_area() -> None:
+    points, _ = surface(MADE["ellipsoid"], 20_000, np.random.default_rng(1))
+    e = np.sqrt(1.0 - (0.025 / 0.04) ** 2)
+    x = np.linspace(-0.04, 0.04, 20_001)
+    ring = np.sqrt(1.0 - (e * x / 0.04) ** 2)  # Area of a ring of width dx, but for a constant.
+    cap = ring[x > 0.02].sum() / ring.sum()
+    assert (points[:, 0] > 0.02).mean() == pytest.approx(cap, abs=0.01)
+
+
+def test_an_mjcf_has_no_surface_to_look_at() -> None:
+    with pytest.raises(ConfigError, match="give it as a mesh"):
+        surface(Thing("a", "mjcf", (), 0.1, Path("a.xml")), 5, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("tennis_ball", 36),
+        ("tomato_soup_can", 36),
+        ("rubiks_cube", 4),
+        ("wood_block", 4),
+        ("sugar_box", 2),
+        ("lemon", 2),
+    ],
+)
+def test_an_object_has_the_turns_that_leave_it_as_it_is(name: str, count: int) -> None:
+    assert len(symmetry(Placement(named(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
+
+
+def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
+    can = symmetry(Placement(named("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
+    here, there = candidate((0.1, 0.0, 0.1)), candidate((0.0, 0.1, 0.1), np.pi / 2)
+    assert different(there, [here])
+    assert not different(there, [here], can)
+    far, turned = apart(here, there, can)
+    assert far < 1e-9
+    assert turned < 1e-6
+
+
+@given(st.integers(0, 10_000))
+def test_palms_are_in_front_of_the_points_that_they_look_at(seed: int) -> None:
+    random, thing = np.random.default_rng(seed), Placement(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
+    on = placed_surface(thing, 8, random)
+    found = guesses(on, np.eye(3), templates(SPEC), SPEC, random)
+    for row in range(8):
+        rotation = found.rotation[row]
+        np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-9)
+        assert np.linalg.det(rotation) > 0.0
+        ahead = rotation.T @ (on.points[row] - found.position[row])
+        assert 0.012 <= ahead[0] <= 0.085
+    assert (found.preshape >= SPEC.lower).all()
+    assert (found.preshape <= SPEC.upper).all()
+
+
+@given(st.integers(0, 10_000))
+def test_the_wrists_coordinates_put_the_palm_where_it_was_asked_to_be(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    rotation *= np.sign(np.linalg.det(rotation))
+    a, b, c = coordinates(np.zeros(3), rotation)[3:]
+    turn = np.eye(3)
+    for axis, angle in enumerate((a, b, c)):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        one = np.eye(3)
+        one[i, i] = one[j, j] = np.cos(angle)
+        one[i, j], one[j, i] = -np.sin(angle), np.sin(angle)
+        turn = turn @ one
+    np.testing.assert_allclose(turn, rotation, atol=1e-7)
+
+
+def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
+    guess = candidate((0.03, -0.02, 0.2), 0.7)
+    bench.place(guess.position, guess.rotation, guess.preshape)
+    np.testing.assert_allclose(bench.data.body("palm_link").xpos, guess.position, atol=1e-12)
+    np.testing.assert_allclose(bench.data.body("palm_link").xmat.reshape(3, 3), guess.rotation, atol=1e-9)
+    assert not bench.meets_anything()
+    bench.place(np.array([0.0, 0.0, 0.03]), guess.rotation, guess.preshape)
+    assert bench.meets_anything()
+
+
+def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Workbench) -> None:
+    grasp = next(t for t in templates(SPEC) if t.name == "sphere_4_finger")
+    guess = replace(
+        candidate((-0.02, 0.0, 0.12)), preshape=grasp.preshape, closing=np.sign(grasp.squeeze - grasp.preshape)
+    )
+    done, touch = closed(bench, guess)
+    assert len(set(touch.part.tolist())) >= 2
+    middle = np.array(bench.placed.position)
+    np.testing.assert_allclose(np.linalg.norm(touch.points - middle, axis=1), 0.0324, atol=0.01)
+    assert (np.einsum("ki,ki->k", touch.normals, middle - touch.points) > 0.0).all()  # Into the ball.
+    assert (done.close >= SPEC.lower).all()
+
+
+def pinched(friction: float, off: float = 0.0) -> float:
+    touch = Meetings(
+        np.array([[0.03, 0.0, 0.0], [-0.03, off, 0.0], [0.0, 0.0, 0.03]]),
+        np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.array([0, 1, 2]), np.zeros(3),
+    )  # fmt: skip
+    return imbalance(gripped(touch, np.zeros(3), friction))
+
+
+def test_fingers_that_face_each_other_balance_and_fingers_on_one_side_do_not() -> None:
+    assert pinched(0.8) < 1e-6
+    assert pinched(0.1, off=0.03) > 0.1
+    same = Meetings(
+        np.array([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]]), np.array([[-1.0, 0, 0]] * 2), np.zeros(2, int), np.zeros(2)
+    )
+    assert imbalance(gripped(same, np.zeros(3), 0.8)) > 0.9
+
+
+def test_the_weight_turns_with_the_palm() -> None:
+    rotation = candidate().rotation
+    found = loads(rotation, 0.5, (0.0, np.pi))
+    np.testing.assert_allclose(found[0, :3], [0.0, 0.0, -4.905])
+    np.testing.assert_allclose(found[1, :3], [0.0, 0.0, 4.905], atol=1e-9)  # The palm looks down: its z is level.
+    assert not found[:, 3:].any()
+
+
+def test_templates_close_several_joints_and_can_be_of_one_type() -> None:
+    assert len(templates(SPEC)) > 30
+    assert {grasp.taxonomy.name for grasp in templates(SPEC, "Medium Wrap")} == {"Medium Wrap"}
