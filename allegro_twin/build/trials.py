@@ -77,7 +77,7 @@ class Bench:
         """One a case, in order. Raises ConfigError for a scene that cannot be built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
-            yield from together(trials, [self._controller(t) for t in trials], self._limits, threads=self._threads)
+            yield from together(trials, [self.controller(t) for t in trials], self._limits, threads=self._threads)
 
     def trial(self, case: Case) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
@@ -86,7 +86,8 @@ class Bench:
             draw=case.draw,
         )  # fmt: skip
 
-    def _controller(self, trial: Trial) -> Any:
+    def controller(self, trial: Trial) -> Any:
+        """What performs a trial's grasp."""
         if trial.grasp.grip is None:
             return PD(trial.reference, self._gains, self._gravity)
         timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))

@@ -55,9 +55,12 @@ def read_shipped(name: str) -> Listed:
 
 
 def one(path: Path) -> Listed:
-    """The entry of a file that holds one. Raises ConfigError."""
+    """The entry of a file that holds one, or that of several which is named as the file. Raises ConfigError."""
     content = read_yaml(path)
     if ENTRIES in content:
+        for listed in read_file(path):
+            if listed.name == path.stem:
+                return listed
         raise ConfigError(f"{path} holds `{ENTRIES}`: give its path to Library, and ask for an entry by name")
     return Listed(path.stem, parse_entry(content, str(path)), path)
 

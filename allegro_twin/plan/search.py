@@ -26,14 +26,26 @@ from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-GUESSED, CLOSED = 192, 48
-"""Proposals a round, and the best of them that physics closes."""
-SQUEEZES = (1.0, 1.4, 1.8)
-"""Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers."""
-FIRST, MORE = 3, 7
-"""Draws that everybody gets, and that the better half gets after them."""
 COARSE = 0.002
 """s, the physics step of what is only a search."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much a round looks at."""
+
+    guessed: int = 192
+    """Proposals."""
+    closed: int = 48
+    """The best of them, which physics closes."""
+    drawn: int = 16
+    """The best of those that hold, which are tried under draws."""
+    squeezes: tuple[float, ...] = (1.0, 1.4, 1.8)
+    """Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers."""
+    first: int = 3
+    """Draws that everybody gets."""
+    more: int = 7
+    """Draws that the better third gets after them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +73,7 @@ class Search:
     folder: Path = Path()
     seed: int = 0
     uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(position=0.005, torque=0.0))
+    effort: Effort = Effort()
     threads: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     """Where candidates ended."""
@@ -75,8 +88,8 @@ class Search:
         turns = _turns(protocol)
         proposed = proposals(bench, self.templates, self.scenario.friction, turns, random)
         while len(self._best(found, bench)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
-            guessed = sorted(_within(proposed, GUESSED, left / 3), key=lambda c: -c.score)[:CLOSED]
-            outcomes = tried(bench, guessed, performer, self.scenario.friction, random)
+            guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
+            outcomes = tried(bench, guessed[: self.effort.closed], performer, self.scenario.friction, random)
             self.ends.update(outcome.where for outcome in outcomes)
             passed = [outcome.candidate for outcome in outcomes if outcome.passed]
             found += self._proven(self._apart(passed, found, bench), bench, n)
@@ -97,7 +110,7 @@ class Search:
         for candidate in sorted(passed, key=lambda c: -c.score):
             if different(candidate, [*taken, *kept], turns):
                 kept.append(candidate)
-        return kept
+        return kept[: self.effort.drawn]
 
     def _proven(self, candidates: list[Candidate], bench: Workbench, n: int) -> list[Planned]:
         """Of each candidate the squeeze that holds most draws, and of those the best in the whole trial."""
@@ -105,14 +118,15 @@ class Search:
         options = [
             (c, scenario_of(c, bench, self.scenario), grasp_of(c, templates[c.template], bench, squeeze))
             for c in candidates
-            for squeeze in SQUEEZES
+            for squeeze in self.effort.squeezes
         ]
         if not options:
             return []
-        held = self._held(options, FIRST, 0)
+        first, more = self.effort.first, self.effort.more
+        held = self._held(options, first, 0)
         order = np.argsort(-held, kind="stable")[: max(len(options) // 3, 2 * n)]
-        more = self._held([options[i] for i in order], MORE, FIRST)
-        success = {int(i): (held[i] + m) / (FIRST + MORE) for i, m in zip(order, more, strict=True)}
+        again = self._held([options[i] for i in order], more, first)
+        success = {int(i): (held[i] + m) / (first + more) for i, m in zip(order, again, strict=True)}
         best: dict[int, int] = {}
         for i in sorted(success, key=lambda i: -success[i]):
             best.setdefault(id(options[i][0]), i)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from allegro_twin.cli.planning import scenario_of
 from allegro_twin.description.hands import load_spec
@@ -25,8 +26,10 @@ from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.objects import Placement, Thing, named
 from allegro_twin.sim.workbench import Meetings, Workbench, coordinates
+from allegro_twin.types import Array
 
 SPEC = load_spec()
+TEMPLATES = templates(SPEC)
 MADE = {
     "sphere": Thing("a", "sphere", (0.06,), 0.1),
     "cylinder": Thing("a", "cylinder", (0.06, 0.1), 0.1),
@@ -64,14 +67,14 @@ def test_points_lie_on_the_surface_and_normals_point_out_of_it(shape: str) -> No
     assert not outside.any()
 
 
-def inside_of(thing: Thing, points: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def inside_of(thing: Thing, points: Array) -> NDArray[np.bool_]:
     half = thing.half_extents()
     match thing.shape:
         case "box":
-            return (np.abs(points) <= half).all(axis=1)
+            return np.array((np.abs(points) <= half).all(axis=1))
         case "cylinder":
-            return (np.linalg.norm(points[:, :2], axis=1) <= half[0]) & (np.abs(points[:, 2]) <= half[2])
-    return np.linalg.norm(points / half, axis=1) <= 1.0
+            return np.array((np.linalg.norm(points[:, :2], axis=1) <= half[0]) & (np.abs(points[:, 2]) <= half[2]))
+    return np.array(np.linalg.norm(points / half, axis=1) <= 1.0)
 
 
 def test_points_are_spread_evenly_over_faces_of_different_size() -> None:
@@ -124,7 +127,7 @@ def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
 def test_palms_are_in_front_of_the_points_that_they_look_at(seed: int) -> None:
     random, thing = np.random.default_rng(seed), Placement(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
     on = placed_surface(thing, 8, random)
-    found = guesses(on, np.eye(3), templates(SPEC), SPEC, random)
+    found = guesses(on, np.eye(3), TEMPLATES, SPEC, random)
     for row in range(8):
         rotation = found.rotation[row]
         np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-9)
@@ -162,7 +165,7 @@ def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
 
 
 def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Workbench) -> None:
-    grasp = next(t for t in templates(SPEC) if t.name == "sphere_4_finger")
+    grasp = next(t for t in TEMPLATES if t.name == "sphere_4_finger")
     guess = replace(
         candidate((-0.02, 0.0, 0.12)), preshape=grasp.preshape, closing=np.sign(grasp.squeeze - grasp.preshape)
     )
@@ -200,5 +203,5 @@ def test_the_weight_turns_with_the_palm() -> None:
 
 
 def test_templates_close_several_joints_and_can_be_of_one_type() -> None:
-    assert len(templates(SPEC)) > 30
+    assert len(TEMPLATES) > 30
     assert {grasp.taxonomy.name for grasp in templates(SPEC, "Medium Wrap")} == {"Medium Wrap"}

@@ -1,0 +1,205 @@
+"""What the verdicts depend on: `python -m benchmarks.physics [FILE]` makes the tables of docs/physics.md.
+
+The demo's trials, right hand, under one changed setting at a time; and whether contacts obey the laws that they stand
+for: force balance, friction cones, energy, the same bits again.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from allegro_twin.build.trials import Bench, Case
+from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.scenario import Phase, PhysicsSettings, Protocol, load_protocol, load_scenario
+from allegro_twin.evaluate.together import Verdict
+from allegro_twin.evaluate.uncertainty import Draw
+from allegro_twin.files.assets import data_root
+from allegro_twin.library.named import load_grasp
+from allegro_twin.sim.backend import ENGINE
+
+DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))
+PROTOCOL = load_protocol("table_pick")
+PHYSICS: Mapping[str, Mapping[str, Any]] = {
+    "as shipped": {},
+    "contacts of 20 ms, impratio 10 (version 1)": {"softness": 0.02, "impratio": 10.0},
+    "contacts of 10 ms": {"softness": 0.01},
+    "timestep halved": {"timestep": 0.0005},
+    "impratio 10": {"impratio": 10.0},
+    "noslip 0": {"noslip": 0},
+    "noslip 10": {"noslip": 10},
+    "pyramidal cone": {"cone": "pyramidal"},
+    "CG solver": {"solver": "CG"},
+    "Euler": {"integrator": "Euler"},
+    "implicit": {"integrator": "implicit"},
+}
+DRAWS = {
+    "friction 0.6": Draw(friction=0.6),
+    "friction 0.5": Draw(friction=0.5),
+    "torque × 0.7": Draw(torque=0.7),
+    "torque × 1.3": Draw(torque=1.3),
+}
+GAINS = ("v4",)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The demo under one setting."""
+
+    name: str
+    verdicts: Sequence[Verdict]
+    seconds: float
+    """CPU s a trial."""
+
+    def cells(self) -> list[str]:
+        reports = [verdict.report for verdict in self.verdicts if verdict.report is not None]
+        lost = [name for name, verdict in zip(DEMO, self.verdicts, strict=True) if not verdict.held]
+        held = f"{len(DEMO) - len(lost)}" + (f" (not {', '.join(lost)})" if lost else "")
+        deepest = max(report.penetration for report in reports)
+        drift = np.median([max(p.drift for p in report.phases if p.check) for report in reports])
+        turned = np.median([_turned(report) for report in reports])
+        return [
+            self.name, held, f"{1e3 * deepest:.2f}", f"{1e3 * drift:.2f}", f"{1e3 * turned:.2f}", f"{self.seconds:.2f}"
+        ]  # fmt: skip
+
+
+def rows() -> Iterator[Row]:
+    """Each setting, one after the other."""
+    spec = load_spec()
+    bench = Bench(spec)
+    for name, settings in PHYSICS.items():
+        yield _row(bench, name, PROTOCOL.model_copy(update={"physics": PhysicsSettings(**settings)}))
+    for name, draw in DRAWS.items():
+        yield _row(bench, name, PROTOCOL, draw)
+    for gains in GAINS:
+        yield _row(Bench(spec, gains), f"gains {gains}", PROTOCOL)
+
+
+def _row(bench: Bench, name: str, protocol: Protocol, draw: Draw | None = None) -> Row:
+    began = time.process_time()
+    verdicts = list(bench.verdicts([replace(case, protocol=protocol, draw=draw) for case in _cases(bench)]))
+    return Row(name, verdicts, (time.process_time() - began) / len(verdicts))
+
+
+def _cases(bench: Bench) -> list[Case]:
+    found = []
+    for name in DEMO:
+        scenario, path = load_scenario(name)
+        found.append(Case(scenario, load_grasp(scenario.grasp, bench.spec), folder=path.parent))
+    return found
+
+
+def _turned(report: Report) -> float:
+    """By how much the object is elsewhere in the palm after the turn than before it, at least, m."""
+    phases = {phase.name: phase for phase in report.phases}
+    return abs(phases["turn"].drift - phases["hold"].drift)
+
+
+def creeping() -> Iterator[list[str]]:
+    """How fast each object moves in the hand when it has been held for 10 s, µm/s."""
+    bench = Bench(load_spec())
+    phases: list[Phase] = []
+    for phase in PROTOCOL.phases:
+        if phase.name == "hold":
+            longer = (("hold", 10.0), ("on", 2.0))
+            phases += [phase.model_copy(update={"name": name, "seconds": s}) for name, s in longer]
+            break
+        phases.append(phase)
+    long = PROTOCOL.model_copy(update={"phases": tuple(phases)})
+    cases = [replace(case, protocol=long) for case in _cases(bench)]
+    for name, verdict in zip(DEMO, bench.verdicts(cases), strict=True):
+        assert verdict.report is not None
+        drift = {phase.name: phase.drift for phase in verdict.report.phases}
+        yield [name, f"{1e6 * abs(drift['on'] - drift['hold']) / 2.0:.2f}"]
+
+
+def laws() -> Iterator[list[str]]:
+    """What contacts must obey, over the demo's trials, in steps of 30 ms from the lift on."""
+    bench = Bench(load_spec())
+    imbalance: list[float] = []
+    cone: list[float] = []
+    count = 0
+    for case in _cases(bench):
+        trial = bench.trial(case)
+        model, data = trial.backend.model, trial.backend.data
+        body = model.body(case.scenario.objects[0].name).id
+        mass = float(model.body_mass[body])
+        for wrench, contacts in _watched(bench, trial, body):
+            count += len(contacts)
+            # MuJoCo's cacc begins with -g at the world, so that it is a - g.
+            imbalance.append(float(np.linalg.norm(wrench - mass * data.cacc[body, 3:])) / (9.81 * mass))
+            cone += contacts
+    first = [verdict.report for verdict in bench.verdicts(_cases(bench)[:3])]
+    again = first == [verdict.report for verdict in bench.verdicts(_cases(bench)[:3])]
+    yield ["contacts looked at", f"{count}"]
+    off = f"{np.median(imbalance):.1e}, {max(imbalance):.1e}"
+    yield ["Σ contact forces less m (a - g), as a share of the weight: median, worst", off]
+    yield ["friction over its cone, worst", f"{max(cone):.4f}"]
+    yield ["three trials again", "the same bits" if again else "DIFFERENT"]
+
+
+def _watched(bench: Bench, trial: Any, body: int) -> Iterator[tuple[Any, list[float]]]:
+    """From the lift on: the sum of contact forces on the object, N, and how far each friction is up its cone."""
+    from allegro_twin.loop import run, until
+
+    model, data = trial.backend.model, trial.backend.data
+    begin = next(window.begin for window in trial.windows if window.name == "lift")
+    for sample in until(trial.seconds, run(trial.backend, bench.controller(trial))):
+        if sample.state.t < begin or sample.state.tick % 10:
+            continue
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        total, cones, local = np.zeros(3), [], np.zeros(6)
+        for index, contact in enumerate(data.contact):
+            bodies = model.geom_bodyid[contact.geom]
+            if body not in bodies or contact.efc_address < 0:
+                continue
+            mujoco.mj_contactForce(model, data, index, local)
+            force = contact.frame.reshape(3, 3).T @ local[:3]
+            total += force if bodies[1] == body else -force
+            if local[0] > 1e-6:
+                cones.append(float(np.hypot(local[1], local[2]) / (contact.friction[0] * local[0])))
+        yield total, cones
+
+
+def table(head: Sequence[str], body: Iterator[list[str]]) -> Iterator[str]:
+    """Markdown, a line at a time."""
+    yield "| " + " | ".join(head) + " |"
+    yield "|" + "---|" * len(head)
+    for cells in body:
+        yield "| " + " | ".join(cells) + " |"
+
+
+def page() -> Iterator[str]:
+    """The tables, each under its heading."""
+    yield f"### The demo under one changed setting ({ENGINE}, right hand, 12 trials each)\n"
+    head = ("setting", "held of 12", "deepest, mm", "drift, median mm", "turn, median mm", "CPU s a trial")
+    yield from table(head, (row.cells() for row in rows()))
+    yield "\n### Creep between 10 and 12 s of hold\n"
+    yield from table(("object", "µm/s"), creeping())
+    yield "\n### Laws\n"
+    yield from table(("law", "measured"), laws())
+
+
+def main() -> None:
+    lines = []
+    for line in page():
+        print(line, flush=True)
+        lines.append(line)
+    if len(sys.argv) > 1:
+        path = Path(sys.argv[1])
+        text = path.read_text()
+        head = text.split("<!-- tables -->")[0]
+        path.write_text(f"{head}<!-- tables -->\n\n" + "\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""An object goes in, grasps that hold come out, as files that run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.build.trials import Bench, case_of
+from allegro_twin.cli.planning import scenario_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.library.library import Library
+from allegro_twin.plan.keep import stored, written
+from allegro_twin.plan.search import Effort, Planned, Search
+from allegro_twin.plan.templates import templates
+
+SPEC = load_spec()
+LITTLE = Effort(guessed=24, closed=8, squeezes=(1.3,), first=1, more=1)
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Search, list[Planned]]:
+    search = Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), effort=LITTLE)
+    return search, search.run(1, 100.0)
+
+
+def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[Planned]]) -> None:
+    search, (planned,) = found
+    assert planned.margin > 0.0
+    assert planned.success in (0.0, 0.5, 1.0)
+    assert search.ends["held"] >= 1
+    assert sum(search.ends[name] for name in search.ends if name not in ("held", "whole trial")) == LITTLE.closed
+
+
+def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned]], tmp_path: Path) -> None:
+    """The same trial from its files gives the same margin, to the last digit."""
+    _, (planned,) = found
+    (path,) = written([planned], "ball", tmp_path, SPEC)
+    assert path == tmp_path / "ball_1.yaml"
+    (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
+    assert verdict.report is not None
+    assert verdict.report.margin == planned.margin
+    text = path.read_text()
+    assert "grasp: grasps/ball_1.yaml" in text
+    assert "Planned for tennis_ball, from the" in text
+
+
+def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
+    found: tuple[Search, list[Planned]], tmp_path: Path
+) -> None:
+    _, (planned,) = found
+    stored(planned, "ball_1", tmp_path / "ball_1.yaml", SPEC, evidence="ball_1")
+    library, left = Library(tmp_path), load_spec(side="left")
+    np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
+    np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
+
+
+def test_the_same_seed_finds_the_same_grasp(found: tuple[Search, list[Planned]]) -> None:
+    search, (planned,) = found
+    (again,) = Search(search.scenario, SPEC, search.templates, effort=LITTLE).run(1, 100.0)
+    np.testing.assert_array_equal(again.grasp.squeeze, planned.grasp.squeeze)
+    assert again.margin == planned.margin
+
+
+def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
+    """A ball of lead: 12 kg."""
+    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
+    heavy = scenario.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 12.0})
+    search = Search(scenario.model_copy(update={"objects": (heavy,)}), SPEC, templates(SPEC), effort=LITTLE)
+    assert search.run(1, 3.0) == []
+    assert set(search.ends) <= {"empty", "unbalanced", "lift", "turn", "diverged"}
+
+
+def test_templates_of_a_type_without_closing_fingers_are_an_error() -> None:
+    with pytest.raises(ConfigError):
+        templates(SPEC, "no such type")
