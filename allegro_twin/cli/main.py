@@ -127,7 +127,8 @@ def run(
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log,
                       views.size(size), views.checked(camera))  # fmt: skip
     from allegro_twin.cli.runs import Options, configs_of
-    from allegro_twin.cli.several import Wanted, cores
+    from allegro_twin.cli.several import Wanted
+    from allegro_twin.sweep.local import cores
 
     options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
     jobs = configs_of(targets, options)

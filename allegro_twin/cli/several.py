@@ -6,7 +6,6 @@ the same however many processes there are.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -50,11 +49,6 @@ class Wanted:
 Begin = Callable[[str, float | None], None]
 """Told which side a run is of and for how long, s."""
 Tell = Callable[[str], None]
-
-
-def cores() -> int:
-    """How many processes can run at once here."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_all(
