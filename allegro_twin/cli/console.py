@@ -6,16 +6,18 @@ import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from allegro_twin.evaluate.held import Report
-from allegro_twin.hand.grasps import Grasped
-from allegro_twin.identify.limits import FoundLimits, centring_offsets
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import HandState
+if TYPE_CHECKING:
+    from allegro_twin.evaluate.held import Report
+    from allegro_twin.hand.grasps import Grasped
+    from allegro_twin.identify.limits import FoundLimits
+    from allegro_twin.spec import HandSpec
+    from allegro_twin.types import HandState
 
 console = Console(width=None if sys.stdout.isatty() else 120)
 errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
@@ -97,6 +99,8 @@ def felt(grasped: Grasped) -> Table:
 
 def limits(spec: HandSpec, found: FoundLimits) -> Table:
     """Found limits beside the model's, and the offsets that would centre them."""
+    from allegro_twin.identify.limits import centring_offsets
+
     table = Table(title=f"{spec.name}: limits found, rad")
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
 from collections.abc import Iterator, Sequence
 from importlib import import_module
@@ -38,6 +39,7 @@ class RayCluster:
             raise ConfigError(f"a cluster needs Ray: pip install 'allegro-twin[ray]' ({error})") from error
         self._cores = cores
         if not self._ray.is_initialized():
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Or Ray tells its makers of every start.
             try:
                 _knock(address or "")
                 self._ray.init(address, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)

@@ -30,22 +30,31 @@ def main() -> None:
 
 
 def _answer(pipe: Connection[Any, Any], name: str, shared: Any) -> None:
-    work = function(name)
-    signal.signal(signal.SIGTERM, _stop)
+    work, stop = function(name), _Stop()
+    signal.signal(signal.SIGTERM, stop)
     while True:
         task = pipe.recv()
+        stop.working = True
         try:
             result = ("done", work(shared, task, lambda message: pipe.send(("told", message))))
         except HandError as error:
             error.history = ()  # Thousands of samples may hang on a fault, and nobody beyond the pipe reads them.
             result = ("failed", error)
+        stop.working = False
         pipe.send(result)
 
 
-def _stop(number: int, frame: FrameType | None) -> None:
-    """End as Ctrl-C does, so that files are closed; a second signal does not interrupt that."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise KeyboardInterrupt
+class _Stop:
+    """Ends as Ctrl-C does in the middle of a task, so that its files are closed; a second signal does not interrupt
+    that. Between tasks nothing is open."""
+
+    working = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if not self.working:
+            os._exit(130)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

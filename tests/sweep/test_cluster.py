@@ -121,6 +121,6 @@ def test_without_an_address_a_cluster_of_this_computer_is_joined(engine: RayClus
 def test_a_cluster_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(is_initialized=lambda: False))
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        address = "127.0.0.1:{}".format(taken.getsockname()[1])
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
     with pytest.raises(LinkError, match=f"no Ray cluster at {address}: Connection refused"):
         RayCluster(address)
