@@ -59,7 +59,7 @@ class Store:
         stamps = {"format": _FORMAT, **sweep.stamped()}
         path = self.folder / _MANIFEST
         if not path.exists():
-            self._begin(path, stamps)
+            self._begin(path, stamps | {"data": dict(sweep.shared)})
         with path.open("rb") as manifest:
             try:
                 fcntl.flock(manifest, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -88,22 +88,23 @@ class Store:
     def _parts(self) -> list[Path]:
         return sorted(self.folder.glob("part-*.parquet"))
 
-    def _begin(self, path: Path, stamps: Mapping[str, str]) -> None:
+    def _begin(self, path: Path, content: Mapping[str, Any]) -> None:
         if self.folder.exists() and any(not each.name.startswith(".") for each in self.folder.iterdir()):
             raise ConfigError(f"{self.folder}: has files but no {_MANIFEST}, so no sweep's; give an empty folder")
         with whole_file(path) as temporary:
-            temporary.write_text(json.dumps(stamps, indent=1))
+            temporary.write_text(json.dumps(content, indent=1))
 
 
-def _read(path: Path) -> dict[str, str]:
+def _read(path: Path) -> dict[str, Any]:
     try:
-        content: dict[str, str] = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        content: dict[str, Any] = dict(json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError) as error:
         raise RecordingError(f"{path}: cannot be read: {error}; sweep into another folder") from error
+    content.pop("data", None)  # To be read by people; its hash is what counts.
     return content
 
 
-def _same(folder: Path, found: Mapping[str, str], mine: Mapping[str, str]) -> None:
+def _same(folder: Path, found: Mapping[str, Any], mine: Mapping[str, str]) -> None:
     differing = [name for name in {**mine, **found} if found.get(name) != mine.get(name)]
     if differing:
         told = "; ".join(f"{name} {found.get(name, 'none')} there, {mine.get(name, 'none')} here" for name in differing)

@@ -99,12 +99,20 @@ def test_the_folder_of_another_sweep_is_refused_by_the_difference(tmp_path: Path
 
 
 def test_the_folder_of_another_engine_is_refused(tmp_path: Path) -> None:
-    run(sweep_of(), Store(tmp_path), Local(0))
+    run(sweep_of(seed=7), Store(tmp_path), Local(0))
     path = tmp_path / "manifest.json"
     stamps = json.loads(path.read_text())
-    assert set(stamps) == {"format", "function", "shared", "engine", "allegro_twin"}
+    assert set(stamps) == {"format", "function", "shared", "engine", "allegro_twin", "data"}
+    assert stamps["data"] == {"seed": 7}
     path.write_text(json.dumps(stamps | {"engine": "mujoco 3.9.0"}))
     with pytest.raises(ConfigError, match=r"engine mujoco 3\.9\.0 there, mujoco \S+ here"):
+        run(sweep_of(seed=7), Store(tmp_path), Local(0))
+
+
+@pytest.mark.parametrize("text", ["", "{", "7", "[1]", "\x00"])
+def test_a_manifest_that_is_none_is_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(RecordingError, match=r"manifest\.json: cannot be read: .*; sweep into another folder"):
         run(sweep_of(), Store(tmp_path), Local(0))
 
 
