@@ -70,6 +70,9 @@ class RayCluster:
     def _got(self, ready: Any, what: str) -> list[Result]:
         try:
             found: list[Result] | HandError = self._ray.get(ready)
+        except self._ray.exceptions.RayTaskError as error:
+            mistake = f"{type(error.cause).__name__}: {_line(error.cause)}"
+            raise HandError(f"{what}: {mistake}; what is finished stays") from error
         except self._ray.exceptions.RayError as error:
             raise HandError(f"{what}: lost by Ray: {_line(error)}; what is finished stays") from error
         if isinstance(found, HandError):

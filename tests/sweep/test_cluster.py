@@ -69,9 +69,9 @@ def test_the_table_and_its_parts_are_the_same_to_the_bit_as_on_this_computer(
 @pytest.mark.parametrize(
     ("sweep", "message"),
     [
-        (sweep_of("too_few"), "gave 2 rows for 3 items"),
+        (sweep_of("too_few", 3), "gave 2 rows for 3 items"),
         (sweep_of("wavse"), "did you mean 'waves'"),
-        (sweep_of("broken"), "items 0 to 2: lost by Ray: "),
+        (sweep_of("broken", 3), "items 0 to 2: ZeroDivisionError: as a mistake in a function does; what is finished"),
     ],
 )
 def test_what_a_function_does_wrong_is_one_line(sweep: Sweep, message: str, engine: RayCluster) -> None:

@@ -99,8 +99,8 @@ def interrupted_at(done: int, total: int) -> int:
 @pytest.mark.parametrize(
     ("sweep", "message"),
     [
-        (sweep_of("too_few"), "tests.sweep.work:too_few gave 2 rows for 3 items; it must give one for each"),
-        (sweep_of("named_otherwise", name="m"), "every row must have the same names; ['m', 'n'] differ"),
+        (sweep_of("too_few", 3), "tests.sweep.work:too_few gave 2 rows for 3 items; it must give one for each"),
+        (sweep_of("named_otherwise", 3, name="m"), "every row must have the same names; ['m', 'n'] differ"),
         (sweep_of("mixed", unit=10, other="text"), "column 'value'"),
         (sweep_of("mixed", unit=5, other="text"), "rows of a sweep do not fit each other"),
         (sweep_of("wavse"), "no function of tests.sweep.work named 'wavse'; did you mean 'waves'"),
@@ -148,6 +148,6 @@ def test_a_unit_whose_process_is_killed_three_times_is_named(tmp_path: Path) -> 
 
 def test_a_mistake_in_a_function_is_not_tried_again(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(HandError, match="items 0 to 2: its process ended with code 1; what is finished stays"):
-        run(sweep_of("broken"), engine=Local(1))
+        run(sweep_of("broken", 3), engine=Local(1))
     shown = capfd.readouterr().err
     assert shown.count("ZeroDivisionError: as a mistake in a function does") == 1
