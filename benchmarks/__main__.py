@@ -13,11 +13,24 @@ from benchmarks import (
     loop_cost,
     memory,
     startup,
+    sweeping,
     two_processes,
     wire,
 )
 
-BENCHMARKS = (loop_cost, inverse_kinematics, startup, memory, wire, bus_cost, deadman, deaths, two_processes, gym)
+BENCHMARKS = (
+    loop_cost,
+    inverse_kinematics,
+    startup,
+    memory,
+    wire,
+    bus_cost,
+    deadman,
+    deaths,
+    two_processes,
+    gym,
+    sweeping,
+)
 
 
 def show(figures: Iterable[tuple[str, float, float, str]]) -> None:

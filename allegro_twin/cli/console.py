@@ -12,15 +12,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from allegro_twin.evaluate.again import stalled
-from allegro_twin.evaluate.held import Report
-from allegro_twin.hand.grasps import Grasped
-from allegro_twin.identify.limits import FoundLimits, centring_offsets
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import HandState
-
 if TYPE_CHECKING:
+    from allegro_twin.evaluate.held import Report
+    from allegro_twin.hand.grasps import Grasped
+    from allegro_twin.identify.limits import FoundLimits
     from allegro_twin.plan.search import Planned
+    from allegro_twin.spec import HandSpec
+    from allegro_twin.types import HandState
 
 console = Console(width=None if sys.stdout.isatty() else 120)
 errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
@@ -93,6 +91,8 @@ def phases(title: str, report: Report) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
+    from allegro_twin.evaluate.again import stalled
+
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
         f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}"
@@ -125,6 +125,8 @@ def felt(grasped: Grasped) -> Table:
 
 def limits(spec: HandSpec, found: FoundLimits) -> Table:
     """Found limits beside the model's, and the offsets that would centre them."""
+    from allegro_twin.identify.limits import centring_offsets
+
     table = Table(title=f"{spec.name}: limits found, rad")
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):
         table.add_column(name, justify="left" if name == "joint" else "right")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 import sys
+from contextlib import closing
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,6 @@ from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
-    from allegro_twin.session import Outputs
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -113,6 +113,10 @@ def run(
         float | None, typer.Option(help="Stop after this time on the hand's clock.", callback=options.positive)
     ] = None,
     partial: Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")] = False,
+    count: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, help="How many simulated runs at once; by default as many as there are cores."),
+    ] = None,
 ) -> None:
     """Run a hand: a config with its controller, or scenarios with a verdict on each."""
     from allegro_twin.look import views
@@ -123,55 +127,44 @@ def run(
     outputs = Outputs(record, image, video, rrd, "web" if web else "native" if view else None, wire_log,
                       views.size(size), views.checked(camera))  # fmt: skip
     from allegro_twin.cli.runs import Options, configs_of
+    from allegro_twin.cli.several import Wanted
+    from allegro_twin.sweep.local import cores
 
     options = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
     jobs = configs_of(targets, options)
     if len(jobs) > 1 and any((record, image, video, rrd, wire_log, view, web)):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
-    reports = _run_all(jobs, outputs, out)
+    reports = _run_all(jobs, Wanted(outputs, out), count or cores())
     if not all(report.held for report in reports.values()):
         raise typer.Exit(5)
 
 
-def _run_all(jobs: list[Any], outputs: Outputs, out: Path | None) -> dict[tuple[str, str], Report]:
+def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], Report]:
     from rich.markup import escape
 
-    from allegro_twin.build import assemble
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import outputs_in
-    from allegro_twin.session import perform
+    from allegro_twin.cli.several import run_all
 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
     told: set[str] = set()
-    with console.progress() as bar:
-        whole = bar.add_task("", total=len(jobs), visible=len(jobs) > 1)
-        for job in jobs:
-            rig = assemble(job.config)
-            bar.update(whole, description=f"{len(reports)} of {len(jobs)}")
-            task = bar.add_task(f"{job.name} {rig.spec.side}", total=rig.seconds)
-            where = outputs if out is None else outputs_in(out, job, rig, outputs)
-            outcome = perform(
-                rig,
-                job.config,
-                where,
-                lambda t, task=task: bar.update(task, completed=t),  # type: ignore[misc]  # Bound now.
-                lambda line: console.errors.print(line, soft_wrap=True),
-            )
-            bar.remove_task(task)
-            bar.advance(whole)
-            for note in outcome.notes:
+
+    def tell(line: str) -> None:
+        console.errors.print(line, soft_wrap=True)
+
+    with console.progress() as bar, closing(run_all(jobs, wanted, count, bar, tell)) as runs:
+        for job, ran in runs:
+            for note in ran.outcome.notes:
                 if note not in told:
-                    console.errors.print(f"[yellow]{job.name} {rig.spec.side}: {escape(note)}[/]")
+                    console.errors.print(f"[yellow]{job.name} {ran.spec.side}: {escape(note)}[/]")
                 told.add(note)
-            if outcome.unconfirmed:
-                raise LinkError(outcome.unconfirmed)
-            if outcome.report is None:
-                console.console.print(console.final_state(rig.spec, outcome.last))
+            if ran.outcome.unconfirmed:
+                raise LinkError(ran.outcome.unconfirmed)
+            if ran.outcome.report is None:
+                console.console.print(console.final_state(ran.spec, ran.outcome.last))
             else:
-                assert rig.trial is not None
-                reports[job.name, rig.spec.side], grasps[job.name] = outcome.report, rig.trial.grasp.name
-    _tell(reports, grasps, out)
+                reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
+    _tell(reports, grasps, wanted.folder)
     return reports
 
 

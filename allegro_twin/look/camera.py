@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.look.screen import Screen
 from allegro_twin.look.views import DEFAULT, Aim, View, seen
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -45,29 +46,25 @@ class Camera:
         screen = scene.model.vis.global_
         screen.offwidth, screen.offheight = max(screen.offwidth, width), max(screen.offheight, height)
         try:
-            self._renderer: Any = mujoco.Renderer(scene.model, height, width)
+            self._screen = Screen(scene.model, height, width)
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
             raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
 
     def take(self) -> Picture:
         """The scene as it is now."""
-        data = self._scene.data
-        self._eye.lookat = data.xpos[self._palm] + data.xmat[self._palm].reshape(3, 3) @ self._aim.middle
-        self._renderer.update_scene(data, self._eye)
-        picture: Picture = self._renderer.render()
-        return picture
+        return self._screen.draw(self._scene.data, self._aimed())
 
     def take_depth(self) -> NDArray[np.float32]:
         """How far everything is, rows and columns, m."""
-        self._renderer.enable_depth_rendering()
-        try:
-            depth: NDArray[np.float32] = np.array(self.take())
-        finally:
-            self._renderer.disable_depth_rendering()
-        return depth
+        return self._screen.draw_depth(self._scene.data, self._aimed())
 
     def close(self) -> None:
-        self._renderer.close()
+        self._screen.close()
+
+    def _aimed(self) -> mujoco.MjvCamera:
+        data = self._scene.data
+        self._eye.lookat = data.xpos[self._palm] + data.xmat[self._palm].reshape(3, 3) @ self._aim.middle
+        return self._eye
 
 
 def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:

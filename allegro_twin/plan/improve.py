@@ -1,4 +1,4 @@
-"""A grasp made better where it is: its wrist, its postures and its squeeze, under draws of what the hand is not told."""
+"""A grasp made better where it is: wrist, postures and squeeze, under draws of what the hand is not told."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails
         return Outcome(state(3), report, ("no pictures: none",))
 
     monkeypatch.setattr(session, "perform", perform)
-    code, shown, errors = command("run", "lemon", "--side", "both", "--out", tmp_path)
+    code, shown, errors = command("run", "lemon", "--side", "both", "--out", tmp_path, "--jobs", 1)
     assert code == 5
     assert errors.count("no pictures") == 1
     assert "1 of 2 held (mujoco" in shown

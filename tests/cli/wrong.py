@@ -39,6 +39,7 @@ TABLE = [
         ("run sim_right --nope", 2, "--nope"),
         ("run sim_right --seconds", 2, "--seconds"),
         ("run sim_right --seconds abc", 2, "'abc'"),
+        ("run lemon --jobs 0", 2, "--jobs"),
         ("run lemon --side top", 2, "'top' is not one of 'right', 'left', 'both'"),
         ("list objects grasps", 2, "(grasps)"),
         ("view", 2, "missing argument"),

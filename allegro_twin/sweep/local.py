@@ -1,0 +1,72 @@
+"""The engine that is always there: processes on this computer's cores, or none but this one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.sweep.jobs import Result, Sweep, Unit
+from allegro_twin.sweep.units import compute, work_of
+from allegro_twin.sweep.workers import Done, Failed, Lost, Workers
+
+RETRIES = 2
+"""How often a unit whose process was killed is tried again."""
+
+
+class Engine(Protocol):
+    """Computes units somewhere."""
+
+    def results(self, sweep: Sweep, units: Sequence[Unit]) -> Iterator[tuple[int, list[Result]]]:
+        """The number of each unit with its results, as they come. Raises HandError."""
+        ...
+
+
+class Local:
+    """`processes` at once, each a unit at a time; by default one for each core; 0: in this process, one by one."""
+
+    def __init__(self, processes: int | None = None) -> None:
+        if processes is not None and processes < 0:
+            raise ConfigError(f"processes must be 0 or more, not {processes}")
+        self._count = cores() if processes is None else processes
+
+    def results(self, sweep: Sweep, units: Sequence[Unit]) -> Iterator[tuple[int, list[Result]]]:
+        """The number of each unit with its results, as they come. Raises HandError."""
+        if self._count and units:
+            yield from _apart(sweep, units, min(self._count, len(units)))
+        else:
+            yield from ((number, compute(work_of(sweep), unit.items)) for number, unit in enumerate(units))
+
+
+def cores() -> int:
+    """How many processes can run at once here."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _apart(sweep: Sweep, units: Sequence[Unit], count: int) -> Iterator[tuple[int, list[Result]]]:
+    left = list(range(len(units)))[::-1]
+    died = [0] * len(units)
+    with Workers("allegro_twin.sweep.units:compute_apart", work_of(sweep), count) as workers:
+        while left or workers.busy:
+            while left and workers.free:
+                number = left.pop()
+                workers.give(number, units[number].items)
+            for event in workers.events():
+                match event:
+                    case Done(number, results):
+                        yield number, results
+                    case Failed(_, error):
+                        raise error
+                    case Lost(number, code):
+                        died[number] += 1
+                        if code >= 0 or died[number] > RETRIES:
+                            raise HandError(_lost(sweep, units[number], code, died[number]))
+                        left.append(number)
+                    case _:
+                        pass  # Units tell nothing.
+
+
+def _lost(sweep: Sweep, unit: Unit, code: int, times: int) -> str:
+    how = f"was killed by signal {-code}, {times} times" if code < 0 else f"ended with code {code}"
+    return f"{sweep.function}, {unit}: its process {how}; what is finished stays"

@@ -1,0 +1,49 @@
+"""Rows as Arrow tables: of a unit, and of a whole sweep in the order of its items."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.sweep.jobs import Result
+
+KEY, ERROR = "key", "error"
+"""Columns that every table has beside those of the function: which item, and why it has no row (null: it has one)."""
+
+
+def table_of(keys: Sequence[str], results: Sequence[Result], who: str) -> Any:
+    """A pyarrow.Table of one unit of the function `who`. Raises ConfigError for rows that do not fit each other."""
+    rows = [{} if isinstance(each, str) else each for each in results]
+    names = list(next((row for row in rows if row), {}))
+    for row, result in zip(rows, results, strict=True):
+        if not isinstance(result, str) and row.keys() != set(names):
+            raise ConfigError(f"{who}: every row must have the same names; {sorted(set(names) ^ row.keys())} differ")
+    if {KEY, ERROR} & set(names):
+        raise ConfigError(f"{who}: a row names {KEY!r} or {ERROR!r}, which are the sweep's own; choose another name")
+    columns = {KEY: pa.array(keys, pa.string())}
+    for name in names:
+        try:
+            columns[name] = pa.array([row.get(name) for row in rows])
+        except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+            raise ConfigError(f"{who}: column {name!r}: {' '.join(str(error).split())}") from error
+    columns[ERROR] = pa.array([each if isinstance(each, str) else None for each in results], pa.string())
+    return pa.table(columns)
+
+
+def in_order(tables: Sequence[Any], keys: Sequence[str]) -> Any:
+    """The rows of those keys, in their order, as one pyarrow.Table whose columns do not depend on how the rows were
+    spread over the tables. Raises ConfigError where a column has types that do not fit each other."""
+    place = {key: number for number, key in reversed(list(enumerate(keys)))}
+    sources = [(column.to_pylist(), table) for table in tables for column in [table[KEY]]]
+    ordered = sorted(sources, key=lambda source: min((place.get(key, len(keys)) for key in source[0]), default=0))
+    try:
+        whole = pa.concat_tables([table for _, table in ordered], promote_options="permissive")
+    except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+        raise ConfigError(f"rows of a sweep do not fit each other: {' '.join(str(error).split())}") from error
+    row = {key: number for number, key in enumerate(key for found, _ in ordered for key in found)}
+    names = [name for name in whole.column_names if name not in (KEY, ERROR)]
+    chosen = whole.select([KEY, *names, ERROR]).take(pa.array([row[key] for key in keys], pa.int64()))
+    return chosen.combine_chunks()

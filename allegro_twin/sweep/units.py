@@ -1,0 +1,53 @@
+"""One unit computed, wherever it may be: in this process, in another, on another computer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
+from allegro_twin.sweep.named import function
+
+
+class Work(NamedTuple):
+    """What all units of a sweep share."""
+
+    function: str
+    shared: Mapping[str, Any]
+    versions: Mapping[str, str]
+    """Of the computer that asks: those of the one that computes must be the same."""
+
+
+def work_of(sweep: Sweep) -> Work:
+    return Work(sweep.function, sweep.shared, versions())
+
+
+def compute(work: Work, items: Sequence[Item]) -> list[Result]:
+    """The row of every item. Where the function raises HandError the unit is halved until the item is found, whose
+    result is then the error's text. Raises ConfigError for other versions, or rows that are not one for an item."""
+    if versions() != work.versions:
+        raise ConfigError(f"a sweep of {_said(work.versions)} came to a computer with {_said(versions())}")
+    return _rows(function(work.function), work, list(items))
+
+
+def compute_apart(work: Work, items: Sequence[Item], tell: Callable[[object], None]) -> list[Result]:
+    """`compute` as the task of a process; it tells nothing."""
+    return compute(work, items)
+
+
+def _rows(call: Callable[..., Any], work: Work, items: list[Item]) -> list[Result]:
+    try:
+        rows: list[Result] = call(work.shared, items)
+    except HandError as error:
+        if len(items) == 1:
+            return [" ".join(str(error).split())]
+        middle = len(items) // 2
+        return _rows(call, work, items[:middle]) + _rows(call, work, items[middle:])
+    if len(rows) != len(items):
+        raise ConfigError(f"{work.function} gave {len(rows)} rows for {len(items)} items; it must give one for each")
+    return rows
+
+
+def _said(stamps: Mapping[str, str]) -> str:
+    return f"{stamps['engine']} and allegro_twin {stamps['allegro_twin']}"

@@ -1,0 +1,39 @@
+"""Pictures are those of MuJoCo's own renderer, however many scenes share a context."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from allegro_twin.build import assemble, scenario_config
+from allegro_twin.errors import ConfigError
+from allegro_twin.look.camera import Camera
+from allegro_twin.look.screen import Screen
+
+
+def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer() -> None:
+    rigs = [assemble(scenario_config(name, "right")) for name in ("lemon", "mug")]
+    screens = []
+    for rig in rigs:
+        assert rig.sim is not None
+        rig.backend.reset()
+        try:
+            Camera(rig.sim, width=96, height=64).close()
+        except ConfigError as error:
+            pytest.skip(str(error))
+        screens.append((rig.sim, Screen(rig.sim.model, 64, 96)))
+    eye = mujoco.MjvCamera()
+    eye.distance, eye.elevation = 0.6, -20.0
+    for sim, screen in screens:  # Both are open, and take turns.
+        eye.lookat = sim.data.body("palm_link").xpos
+        with mujoco.Renderer(sim.model, 64, 96) as renderer:
+            renderer.update_scene(sim.data, eye)
+            np.testing.assert_array_equal(screen.draw(sim.data, eye), renderer.render())
+            renderer.enable_depth_rendering()
+            np.testing.assert_allclose(screen.draw_depth(sim.data, eye), renderer.render(), rtol=1e-4)
+            renderer.disable_depth_rendering()
+            np.testing.assert_array_equal(screen.draw(sim.data, eye), renderer.render())
+    for _, screen in screens:
+        screen.close()
+        screen.close()
