@@ -127,7 +127,7 @@ def _of_object(record: Mapping[str, Any], key: str, turn: tuple[int, ...], count
 
 def _numbers(record: Mapping[str, Any], key: str, where: str) -> Array:
     if key not in record:
-        raise ConfigError(f"{where}: has no {key}; it has: {', '.join(sorted(map(str, record)))}")
+        raise ConfigError(f"{where}: has no {key}; it has: {', '.join(sorted(repr(name) for name in record))}")
     try:
         return np.asarray(record[key], dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -67,6 +67,8 @@ def ordered(joints: Array, spec: HandSpec, where: str, order: str | tuple[int, .
     if isinstance(order, str) and order not in orders(spec):
         raise ConfigError(f"{where}: {unknown('order of joints', order, orders(spec))}")
     given = orders(spec)[order] if isinstance(order, str) else order
+    if given is not None and sorted(given) != list(range(width)):
+        raise ConfigError(f"{where}: an order has each number from 0 to {width - 1} once, not {list(given)}")
     found = rearranged(joints, given) if given is not None else joints
     _in_range(found, joints, spec, where)
     return found
@@ -95,8 +97,8 @@ def _in_range(found: Array, given: Array, spec: HandSpec, where: str) -> None:
         else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
     )
     raise ConfigError(
-        f"{where}: grasp {grasp}: {spec.aliases[joint]} = {found[grasp, -2, joint]:.3f} rad is "
-        f"{over[grasp, joint]:.3f} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
+        f"{where}: grasp {grasp}: {spec.aliases[joint]} = {found[grasp, -2, joint]:.4g} rad is "
+        f"{over[grasp, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import math
 import pickle
+import tokenize
 from collections import OrderedDict
 from collections.abc import Callable
 from pathlib import Path
@@ -22,10 +23,10 @@ from allegro_twin.errors import ConfigError
 
 _MALFORMED = (
     pickle.UnpicklingError, ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, ImportError,
-    OverflowError, MemoryError, RecursionError, NotImplementedError,
+    OverflowError, MemoryError, RecursionError, NotImplementedError, tokenize.TokenError,
 )  # fmt: skip
 """What an unpickler raises on bytes that are no pickle, or one with holes."""
-_DEEPEST = 50
+_DEEPEST, _LONGEST = 50, 200
 _KINDS = frozenset("?biufcSU")
 """Of dtypes: logical, whole, real and complex numbers, bytes and text."""
 
@@ -150,6 +151,13 @@ _KNOWN: dict[tuple[str, str], object] = {
 }
 
 
+class _Stream:
+    """A file that hands out what was read, and never fills a buffer: an unpickler that is cut short there loses it."""
+
+    def __init__(self, file: io.BytesIO) -> None:
+        self.read, self.readline = file.read, file.readline
+
+
 class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         place = ("builtins" if module == "__builtin__" else module, name)  # Python 2's name of it.
@@ -196,10 +204,10 @@ def load_plain(path: Path) -> Any:
         shape, _, dtype = header(file)
         if not dtype.hasobject:
             return np.load(io.BytesIO(content), allow_pickle=False)
-        found = plain(_Unpickler(file).load(), 0, {})
+        found = plain(_Unpickler(_Stream(file)).load(), 0, {})
     except _Refused as error:
         raise ConfigError(
-            f"{path}: holds {error}, which is no plain data and was not run: save arrays, numbers and text"
+            f"{path}: holds {_first_line(error)}, which is no plain data and was not run: save arrays, numbers and text"
         ) from None
     except _MALFORMED as error:
         raise ConfigError(f"{path}: not a readable .npy file: {_first_line(error)}") from error
@@ -209,4 +217,4 @@ def load_plain(path: Path) -> Any:
 
 
 def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:_LONGEST]

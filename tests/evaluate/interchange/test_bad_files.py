@@ -55,6 +55,7 @@ WRONG: dict[str, tuple[Make, str]] = {
         r"the hand is \d+(\.\d)? m from the object: are its lengths mill",
     ),
     "an object far away": (lambda s: far(bench(s)), r"the object is 5\.1\d* m from the origin: are its lengths millim"),
+    "a number beyond all": (lambda s: scaled(bench(s), 1e200), r"the object is inf m from the origin"),
     "nan": (lambda s: with_nan(bench(s)), "grasp 0: joints holds nan; every number must be finite"),
     "no grasp_qpos": (
         lambda s: without(bench(s), "grasp_qpos"),

@@ -123,6 +123,8 @@ SLY = {
     "within itself": (b"]p0\ng0\na.", "not a readable .npy file: containers in containers"),
     "nothing": (b"", "not a readable .npy file"),
     "cut short": (array(b"f8", b"(I1\nt", b"S'12345678'\n")[:60], "not a readable .npy file"),
+    "a name of two lines": (b"\x8c\x03os\n\x8c\x06system\x93.", "holds os, which is no plain data and was not run"),
+    "a buffer cut short": (b"\x80\x05\x96\xff\x00\x00\x00\x00\x00\x00\x00abc", "not a readable .npy file"),
     "a stand-in by itself": (b"cnumpy\ndtype\n(S'f8'\ntR.", "holds a Kind by itself"),
     "a function by itself": (b"cnumpy\ndtype\n.", "holds a Call by itself"),
 }
@@ -132,8 +134,9 @@ SLY = {
 def test_a_pickle_that_lies_is_answered_in_a_line(tmp_path: Path, what: str) -> None:
     content, answer = SLY[what]
     (tmp_path / "sly.npy").write_bytes(header() + content)
-    with pytest.raises(ConfigError, match=answer):
+    with pytest.raises(ConfigError, match=answer) as caught:
         load_plain(tmp_path / "sly.npy")
+    assert "\n" not in str(caught.value)
 
 
 def test_what_holds_itself_a_million_times_is_gone_through_once(tmp_path: Path) -> None:
@@ -148,6 +151,9 @@ def test_what_holds_itself_a_million_times_is_gone_through_once(tmp_path: Path) 
 
 def test_a_file_that_is_none_is_answered_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_text("no array")
+    with pytest.raises(ConfigError, match=r"a\.npy: not a readable \.npy file"):
+        load_plain(tmp_path / "a.npy")
+    (tmp_path / "a.npy").write_bytes(header().replace(b"'shape': (), }", b"'shape': (((, "))
     with pytest.raises(ConfigError, match=r"a\.npy: not a readable \.npy file"):
         load_plain(tmp_path / "a.npy")
     with pytest.raises(ConfigError, match=r"b\.npy: cannot be read: No such file"):
