@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import math
 import pickle
+import re
 import tokenize
 from collections import OrderedDict
 from collections.abc import Callable
@@ -27,8 +28,8 @@ _MALFORMED = (
 )  # fmt: skip
 """What an unpickler raises on bytes that are no pickle, or one with holes."""
 _DEEPEST, _LONGEST = 50, 200
-_KINDS = frozenset("?biufcSU")
-"""Of dtypes: logical, whole, real and complex numbers, bytes and text."""
+_NUMBERS = re.compile(r"[biufcSU]\d{1,9}")
+"""What a dtype may be: logical, whole, real and complex numbers, bytes and text, of some size."""
 
 
 class _Refused(Exception):
@@ -50,9 +51,9 @@ class _Kind:
         """None for Python objects."""
         if self.code in ("O", "O8", "O4"):
             return None
-        found = np.dtype(self.code)
-        if found.kind not in _KINDS or found.hasobject:
+        if not _NUMBERS.fullmatch(self.code):
             raise _Refused(f"numbers of type {self.code}")
+        found = np.dtype(self.code)
         match self.order:
             case "<" | ">" as order:
                 return found.newbyteorder(order)

@@ -117,6 +117,8 @@ def array(dtype: bytes, shape: bytes, raw: bytes) -> bytes:
 SLY = {
     "larger than its bytes": (array(b"f8", b"(I1000000\nt", b"S'12345678'\n"), "size is not what it says"),
     "of negative size": (array(b"f8", b"(I-1\nI-1\nt", b"S'12345678'\n"), "size is not what it says|not a readable"),
+    "of text for objects": (array(b"O8", b"(I1\nt", b"S'A'\n"), "an array of objects without them"),
+    "of no numbers": (array(b"f8,,", b"(I1\nt", b"S'A'\n"), "holds numbers of type f8,,"),
     "of pointers": (array(b"O8", b"(I1\nt", b"S'AAAAAAAA'\n"), "an array of objects without them"),
     "of pointers in records": (array(b"O,f8", b"(I1\nt", b"S'AAAAAAAAAAAAAAAA'\n"), "holds numbers of type"),
     "a change to what may be called": (b"cnumpy\ndtype\n}S'a'\nI1\nsb.", "holds a change to what it may call"),
