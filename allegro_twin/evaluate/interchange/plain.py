@@ -24,7 +24,7 @@ from allegro_twin.errors import ConfigError
 
 _MALFORMED = (
     pickle.UnpicklingError, ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, ImportError,
-    OverflowError, MemoryError, RecursionError, NotImplementedError, tokenize.TokenError,
+    OverflowError, MemoryError, RecursionError, NotImplementedError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 """What an unpickler raises on bytes that are no pickle, or one with holes."""
 _DEEPEST, _LONGEST = 50, 200
