@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -37,10 +37,12 @@ def menagerie_order(spec: HandSpec) -> str:
     return "fingers" if spec.side == "right" else "mirrored"
 
 
-def by_name(names: Sequence[str], spec: HandSpec, where: str) -> tuple[int, ...]:
+def by_name(
+    names: Sequence[str], spec: HandSpec, where: str, known: Mapping[str, int] | None = None
+) -> tuple[int, ...]:
     """Where in the spec's order each of a file's joints is. Raises ConfigError for names of another hand, and joints
-    that are missing or come twice."""
-    known = _names(spec)
+    that are missing or come twice. `known`: `names_of` the spec, for whoever asks often."""
+    known = names_of(spec) if known is None else known
     found = []
     for name in names:
         bare = name.rsplit("/", 1)[-1].rsplit(":", 1)[-1]
@@ -106,7 +108,7 @@ def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:
     return tuple(joint for finger in fingers for joint in finger.joints)
 
 
-def _names(spec: HandSpec) -> dict[str, int]:
+def names_of(spec: HandSpec) -> dict[str, int]:
     """Every name of a joint that is known: ours, the URDF's, Menagerie's and NVIDIA's (`index_joint_0`)."""
     foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
     theirs = foreign.joints if foreign is not None else ()

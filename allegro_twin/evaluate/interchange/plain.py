@@ -11,6 +11,7 @@ import io
 import math
 import pickle
 import re
+import struct
 import tokenize
 from collections import OrderedDict
 from collections.abc import Callable
@@ -24,7 +25,8 @@ from allegro_twin.errors import ConfigError
 
 _MALFORMED = (
     pickle.UnpicklingError, ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, ImportError,
-    OverflowError, MemoryError, RecursionError, NotImplementedError, SyntaxError, tokenize.TokenError,
+    OverflowError, MemoryError, RecursionError, NotImplementedError, SyntaxError, AssertionError, struct.error,
+    tokenize.TokenError,
 )  # fmt: skip
 """What an unpickler raises on bytes that are no pickle, or one with holes."""
 _DEEPEST, _LONGEST = 50, 200
@@ -152,14 +154,9 @@ _KNOWN: dict[tuple[str, str], object] = {
 }
 
 
-class _Stream:
-    """A file that hands out what was read, and never fills a buffer: an unpickler that is cut short there loses it."""
+class _Unpickler(pickle._Unpickler):
+    """Python's own in Python: the one in C, given a damaged file, has been seen to lose a buffer."""
 
-    def __init__(self, file: io.BytesIO) -> None:
-        self.read, self.readline = file.read, file.readline
-
-
-class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         place = ("builtins" if module == "__builtin__" else module, name)  # Python 2's name of it.
         if place not in _KNOWN:
@@ -205,7 +202,7 @@ def load_plain(path: Path) -> Any:
         shape, _, dtype = header(file)
         if not dtype.hasobject:
             return np.load(io.BytesIO(content), allow_pickle=False)
-        found = plain(_Unpickler(_Stream(file)).load(), 0, {})
+        found = plain(_Unpickler(file).load(), 0, {})
     except _Refused as error:
         raise ConfigError(
             f"{path}: holds {_first_line(error)}, which is no plain data and was not run: save arrays, numbers and text"

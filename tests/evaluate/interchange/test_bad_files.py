@@ -84,6 +84,10 @@ WRONG: dict[str, tuple[Make, str]] = {
         lambda s: bodex(s) | {"joint_names": [f"robot0:FFJ{k}" for k in range(16)]},
         "'robot0:FFJ0' is no joint of allegro_right: is it another hand's grasp",
     ),
+    "joint names within names": (
+        lambda s: bodex(s) | {"joint_names": ["ffj0", ["ffj1", "ffj2"]]},
+        "joint_names is no list of names, but list",
+    ),
     "a joint twice": (
         lambda s: bodex(s) | {"joint_names": ["ffj0", *s.joints[:15]]},
         "missing or twice: index_0, thumb_3",
