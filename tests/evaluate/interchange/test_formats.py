@@ -107,9 +107,12 @@ def same(first: Grasps, second: Grasps) -> None:
 
 def test_our_yaml_goes_back_to_the_last_bit(tmp_path: Path, side: Side) -> None:
     spec = load_spec(side=side)
-    record = stacked(spec) | {"approach_qpos": np.stack([stacked(spec)["pregrasp_qpos"]] * 2, axis=1)}
+    way = np.stack([stacked(spec)["pregrasp_qpos"]] * 2, axis=1)
+    way[:, :, 7:] *= [[[0.2], [0.6]]]
+    record = stacked(spec) | {"approach_qpos": way}
     grasps = read_grasps(saved(tmp_path / "a.npy", record), spec)
-    assert grasps.approach.shape == (4, 2, 16)
+    np.testing.assert_allclose(grasps.approach[:, 0], 0.2 * grasps.preshape)
+    np.testing.assert_allclose(grasps.approach[:, 1], 0.6 * grasps.preshape)
     write_yaml_grasps(tmp_path / "a.yaml", grasps, spec)
     same(read_grasps(tmp_path / "a.yaml", spec), grasps)
     with pytest.raises(ConfigError, match=f"is of a {side} hand"):
