@@ -81,8 +81,7 @@ def jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch:
 def _force(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> Array:
     """In the contact's frame, (3,), N; zero where it is not in the solver."""
     found = np.zeros(6)
-    if data.contact.efc_address[index] >= 0:
-        mujoco.mj_contactForce(model, data, index, found)
+    mujoco.mj_contactForce(model, data, index, found)
     return found[:3]
 
 

@@ -31,9 +31,8 @@ def from_record(
     stages = _robot_pose(record, where) if raw else _qpos(record, where)
     if stages.shape[-1] < 8:
         raise ConfigError(f"{where}: {stages.shape[-1]} numbers a grasp: a pose of 7 and one a joint are needed")
-    names = record.get("joint_names")
-    if names is not None and order is None:
-        order = by_name([str(name) for name in np.ravel(names)], spec, where)
+    if "joint_names" in record and order is None:
+        order = by_name(_texts(record["joint_names"], where), spec, where)
     if order is None and not raw:
         order = menagerie_order(spec)
     return checked(
@@ -125,9 +124,16 @@ def _of_object(record: Mapping[str, Any], key: str, turn: tuple[int, ...], count
     return found.reshape(-1, 7)
 
 
+def _texts(names: object, where: str) -> list[str]:
+    found = names.tolist() if isinstance(names, np.ndarray) else names
+    if not isinstance(found, list | tuple) or not all(isinstance(name, str) for name in found):
+        raise ConfigError(f"{where}: joint_names is no list of names, but {type(names).__name__}")
+    return list(found)
+
+
 def _numbers(record: Mapping[str, Any], key: str, where: str) -> Array:
     if key not in record:
-        raise ConfigError(f"{where}: has no {key}; it has: {', '.join(sorted(map(str, record)))}")
+        raise ConfigError(f"{where}: has no {key}; it has: {', '.join(sorted(repr(name) for name in record))}")
     try:
         return np.asarray(record[key], dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.interchange.grasps import PALM, Grasps, checked
-from allegro_twin.evaluate.interchange.orders import by_name, ordered, rearranged
+from allegro_twin.evaluate.interchange.orders import by_name, names_of, ordered, rearranged
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -25,7 +25,8 @@ def from_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: P
     where = str(source)
     if not len(entries):
         raise ConfigError(f"{where}: holds no grasp")
-    rows = [_row(entry, spec, f"{where}: grasp {number}") for number, entry in enumerate(entries)]
+    known = names_of(spec)
+    rows = [_row(entry, spec, f"{where}: grasp {number}", known) for number, entry in enumerate(entries)]
     pose, joints, scale = (np.array(column) for column in zip(*rows, strict=True))
     postures = np.stack([OPENED * joints, joints, PRESSED * joints], axis=1)
     added = f"{where} (pre-shape and squeeze: {OPENED} and {PRESSED} times the joints)"
@@ -36,7 +37,7 @@ def from_entries(entries: Sequence[Mapping[str, Any]], spec: HandSpec, source: P
     )  # fmt: skip
 
 
-def _row(entry: Mapping[str, Any], spec: HandSpec, where: str) -> tuple[Array, Array, float]:
+def _row(entry: Mapping[str, Any], spec: HandSpec, where: str, known: Mapping[str, int]) -> tuple[Array, Array, float]:
     """Pose (7,), joints (n,), scale."""
     found = entry.get("qpos") if isinstance(entry, Mapping) else None
     if not isinstance(found, Mapping):
@@ -45,7 +46,7 @@ def _row(entry: Mapping[str, Any], spec: HandSpec, where: str) -> tuple[Array, A
     if missing:
         raise ConfigError(f"{where}: qpos has no {', '.join(missing)}")
     names = [str(name) for name in found if name not in (*_POSITION, *_TURN)]
-    order = by_name(names, spec, where)
+    order = by_name(names, spec, where, known)
     values = {str(name): _number(value, f"{where}: {name}") for name, value in found.items()}
     turn = quaternion_from_euler([values[name] for name in _TURN])
     pose = np.concatenate([[values[name] for name in _POSITION], turn])

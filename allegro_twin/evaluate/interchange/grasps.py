@@ -136,11 +136,11 @@ def checked(
     for name, values in (("hand pose", poses), ("joints", angles), ("object pose", things), ("scale", scales)):
         _finite(values, name, source)
     for name, quaternion in (("hand", poses[..., 3:]), ("object", things[:, 3:])):
-        size = np.linalg.norm(quaternion, axis=-1)
+        size = _length(quaternion)
         if np.abs(size - 1.0).max() > _UNIT:
             bad = np.unravel_index(np.abs(size - 1.0).argmax(), size.shape)
             raise ConfigError(
-                f"{source}: grasp {bad[0]}: the {name}'s quaternion {quaternion[bad].tolist()} has length "
+                f"{source}: grasp {bad[0]}: the {name}'s quaternion {_short(quaternion[bad])} has length "
                 f"{size[bad]:.3g}, not 1: a pose is x y z, m, then w x y z"
             )
     if scales.min() <= 0.0:
@@ -151,10 +151,10 @@ def checked(
 
 def _metres(poses: Array, things: Array, source: str) -> None:
     for what, offset in (
-        ("the hand is {} from the object", poses[..., :3] - things[:, None, :3]),
         ("the object is {} from the origin", things[:, None, :3]),
+        ("the hand is {} from the object", poses[..., :3] - things[:, None, :3]),
     ):
-        distance = float(np.linalg.norm(offset, axis=-1).max())
+        distance = float(_length(offset).max())
         if distance > FARTHEST:
             said = what.format(f"{distance:.4g} m")
             raise ConfigError(f"{source}: {said}: are its lengths millimetres? They are read as m; divide them by 1000")
@@ -165,6 +165,17 @@ def _finite(values: Array, name: str, source: str) -> None:
         row = int(np.argwhere(~np.isfinite(values))[0][0])
         bad = values[row][~np.isfinite(values[row])].flat[0]
         raise ConfigError(f"{source}: grasp {row}: {name} holds {bad}; every number must be finite")
+
+
+def _short(values: Array) -> str:
+    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
+
+
+def _length(vectors: Array) -> Array:
+    """Infinite where it is larger than any number: what has it is refused for its size."""
+    with np.errstate(over="ignore"):
+        size: Array = np.linalg.norm(vectors, axis=-1)
+    return size
 
 
 def _unit(quaternion: Array) -> Array:

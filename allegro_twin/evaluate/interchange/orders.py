@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -37,10 +37,12 @@ def menagerie_order(spec: HandSpec) -> str:
     return "fingers" if spec.side == "right" else "mirrored"
 
 
-def by_name(names: Sequence[str], spec: HandSpec, where: str) -> tuple[int, ...]:
+def by_name(
+    names: Sequence[str], spec: HandSpec, where: str, known: Mapping[str, int] | None = None
+) -> tuple[int, ...]:
     """Where in the spec's order each of a file's joints is. Raises ConfigError for names of another hand, and joints
-    that are missing or come twice."""
-    known = _names(spec)
+    that are missing or come twice. `known`: `names_of` the spec, for whoever asks often."""
+    known = names_of(spec) if known is None else known
     found = []
     for name in names:
         bare = name.rsplit("/", 1)[-1].rsplit(":", 1)[-1]
@@ -67,6 +69,8 @@ def ordered(joints: Array, spec: HandSpec, where: str, order: str | tuple[int, .
     if isinstance(order, str) and order not in orders(spec):
         raise ConfigError(f"{where}: {unknown('order of joints', order, orders(spec))}")
     given = orders(spec)[order] if isinstance(order, str) else order
+    if given is not None and sorted(given) != list(range(width)):
+        raise ConfigError(f"{where}: an order has each number from 0 to {width - 1} once, not {list(given)}")
     found = rearranged(joints, given) if given is not None else joints
     _in_range(found, joints, spec, where)
     return found
@@ -95,8 +99,8 @@ def _in_range(found: Array, given: Array, spec: HandSpec, where: str) -> None:
         else f"no known order of {spec.name}'s joints fits: is it another hand's, or in degrees?"
     )
     raise ConfigError(
-        f"{where}: grasp {grasp}: {spec.aliases[joint]} = {found[grasp, -2, joint]:.3f} rad is "
-        f"{over[grasp, joint]:.3f} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
+        f"{where}: grasp {grasp}: {spec.aliases[joint]} = {found[grasp, -2, joint]:.4g} rad is "
+        f"{over[grasp, joint]:.4g} rad outside its limits [{spec.lower[joint]:.3f}, {spec.upper[joint]:.3f}]; {way_out}"
     )
 
 
@@ -104,7 +108,7 @@ def _joined(fingers: Iterable[Finger]) -> tuple[int, ...]:
     return tuple(joint for finger in fingers for joint in finger.joints)
 
 
-def _names(spec: HandSpec) -> dict[str, int]:
+def names_of(spec: HandSpec) -> dict[str, int]:
     """Every name of a joint that is known: ours, the URDF's, Menagerie's and NVIDIA's (`index_joint_0`)."""
     foreign = load_spec(spec.model, spec.side, f"menagerie_{spec.side}").foreign
     theirs = foreign.joints if foreign is not None else ()

@@ -50,15 +50,17 @@ def renamed(entries: list[dict[str, Any]], old: str, new: str) -> list[dict[str,
 
 
 WRONG: dict[str, tuple[Make, str]] = {
-    "millimetres": (
-        lambda s: scaled(bench(s), 1000),
-        r"the hand is \d+(\.\d)? m from the object: are its lengths mill",
+    "millimetres": (lambda s: scaled(bench(s), 1000), r"the object is 229\.1 m from the origin: are its lengths mill"),
+    "a hand in millimetres": (
+        lambda s: scaled(bench(s), 1000) | {"obj_pose": np.array([0, 0, 0, 1, 0, 0, 0])},
+        r"the hand is \d+(\.\d)? m from the object: are its lengths millimetres\? They are read as m",
     ),
     "an object far away": (lambda s: far(bench(s)), r"the object is 5\.1\d* m from the origin: are its lengths millim"),
+    "a number beyond all": (lambda s: scaled(bench(s), 1e200), r"the object is inf m from the origin"),
     "nan": (lambda s: with_nan(bench(s)), "grasp 0: joints holds nan; every number must be finite"),
     "no grasp_qpos": (
         lambda s: without(bench(s), "grasp_qpos"),
-        "has no grasp_qpos; it has: obj_path, obj_pose, obj_scale, pregrasp_qpos, squeeze_qpos",
+        "has no grasp_qpos; it has: 'obj_path', 'obj_pose', 'obj_scale', 'pregrasp_qpos', 'squeeze_qpos'",
     ),
     "text for numbers": (lambda s: bench(s) | {"grasp_qpos": "mug"}, "grasp_qpos is no array of numbers, but str"),
     "another hand": (shadow, "22 joints; allegro_right has 16: they are a Shadow Hand's"),
@@ -81,6 +83,10 @@ WRONG: dict[str, tuple[Make, str]] = {
     "joint names of another hand": (
         lambda s: bodex(s) | {"joint_names": [f"robot0:FFJ{k}" for k in range(16)]},
         "'robot0:FFJ0' is no joint of allegro_right: is it another hand's grasp",
+    ),
+    "joint names within names": (
+        lambda s: bodex(s) | {"joint_names": ["ffj0", ["ffj1", "ffj2"]]},
+        "joint_names is no list of names, but list",
     ),
     "a joint twice": (
         lambda s: bodex(s) | {"joint_names": ["ffj0", *s.joints[:15]]},

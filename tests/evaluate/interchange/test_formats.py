@@ -13,7 +13,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.interchange.dexgraspbench import write_dexgraspbench
 from allegro_twin.evaluate.interchange.grasps import MENAGERIE, PALM, Grasps
-from allegro_twin.evaluate.interchange.orders import orders, rearranged
+from allegro_twin.evaluate.interchange.orders import ordered, orders, rearranged
 from allegro_twin.evaluate.interchange.ours import write_yaml_grasps
 from allegro_twin.evaluate.interchange.plain import load_plain
 from allegro_twin.evaluate.interchange.read import read_grasps
@@ -107,9 +107,12 @@ def same(first: Grasps, second: Grasps) -> None:
 
 def test_our_yaml_goes_back_to_the_last_bit(tmp_path: Path, side: Side) -> None:
     spec = load_spec(side=side)
-    record = stacked(spec) | {"approach_qpos": np.stack([stacked(spec)["pregrasp_qpos"]] * 2, axis=1)}
+    way = np.stack([stacked(spec)["pregrasp_qpos"]] * 2, axis=1)
+    way[:, :, 7:] *= [[[0.2], [0.6]]]
+    record = stacked(spec) | {"approach_qpos": way}
     grasps = read_grasps(saved(tmp_path / "a.npy", record), spec)
-    assert grasps.approach.shape == (4, 2, 16)
+    np.testing.assert_allclose(grasps.approach[:, 0], 0.2 * grasps.preshape)
+    np.testing.assert_allclose(grasps.approach[:, 1], 0.6 * grasps.preshape)
     write_yaml_grasps(tmp_path / "a.yaml", grasps, spec)
     same(read_grasps(tmp_path / "a.yaml", spec), grasps)
     with pytest.raises(ConfigError, match=f"is of a {side} hand"):
@@ -183,6 +186,8 @@ def test_an_order_says_where_each_column_of_the_file_goes(spec: HandSpec) -> Non
     assert orders(spec)["tree"] == (0, 1, 2, 3, 12, 13, 14, 15, 4, 5, 6, 7, 8, 9, 10, 11)
     assert orders(spec)["breadth"][:5] == (0, 4, 8, 12, 1)
     assert orders(spec)["thumb_first"][:5] == (12, 13, 14, 15, 0)
+    with pytest.raises(ConfigError, match=r"an order has each number from 0 to 15 once, not \[0, 0, 1"):
+        ordered(np.zeros((1, 3, 16)), spec, "a.npy", (0, 0, *range(1, 15)))
     for order in orders(spec).values():
         np.testing.assert_array_equal(rearranged(np.array(order, dtype=float), order), np.arange(16))
 

@@ -117,12 +117,16 @@ def array(dtype: bytes, shape: bytes, raw: bytes) -> bytes:
 SLY = {
     "larger than its bytes": (array(b"f8", b"(I1000000\nt", b"S'12345678'\n"), "size is not what it says"),
     "of negative size": (array(b"f8", b"(I-1\nI-1\nt", b"S'12345678'\n"), "size is not what it says|not a readable"),
+    "of text for objects": (array(b"O8", b"(I1\nt", b"S'A'\n"), "an array of objects without them"),
+    "of no numbers": (array(b"f8,,", b"(I1\nt", b"S'A'\n"), "holds numbers of type f8,,"),
     "of pointers": (array(b"O8", b"(I1\nt", b"S'AAAAAAAA'\n"), "an array of objects without them"),
     "of pointers in records": (array(b"O,f8", b"(I1\nt", b"S'AAAAAAAAAAAAAAAA'\n"), "holds numbers of type"),
     "a change to what may be called": (b"cnumpy\ndtype\n}S'a'\nI1\nsb.", "holds a change to what it may call"),
     "within itself": (b"]p0\ng0\na.", "not a readable .npy file: containers in containers"),
     "nothing": (b"", "not a readable .npy file"),
     "cut short": (array(b"f8", b"(I1\nt", b"S'12345678'\n")[:60], "not a readable .npy file"),
+    "a name of two lines": (b"\x8c\x03os\n\x8c\x06system\x93.", "holds os, which is no plain data and was not run"),
+    "a buffer cut short": (b"\x80\x05\x96\xff\x00\x00\x00\x00\x00\x00\x00abc", "not a readable .npy file"),
     "a stand-in by itself": (b"cnumpy\ndtype\n(S'f8'\ntR.", "holds a Kind by itself"),
     "a function by itself": (b"cnumpy\ndtype\n.", "holds a Call by itself"),
 }
@@ -132,8 +136,9 @@ SLY = {
 def test_a_pickle_that_lies_is_answered_in_a_line(tmp_path: Path, what: str) -> None:
     content, answer = SLY[what]
     (tmp_path / "sly.npy").write_bytes(header() + content)
-    with pytest.raises(ConfigError, match=answer):
+    with pytest.raises(ConfigError, match=answer) as caught:
         load_plain(tmp_path / "sly.npy")
+    assert "\n" not in str(caught.value)
 
 
 def test_what_holds_itself_a_million_times_is_gone_through_once(tmp_path: Path) -> None:
@@ -150,6 +155,10 @@ def test_a_file_that_is_none_is_answered_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_text("no array")
     with pytest.raises(ConfigError, match=r"a\.npy: not a readable \.npy file"):
         load_plain(tmp_path / "a.npy")
+    for old, new in ((b"'shape': (), }", b"'shape': (((, "), (b"'|O'", b"',|'")):
+        (tmp_path / "a.npy").write_bytes(header().replace(old, new))
+        with pytest.raises(ConfigError, match=r"a\.npy: not a readable \.npy file"):
+            load_plain(tmp_path / "a.npy")
     with pytest.raises(ConfigError, match=r"b\.npy: cannot be read: No such file"):
         load_plain(tmp_path / "b.npy")
 

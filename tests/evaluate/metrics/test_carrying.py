@@ -26,6 +26,15 @@ def test_along_the_line_of_a_pinch_one_finger_carries_and_sideways_pull_is_free(
     assert least_normal_force(opposed(0.5, 0.0), weight(0.1, (1, 0, 0))) == pytest.approx(0.981)
 
 
+def test_a_finger_below_carries_what_presses_on_it_and_not_what_lifts() -> None:
+    below = contacts([[0, 0, -HALF]], [[0, 0, 1]], 0.5, length=HALF)
+    np.testing.assert_allclose(least_normal_force(below, [weight(0.1), weight(0.1, (0, 0, 1))]), [0.981, math.inf])
+    jacobians = np.zeros((1, 3, 1))
+    jacobians[0, 2, 0] = 1.0
+    assert least_effort(below, jacobians, np.ones(1), weight(0.1)).torque[0] == pytest.approx(0.981)
+    assert least_effort(below, jacobians, np.ones(1), weight(0.1, (0, 0, 1))).share == math.inf
+
+
 def test_a_hard_pinch_cannot_carry_a_twist_and_a_soft_one_can() -> None:
     """2 µₜ N = τ, so that N₁ + N₂ = τ / µₜ."""
     twist = [0, 0, 0, 0.004, 0, 0]

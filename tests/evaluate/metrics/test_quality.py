@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.metrics.closure import margin, residual
 from allegro_twin.evaluate.metrics.contacts import Contacts, contacts, forces, wrenches
-from allegro_twin.evaluate.metrics.quality import quality
+from allegro_twin.evaluate.metrics.quality import of_wrenches, quality
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
@@ -52,6 +52,13 @@ def test_a_cube_held_at_six_faces_has_the_epsilon_that_one_can_work_out(friction
     assert quality(cube(friction, length), 4).epsilon == pytest.approx(reach / math.sqrt(3), rel=1e-9)
     assert quality(cube(friction, length), 8).epsilon == pytest.approx(reach * math.sqrt(2 / 3), rel=1e-9)
     assert quality(cube(friction, length), 16).epsilon == pytest.approx(reach * math.sqrt(2 / 3), rel=1e-9)
+
+
+def test_the_hull_of_the_axes_has_the_ball_and_volume_of_a_cross_polytope() -> None:
+    """1/√6 and 2⁶/6!, in six dimensions; half of it, with 0 in its flat side, has half the volume and no ball."""
+    axes = np.vstack([np.eye(6), -np.eye(6)])
+    assert of_wrenches(axes) == pytest.approx((1 / math.sqrt(6), 2**6 / math.factorial(6)))
+    assert of_wrenches(axes[:-1]) == pytest.approx((0.0, 2**5 / math.factorial(6)))
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.8])
