@@ -107,9 +107,10 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     told = (grasp.squeeze - grasp.close) * np.exp(scale * SQUEEZE * random.normal())
     told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp) != 0.0)
     close = _inside(grasp.close + change, spec)
-    postures = {"preshape": _inside(grasp.preshape + change, spec), "close": close,
-                "squeeze": _inside(close + told, spec)}  # fmt: skip
-    return Version(version.scenario.model_copy(update={"wrist": moved}), replace(grasp, **postures))
+    better = replace(
+        grasp, preshape=_inside(grasp.preshape + change, spec), close=close, squeeze=_inside(close + told, spec)
+    )
+    return Version(version.scenario.model_copy(update={"wrist": moved}), better)
 
 
 def _inside(posture: Array, spec: HandSpec) -> Array:
