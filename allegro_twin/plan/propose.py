@@ -28,14 +28,15 @@ BATCH = 256
 
 
 def proposals(
-    bench: Workbench, templates: Sequence[Grasp], friction: float, turns: Sequence[float], random: Random
-) -> Iterator[Candidate]:
-    """Candidates without end, those that nothing speaks against. `turns`: angles about the palm's z by which the
-    trial will turn it, rad."""
+    bench: Workbench, templates: Sequence[Grasp], friction: float, turns: Sequence[float], random: Random,
+    tries: int = 2_000_000,
+) -> Iterator[Candidate]:  # fmt: skip
+    """Of so many guesses those that nothing speaks against. `turns`: angles about the palm's z by which the trial will
+    turn it, rad."""
     axes = matrix_from_quaternion(np.array(bench.placed.quaternion))
     bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), templates[0].preshape)
     centre = bench.centre
-    while True:
+    for _ in range(0, tries, BATCH):
         guessed = guesses(placed_surface(bench.placed, BATCH, random), axes, templates, bench.spec, random)
         for row in range(BATCH):
             candidate = fitting(bench, guessed, row, random)

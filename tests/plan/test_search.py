@@ -12,7 +12,7 @@ from allegro_twin.cli.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.library.library import Library
-from allegro_twin.plan.keep import stored, written
+from allegro_twin.plan.keep import in_words, stored, written
 from allegro_twin.plan.search import Effort, Planned, Search
 from allegro_twin.plan.templates import templates
 
@@ -51,7 +51,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     found: tuple[Search, list[Planned]], tmp_path: Path
 ) -> None:
     _, (planned,) = found
-    stored(planned, "ball_1", tmp_path / "ball_1.yaml", SPEC, evidence="ball_1")
+    stored(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, in_words(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
