@@ -43,6 +43,9 @@ def plan(
         float | None, typer.Option(help="kg; of the catalogue, or 500 kg/m³.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    protocol: Annotated[
+        str, typer.Option(help="table_pick; or fc: free in the air, pushed along six axes.")
+    ] = "table_pick",
     seconds: Annotated[float, typer.Option("--time", help="To search at most.", callback=options.positive)] = 120.0,
     seed: Annotated[int, typer.Option(min=0, help="Another seed finds other grasps.")] = 0,
     pictures: Annotated[bool, typer.Option(help="Of every grasp, and an overview.")] = True,
@@ -51,12 +54,14 @@ def plan(
     what the hand is not told, and proven in the whole trial."""
     from allegro_twin.cli import console
     from allegro_twin.description.hands import load_spec
+    from allegro_twin.evaluate.scenario import load_protocol
     from allegro_twin.plan.keep import in_words, stored, written
     from allegro_twin.plan.search import Search
     from allegro_twin.plan.templates import templates
 
     spec = load_spec()
-    scenario = scenario_of(thing, up, scale, mass, friction)
+    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol})
+    load_protocol(protocol)
     search = Search(scenario, spec, templates(spec, kind), seed=seed)
     name = scenario.objects[0].name
     with console.progress() as bar:
