@@ -26,6 +26,7 @@ from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
 
 SPEC = load_spec()
+LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))
 LITTLE = Effort(guessed=24, closed=8, squeezes=(1.3,), first=1, more=1)
 
 
@@ -90,6 +91,7 @@ def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis() -> None:
     assert search.ends["held"] >= 1
 
 
+@pytest.mark.long
 def test_what_improves_is_no_worse_on_the_draws_that_it_was_chosen_on_and_is_compared_on_others() -> None:
     scenario, path = load_scenario("lemon")
     grasp = load_grasp(scenario.grasp, SPEC)
@@ -104,8 +106,7 @@ def test_what_improves_is_no_worse_on_the_draws_that_it_was_chosen_on_and_is_com
 
 @given(st.integers(0, 1000))
 def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
-    scenario, _ = load_scenario("lemon")
-    first = Version(scenario, load_grasp(scenario.grasp, SPEC))
+    first, scenario = LEMON, LEMON.scenario
     other = varied(first, SPEC, 1.0, np.random.default_rng(seed))
     for name in ("preshape", "close", "squeeze"):
         posture = getattr(other.grasp, name)
