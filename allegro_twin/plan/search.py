@@ -40,14 +40,14 @@ class Effort:
     """Proposals."""
     closed: int = 48
     """The best of them, which physics closes."""
-    drawn: int = 16
+    drawn: int = 10
     """The best of those that hold, which are tried under draws."""
-    squeezes: tuple[float, ...] = (1.0, 1.4, 1.8)
+    squeezes: tuple[float, ...] = (1.2, 1.7)
     """Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers."""
-    first: int = 3
+    first: int = 2
     """Draws that everybody gets."""
-    more: int = 7
-    """Draws that the better third gets after them."""
+    more: int = 6
+    """Draws that the best few get after them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,13 +166,13 @@ class Search:
             return []
         first, more = self.effort.first, self.effort.more
         held = self._held(options, first, 0)
-        order = np.argsort(-held, kind="stable")[: max(len(options) // 3, 2 * n)]
+        order = np.argsort(-held, kind="stable")[: n + 3]
         again = self._held([options[i] for i in order], more, first)
         success = {int(i): (held[i] + m) / (first + more) for i, m in zip(order, again, strict=True)}
         best: dict[int, int] = {}
         for i in sorted(success, key=lambda i: -success[i]):
             best.setdefault(id(options[i][0]), i)
-        chosen = sorted(best.values(), key=lambda i: -success[i])[: 2 * n]
+        chosen = sorted(best.values(), key=lambda i: -success[i])[: n + 2]
         verdicts = Bench(self.spec, threads=self.threads).verdicts(
             [Case(options[i][1], options[i][2], folder=self.folder) for i in chosen]
         )
