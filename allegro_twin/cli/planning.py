@@ -204,4 +204,4 @@ def _pictured(paths: list[Path], folder: Path) -> None:
             if picture.exists():
                 strips[path.stem] = picture
     if strips:
-        overview(strips, folder / "overview.png")
+        overview(strips, folder / "overview.png", columns=min(len(strips), 6))

@@ -15,6 +15,7 @@ from allegro_twin.library.library import Library
 from allegro_twin.plan.search import Planned
 from allegro_twin.spec import HandSpec
 
+_FROM = {"above": "from above", "side": "from its side", "oblique": "from above its side"}
 GRASPS = "grasps"
 """The folder beside the scenarios."""
 
@@ -51,7 +52,7 @@ def in_words(planned: Planned) -> str:
     """What was shown of it."""
     thing = planned.scenario.objects[0].name
     return (
-        f"Planned for {thing}, from the {planned.candidate.direction}: held in {100 * planned.success:.0f} % of the "
+        f"Planned for {thing}, {_FROM[planned.candidate.direction]}: held in {100 * planned.success:.0f} % of the "
         f"search's draws, {100 * planned.margin:.0f} % of the limits left without noise"
     )
 

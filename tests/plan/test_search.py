@@ -54,7 +54,7 @@ def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned]]
     assert verdict.report.margin == planned.margin
     text = path.read_text()
     assert "grasp: grasps/ball_1.yaml" in text
-    assert "Planned for tennis_ball, from the" in text
+    assert "Planned for tennis_ball, from" in text
 
 
 def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
