@@ -14,7 +14,7 @@ from allegro_twin.evaluate.timeline import stage
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import grasp_of, scenario_of
-from allegro_twin.plan.propose import proposals
+from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.quick import OVER
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
@@ -30,7 +30,8 @@ def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed:
     that nothing says yet that it holds. Raises ConfigError for an object that no hand fits around."""
     bench = Workbench(spec, stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
     found, known = [], templates(spec)
-    for candidate in proposals(bench, known, scenario.friction, (0.0,), np.random.default_rng(seed), tries=20_000):
+    proposer = Proposer(bench, known, scenario.friction, (0.0,), np.random.default_rng(seed))
+    for candidate in proposer.fresh(tries=20_000):
         found.append(candidate)
         if len(found) == LOOKED:
             break

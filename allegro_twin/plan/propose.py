@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from allegro_twin.evaluate.metrics.carrying import least_normal_force
-from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.closing import COARSE, closed
-from allegro_twin.plan.poses import Guesses, guesses
+from allegro_twin.plan.poses import NOISE, Guesses, guesses
 from allegro_twin.plan.surface import Random, placed_surface
 from allegro_twin.sim.workbench import Meetings, Workbench
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 LOWEST, HIGHER = 0.002, 0.008
@@ -25,26 +26,67 @@ LOWERED, NEAR = 0.5, 0.03
 RETREAT = (0.025, 0.05, 0.10)
 """m along the way out, where the hand must be free."""
 BATCH = 256
+METRES, TURN = 0.007, np.radians(6.0)
+"""By how much a variation of a candidate differs (standard deviations), m and rad."""
 
 
-def proposals(
-    bench: Workbench, templates: Sequence[Grasp], friction: float, turns: Sequence[float], random: Random,
-    tries: int = 2_000_000, step: float = COARSE,
-) -> Iterator[Candidate]:  # fmt: skip
-    """Of so many guesses those that nothing speaks against. `turns`: angles about the palm's z by which the trial will
-    turn it, rad; `step`: of the closing fingers, rad."""
-    axes = matrix_from_quaternion(np.array(bench.placed.quaternion))
-    bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), templates[0].preshape)
-    centre = bench.centre
-    for _ in range(0, tries, BATCH):
-        guessed = guesses(placed_surface(bench.placed, BATCH, random), axes, templates, bench.spec, random)
-        for row in range(BATCH):
-            candidate = fitting(bench, guessed, row, random)
+@dataclass(slots=True)
+class Proposer:
+    """Candidates that nothing speaks against, for one object on its workbench."""
+
+    bench: Workbench
+    templates: Sequence[Grasp]
+    friction: float
+    turns: Sequence[float]
+    """Angles about the palm's z by which the trial will turn it, rad."""
+    random: Random
+    step: float = COARSE
+    """Of the closing fingers, rad."""
+    centre: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), self.templates[0].preshape)
+        self.centre = self.bench.centre
+
+    def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate]:
+        """Of so many guesses."""
+        axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
+        for _ in range(0, tries, BATCH):
+            on = placed_surface(self.bench.placed, BATCH, self.random)
+            guessed = guesses(on, axes, self.templates, self.bench.spec, self.random)
+            for row in range(BATCH):
+                candidate = self._grown(guessed, row)
+                if candidate is not None:
+                    yield candidate
+
+    def near(self, elite: Sequence[Candidate], count: int) -> list[Candidate]:
+        """So many variations of candidates that came far, in turn; fewer where few of them fit."""
+        found: list[Candidate] = []
+        for k in range(8 * count if elite else 0):
+            candidate = self._grown(_jittered(elite[k % len(elite)], self.bench.spec, self.random), 0)
             if candidate is not None:
-                candidate, touch = closed(bench, candidate, step)
-                score = promise(bench, candidate, touch, centre, friction, turns)
-                if score is not None:
-                    yield replace(candidate, score=score)
+                found.append(candidate)
+            if len(found) == count:
+                break
+        return found
+
+    def _grown(self, guessed: Guesses, row: int) -> Candidate | None:
+        """A guess with its fingers closed, and its score; None for what cannot be, or cannot hold."""
+        candidate = fitting(self.bench, guessed, row, self.random)
+        if candidate is None:
+            return None
+        candidate, touch = closed(self.bench, candidate, self.step)
+        score = promise(self.bench, candidate, touch, self.centre, self.friction, self.turns)
+        return None if score is None else replace(candidate, score=score)
+
+
+def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> Guesses:
+    turn = matrix_from_quaternion(quaternion_from_vector(TURN * random.normal(size=3)))
+    preshape = np.clip(candidate.preshape + NOISE * random.normal(size=spec.n_joints), spec.lower, spec.upper)
+    position = candidate.position + METRES * random.normal(size=3)
+    return Guesses(
+        position[None], (turn @ candidate.rotation)[None], preshape[None], candidate.closing[None], [candidate.template]
+    )
 
 
 def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Candidate | None:

@@ -45,6 +45,8 @@ class Outcome(NamedTuple):
     passed: bool
     where: str
     """The stage in which it failed; `passed` otherwise."""
+    reached: float
+    """How far it came: 0 closing, 1 to 2 during the lift, 2 to 3 during the turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +66,10 @@ def tried(
     run.squeeze()
     run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
     run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
-    return [Outcome(c, where == "passed", where) for c, where in zip(run.candidates, run.where, strict=True)]
+    return [
+        Outcome(candidate, where == "passed", where, float(reached))
+        for candidate, where, reached in zip(run.candidates, run.where, run.reached, strict=True)
+    ]
 
 
 class _Run:
@@ -76,7 +81,7 @@ class _Run:
         self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
         self.gains, self.gravity = performer.gains, performer.gravity
         n = len(candidates)
-        self.where = ["passed"] * n
+        self.where, self.reached = ["passed"] * n, np.zeros(n)
         self.alive: Rows = np.arange(n)
         self.sims = Simulations(bench.spec, [bench.model] * n)
         self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
@@ -127,7 +132,9 @@ class _Run:
         """The wrist moves; whoever loses the object is out."""
         timestep = float(self.bench.model.opt.timestep)
         table = wrist.commands(segments, timestep, wrist.load(self.bench.model))
+        begun = np.ceil(self.reached)
         for k in range(len(table) // STEPS):
+            self.reached[self.alive] = begun[self.alive] + (k + 1) * STEPS / len(table)
             self._step(self._pd(), self.place + table[k * STEPS : (k + 1) * STEPS])
             if k % 25 == 24:
                 self._judge(name)

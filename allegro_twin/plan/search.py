@@ -19,8 +19,8 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.closing import COARSE, FINE
 from allegro_twin.plan.confirm import grasp_of, scenario_of
-from allegro_twin.plan.propose import proposals
-from allegro_twin.plan.quick import Performer, squeezed, tried
+from allegro_twin.plan.propose import Proposer
+from allegro_twin.plan.quick import Outcome, Performer, squeezed, tried
 from allegro_twin.plan.surface import Random
 from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.sim.statics import hand_model
@@ -28,6 +28,8 @@ from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
+FEW, ELITE = 4, 10
+"""Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
 TIMESTEP = 0.002
 """s, the physics step of what is only a search."""
 
@@ -89,18 +91,21 @@ class Search:
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
         turns, friction = _turns(protocol), protocol.friction or self.scenario.friction
         step = FINE if protocol.floating else COARSE
-        proposed = proposals(bench, self.templates, friction, turns, random, step=step)
+        proposer = Proposer(bench, self.templates, friction, turns, random, step)
+        proposed, elite = proposer.fresh(), list[Outcome]()
         while len(self._best(found, bench)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
             guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
             if not guessed:
                 break
-            closed, prove = guessed[: self.effort.closed], self._drawn
+            varied = proposer.near([outcome.candidate for outcome in elite], self.effort.closed // 2)
+            closed, prove = [*varied, *guessed[: self.effort.closed - len(varied)]], self._drawn
             if protocol.floating:
                 passed, prove = self._squeezed(closed, protocol, random), self._pushed
             else:
                 outcomes = tried(bench, closed, self._performer(protocol), friction, random)
                 self.ends.update(outcome.where for outcome in outcomes)
                 passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+                elite = _elite(elite, outcomes) if len(passed) < FEW else []
             found += prove(self._apart(passed, found, bench), bench, n)
             tell(self._best(found, bench), time.monotonic() - began)
         return self._best(found, bench)[:n]
@@ -208,6 +213,11 @@ class Search:
             if different(each.candidate, [k.candidate for k in kept], turns):
                 kept.append(each)
         return kept
+
+
+def _elite(before: list[Outcome], outcomes: list[Outcome]) -> list[Outcome]:
+    """Those that came furthest, of which the next round tries variations."""
+    return sorted([*before, *outcomes], key=lambda o: (-o.reached, -o.candidate.score))[:ELITE]
 
 
 def _turns(protocol: Protocol) -> list[float]:
