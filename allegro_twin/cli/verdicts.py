@@ -1,0 +1,164 @@
+"""Many trials on the command line: progress while they are made, then a table, files, pictures and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from allegro_twin.cli import console
+from allegro_twin.errors import ConfigError, HandError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from allegro_twin.build.campaign import Noise, Target
+    from allegro_twin.sweep.jobs import Sweep
+    from allegro_twin.sweep.local import Engine
+
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+class Tried(NamedTuple):
+    """Trials that were made."""
+
+    sweep: Sweep
+    table: Any
+    """A pyarrow.Table, a row a trial."""
+    rows: list[dict[str, Any]]
+
+
+class Chosen(NamedTuple):
+    """What computes, and how much of it at once."""
+
+    engine: Engine
+    at_once: int
+
+
+def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
+    """`local` or `ray`. Raises ConfigError where Ray is not installed, LinkError where no cluster answers."""
+    from allegro_twin.sweep.local import Local, cores
+
+    at_once = count or cores()
+    if name == "ray":
+        from allegro_twin.sweep.cluster import RayCluster
+
+        return Chosen(RayCluster(address), at_once)
+    return Chosen(Local(0 if at_once == 1 else at_once), at_once)
+
+
+def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | None = None) -> Tried:
+    """Make the trials, with metrics where something is to be kept; those that are kept already are not made again.
+    Raises HandError; what was finished stays."""
+    from allegro_twin.build.campaign import sweep_of
+    from allegro_twin.sweep.running import run
+    from allegro_twin.sweep.store import Store
+
+    sweep = sweep_of(targets, noise, metrics=out is not None and _scipy(), at_once=chosen.at_once)
+    store = None if out is None else Store(out / "trials")
+    with console.progress() as bar:
+        task = bar.add_task("trials", total=len(sweep.items))
+        table = run(sweep, store, chosen.engine, lambda done, total: bar.update(task, completed=done, total=total))
+    return Tried(sweep, table, table.to_pylist())
+
+
+def told(targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None) -> list[dict[str, Any]]:
+    """Show the table and write the files; the rows, one a target. Raises HandError."""
+    from allegro_twin.build.outcomes import outcomes, rates, with_draws
+    from allegro_twin.sweep.results import write_results
+
+    rows = outcomes(targets, trials.rows)
+    console.console.print(_table(rows, noise))
+    for column in ("object", "grasp"):
+        groups = rates(rows, column)
+        if len(groups) < len(rows):
+            said = "; ".join(f"{each.name} {each}" for each in groups)
+            console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
+    if out is not None:
+        write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
+                      with_draws(targets, trials.sweep.items))  # fmt: skip
+        _report(targets, rows, trials.sweep, out)
+        console.console.print(f"In {out}/: report.html, results.parquet with a row a trial", soft_wrap=True)
+    return rows
+
+
+def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
+    from allegro_twin.build.portraits import worth_showing
+    from allegro_twin.evaluate.page.write import write_page
+
+    chosen = worth_showing(rows)
+    with console.progress() as bar:
+        task = bar.add_task("pictures", total=len(chosen))
+        for number in chosen:
+            _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
+            bar.advance(task)
+    write_page(out / "report.html", rows, about={k: v for k, v in sweep.stamped().items() if k != "function"})
+
+
+def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
+    """A picture that cannot be made is a note: it is not what the trial is for."""
+    from allegro_twin.build.portraits import portrait
+
+    try:
+        portrait(target, path)
+        row["picture"] = str(path.resolve())
+    except ImportError as error:
+        console.errors.print(f"[yellow]no pictures: {error}; pip install 'allegro-twin[view]'[/]")
+    except HandError as error:
+        console.errors.print(f"[yellow]{target.name}: no picture: {error}[/]")
+
+
+def _table(rows: Sequence[dict[str, Any]], noise: Noise) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    held = sum(row["held"] for row in rows)
+    drawn = f"; {noise.n} draws of seed {noise.seed} each" if noise.n else ""
+    table = Table(title=f"{held} of {len(rows)} held under {rows[0]['protocol']}{drawn}", title_style="bold")
+    two = len({row["side"] for row in rows}) > 1
+    ways = [axis for axis in AXES if f"margin_{axis}" in rows[0]]
+    for name in ("object", "grasp", *(("hand",) if two else ()), "held", *(("in draws",) if noise.n else ())):
+        table.add_column(name)
+    heads = (
+        "least\nmargin",
+        "drift\nmm",
+        "inside\nmm",
+        "con-\ntacts",
+        "stall",
+        *ways,
+        *(("holds\nN",) if ways else ()),
+    )
+    for name in heads:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*_cells(row, two, noise.n > 0, ways))
+    failed = [f"{row['object']}, {row['grasp']}: {row['reason']}" for row in rows if not row["held"]]
+    table.caption, table.caption_justify = escape("\n".join(failed)), "left"
+    return table
+
+
+def _cells(row: dict[str, Any], two: bool, drawn: bool, ways: Sequence[str]) -> list[str]:
+    from allegro_twin.build.outcomes import rate_of
+
+    cells = [row["object"], row["grasp"], *([row["side"]] if two else [])]
+    cells.append("[green]yes[/]" if row["held"] else "[red]no[/]")
+    cells += [str(rate_of(row))] if drawn else []
+    kinds = (("margin", "{:.0%}"), ("drift_mm", "{:.1f}"), ("penetration_mm", "{:.1f}"), ("contacts", "{:.1f}"),
+             ("stall", "{:.0%}"), *((f"margin_{way}", "{:.0%}") for way in ways),
+             *((("strength_n", "{:.1f}"),) if ways else ()))  # fmt: skip
+    return cells + [_number(row.get(name), form) for name, form in kinds]
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None or value != value else form.format(value)
+
+
+def _scipy() -> bool:
+    from allegro_twin.evaluate.metrics.needs import scipy_part
+
+    try:
+        scipy_part("optimize")
+    except ConfigError as error:
+        console.errors.print(f"[yellow]{error}[/]")  # The rest of the report is there without them.
+        return False
+    return True
