@@ -1,4 +1,4 @@
-"""Many trials for one question: what is asked of which grasps, as a sweep."""
+"""Many trials for one question: what is asked of which grasps, as the plain data of a sweep."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from allegro_twin.build.foreign import grasps_in
 from allegro_twin.build.trials import Case, case_of
@@ -17,12 +17,10 @@ from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.files.assets import read_yaml
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.sweep.jobs import Sweep
 
+JUDGE = "allegro_twin.build.trials:judged"
 FLOATING = "fc"
 """What grasps of a file are tried under unless something else is said: they know of no table."""
-_UNIT = 16
-"""Trials in a unit at most: more side by side gain little, and more would be repeated after an interruption."""
 _DIGITS = 12
 """Of a hash, that people read."""
 
@@ -57,6 +55,15 @@ class Target:
     side: Side
 
 
+class Campaign(NamedTuple):
+    """What a sweep of `JUDGE` is made of."""
+
+    items: list[dict[str, Any]]
+    shared: dict[str, Any]
+    stamps: dict[str, str]
+    """What rows depend on beside their items: the content of every file that they are made from."""
+
+
 def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
     """A target for every scenario and every grasp of a file, and each side. Raises ConfigError, also for targets that
     are under different protocols: their results do not compare."""
@@ -78,14 +85,12 @@ def one_protocol(targets: Iterable[Target]) -> None:
         raise ConfigError(f"results under different protocols do not compare: {said}; say --protocol")
 
 
-def sweep_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False, at_once: int = 1) -> Sweep:
-    """A trial without a draw of every target and one for each draw, in that order. A store of other files, another
-    protocol, seed or uncertainty is another sweep; one with fewer draws goes on. Raises ConfigError."""
+def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False) -> Campaign:
+    """A trial without a draw of every target and one for each draw, in that order. Other files, another protocol, seed
+    or uncertainty make another sweep; more draws go on with the same one. Raises ConfigError."""
     each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
     items = [target.item | {"draw": draw} for target in targets for draw in each]
-    unit = max(1, min(_UNIT, -(-len(items) // max(at_once, 1))))
-    shared = {"threads": 1, "metrics": metrics}
-    return Sweep("allegro_twin.build.trials:judged", items, shared, unit, _stamps(targets, noise))
+    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise))
 
 
 def _targets(path: Path, asked: Asked) -> Iterator[Target]:
@@ -116,19 +121,23 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
 
 
 def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
-    """What rows depend on beside their items: the content of every file that they are made from."""
     rules = targets[0].case
     name = rules.rules or rules.scenario.protocol
     stamps = {
         "protocol": f"{name} {rules.ruled.version} {_hash(rules.ruled.model_dump_json())}",
         "seed": str(noise.seed),
-        "uncertainty": noise.uncertainty.model_dump_json(),
+        "uncertainty": _said(noise.uncertainty),
     }
     parts: dict[str, set[str]] = {}
     for target in targets:
         for what, digest in _contents(target):
             parts.setdefault(what, set()).add(digest)
     return stamps | {what: " ".join(sorted(found)) for what, found in sorted(parts.items())}
+
+
+def _said(uncertainty: Uncertainty) -> str:
+    """Every digit, since it is compared: m, degrees, fractions."""
+    return ", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items())
 
 
 def _contents(target: Target) -> Iterator[tuple[str, str]]:

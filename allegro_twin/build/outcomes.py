@@ -33,7 +33,7 @@ def rate(name: str, held: int, n: int) -> Rate:
 
 
 def outcomes(targets: Sequence[Target], trials: Sequence[Row]) -> list[dict[str, Any]]:
-    """A row for each target from the rows of `campaign.sweep_of`'s trials: that of the trial without a draw, and under
+    """A row for each target from the rows of the trials of a `Campaign`: that of the trial without a draw, and under
     draws `n`, `success` (a share) and its interval `low` to `high`. A trial that could not be made is not held, and a
     draw that could not be is not counted. Raises ConfigError where not one could be."""
     each = len(trials) // len(targets)

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.local import Engine
 
+UNIT = 16
+"""Trials in a unit at most: more side by side gain little, and more would be made again after an interruption."""
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+FLOWN = 10.0
+"""Times a limit, and FAR mm: beyond, the object is gone, and by how far says nothing."""
+FAR = 1000.0
 
 
 class Tried(NamedTuple):
@@ -50,11 +55,13 @@ def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
 def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | None = None) -> Tried:
     """Make the trials, with metrics where something is to be kept; those that are kept already are not made again.
     Raises HandError; what was finished stays."""
-    from allegro_twin.build.campaign import sweep_of
+    from allegro_twin.build.campaign import JUDGE, campaign_of
+    from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.running import run
     from allegro_twin.sweep.store import Store
 
-    sweep = sweep_of(targets, noise, metrics=out is not None and _scipy(), at_once=chosen.at_once)
+    items, shared, stamps = campaign_of(targets, noise, metrics=out is not None and _scipy())
+    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // chosen.at_once))), stamps)
     store = None if out is None else Store(out / "trials")
     with console.progress() as bar:
         task = bar.add_task("trials", total=len(sweep.items))
@@ -92,7 +99,8 @@ def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep,
         for number in chosen:
             _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
             bar.advance(task)
-    write_page(out / "report.html", rows, about={k: v for k, v in sweep.stamped().items() if k != "function"})
+    stamps = sweep.stamped()
+    write_page(out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")})
 
 
 def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
@@ -109,48 +117,49 @@ def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
 
 
 def _table(rows: Sequence[dict[str, Any]], noise: Noise) -> Table:
+    from rich.box import SIMPLE_HEAD
     from rich.markup import escape
     from rich.table import Table
 
     held = sum(row["held"] for row in rows)
-    drawn = f"; {noise.n} draws of seed {noise.seed} each" if noise.n else ""
-    table = Table(title=f"{held} of {len(rows)} held under {rows[0]['protocol']}{drawn}", title_style="bold")
+    drawn = f"; draws: {noise.n}, seed {noise.seed}" if noise.n else ""
+    figures = _figures(rows[0])
+    close: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0} if "strength_n" in figures else {}  # Else too wide.
+    title = f"{held} of {len(rows)} held under {rows[0]['protocol']}{drawn}"
+    table = Table(title=title, title_style="bold", **close)
     two = len({row["side"] for row in rows}) > 1
-    ways = [axis for axis in AXES if f"margin_{axis}" in rows[0]]
     for name in ("object", "grasp", *(("hand",) if two else ()), "held", *(("in draws",) if noise.n else ())):
-        table.add_column(name)
-    heads = (
-        "least\nmargin",
-        "drift\nmm",
-        "inside\nmm",
-        "con-\ntacts",
-        "stall",
-        *ways,
-        *(("holds\nN",) if ways else ()),
-    )
-    for name in heads:
-        table.add_column(name, justify="right")
+        table.add_column(name, overflow="fold")
+    for head in figures.values():
+        table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
-        table.add_row(*_cells(row, two, noise.n > 0, ways))
-    failed = [f"{row['object']}, {row['grasp']}: {row['reason']}" for row in rows if not row["held"]]
+        cells = [row["object"], row["grasp"], *([row["side"]] if two else []), *_held(row, drawn=noise.n > 0)]
+        table.add_row(*cells, *(_number(row.get(name), head) for name, head in figures.items()))
+    failed = [f"{row['object']}, {row['grasp']}, {row['side']}: {row['reason']}" for row in rows if not row["held"]]
     table.caption, table.caption_justify = escape("\n".join(failed)), "left"
     return table
 
 
-def _cells(row: dict[str, Any], two: bool, drawn: bool, ways: Sequence[str]) -> list[str]:
+def _figures(row: dict[str, Any]) -> dict[str, str]:
+    """Columns with numbers, and their heads: those of six directions only where there are any."""
+    ways = {f"margin_{axis}": f"{axis}\n%" for axis in AXES} | {"strength_n": "holds\nN"}
+    always = {"margin": "margin\n%", "drift_mm": "drift\nmm", "penetration_mm": "inside\nmm", "contacts": "con-\ntacts",
+              "stall": "stall\n%"}  # fmt: skip
+    return always | (ways if "strength_n" in row else {})
+
+
+def _held(row: dict[str, Any], *, drawn: bool) -> list[str]:
     from allegro_twin.build.outcomes import rate_of
 
-    cells = [row["object"], row["grasp"], *([row["side"]] if two else [])]
-    cells.append("[green]yes[/]" if row["held"] else "[red]no[/]")
-    cells += [str(rate_of(row))] if drawn else []
-    kinds = (("margin", "{:.0%}"), ("drift_mm", "{:.1f}"), ("penetration_mm", "{:.1f}"), ("contacts", "{:.1f}"),
-             ("stall", "{:.0%}"), *((f"margin_{way}", "{:.0%}") for way in ways),
-             *((("strength_n", "{:.1f}"),) if ways else ()))  # fmt: skip
-    return cells + [_number(row.get(name), form) for name, form in kinds]
+    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(rate_of(row))] if drawn else [])]
 
 
-def _number(value: float | None, form: str) -> str:
-    return "–" if value is None or value != value else form.format(value)
+def _number(value: float | None, head: str) -> str:
+    if value is None or value != value:
+        return "–"
+    if head.endswith("%"):
+        return "gone" if value < -FLOWN else f"{100 * value:.0f}"
+    return "gone" if value > FAR else f"{value:.1f}"
 
 
 def _scipy() -> bool:

@@ -7,19 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.campaign import Asked, Noise, sweep_of, targets_of
+from allegro_twin.build.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
 from allegro_twin.build.foreign import foreign
 from allegro_twin.build.outcomes import outcomes, pairs, rates
 from allegro_twin.build.portraits import worth_showing
 from allegro_twin.build.rig import limits_of
-from allegro_twin.build.trials import NAMES, Bench, judged
+from allegro_twin.build.trials import Bench, judged
 from allegro_twin.config import LimitSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.metrics.moment import metrics_of
+from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.meshes import middle_of
+from allegro_twin.sweep import Sweep
 from tests.build.files import grasps, scenario, short
 
 BLOCK = """v 0 0 0
@@ -37,6 +38,11 @@ f 2 3 7 6
 f 3 4 8 7
 f 4 1 5 8
 """
+
+
+def sweep_of(targets: list[Target], noise: Noise) -> Sweep:
+    items, shared, stamps = campaign_of(targets, noise)
+    return Sweep(JUDGE, items, shared, stamps=stamps)
 
 
 def test_more_draws_are_the_same_sweep_and_whatever_changes_rows_is_another(tmp_path: Path) -> None:

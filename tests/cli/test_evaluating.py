@@ -33,7 +33,7 @@ def test_a_scenario_is_one_row_with_its_margin_and_the_exit_code_says_whether_it
     assert "tripod_lemon" in shown
     code, shown, _ = command("evaluate", mine, "--protocol", short(tmp_path, push=400), "--jobs", 1)
     assert code == 5
-    assert "lemon, tripod_lemon:" in shown
+    assert "lemon, tripod_lemon, right:" in shown
 
 
 def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all_of_it(
