@@ -22,6 +22,8 @@ Thing = Annotated[
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command()(plan)
+    app.command()(improve)
+    app.command()(new)
 
 
 def plan(
@@ -41,6 +43,9 @@ def plan(
         float | None, typer.Option(help="kg; of the catalogue, or 500 kg/m³.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    protocol: Annotated[
+        str, typer.Option(help="table_pick; or fc: free in the air, pushed along six axes.")
+    ] = "table_pick",
     seconds: Annotated[float, typer.Option("--time", help="To search at most.", callback=options.positive)] = 120.0,
     seed: Annotated[int, typer.Option(min=0, help="Another seed finds other grasps.")] = 0,
     pictures: Annotated[bool, typer.Option(help="Of every grasp, and an overview.")] = True,
@@ -49,12 +54,14 @@ def plan(
     what the hand is not told, and proven in the whole trial."""
     from allegro_twin.cli import console
     from allegro_twin.description.hands import load_spec
-    from allegro_twin.plan.keep import stored, written
+    from allegro_twin.evaluate.scenario import load_protocol
+    from allegro_twin.plan.keep import in_words, stored, written
     from allegro_twin.plan.search import Search
     from allegro_twin.plan.templates import templates
 
     spec = load_spec()
-    scenario = scenario_of(thing, up, scale, mass, friction)
+    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol})
+    load_protocol(protocol)
     search = Search(scenario, spec, templates(spec, kind), seed=seed)
     name = scenario.objects[0].name
     with console.progress() as bar:
@@ -71,10 +78,91 @@ def plan(
     paths = written(found, name, folder, spec)
     for number, planned in enumerate(found, 1):
         if keep is not None:
-            stored(planned, f"{name}_{number}", keep / f"{name}_{number}.yaml", spec, evidence=f"{name}_{number}")
+            kept = f"{name}_{number}"
+            stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept)
     if pictures:
         _pictured(paths, folder)
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+
+
+def improve(
+    scenario: Annotated[str, typer.Argument(help="A scenario by path or name.", autocompletion=complete.targets)],
+    grasp: Annotated[str | None, typer.Option(help="Begin with another grasp.", autocompletion=complete.grasps)] = None,
+    thing: Annotated[
+        str | None, typer.Option("--object", help="For another object.", autocompletion=complete.objects)
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Where to write.", callback=options.folder)] = Path("improved"),
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="Of variations around the best so far.")] = 3,
+    population: Annotated[int, typer.Option(min=1, max=1000, help="Variations a round.")] = 16,
+    draws: Annotated[int, typer.Option(min=1, max=1000, help="Of what the hand is not told, for each.")] = 8,
+    unseen: Annotated[int, typer.Option(min=1, help="Other draws, on which before and after are compared.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed looks elsewhere.")] = 0,
+) -> None:
+    """Make a grasp hold more often where it is: wrist, postures and squeeze, judged on draws that it was not chosen
+    on."""
+    from allegro_twin.build.simulated import object_of
+    from allegro_twin.cli import console
+    from allegro_twin.description.hands import load_spec
+    from allegro_twin.evaluate.scenario import load_scenario
+    from allegro_twin.evaluate.statistics import in_words as compared_in_words
+    from allegro_twin.evaluate.statistics import wilson
+    from allegro_twin.library.named import load_grasp
+    from allegro_twin.plan.improve import Improvement
+    from allegro_twin.plan.keep import write
+
+    spec, (settings, path) = load_spec(), load_scenario(scenario)
+    if thing is not None:
+        settings = settings.model_copy(update={"objects": (object_of(thing), *settings.objects[1:])})
+    begun = load_grasp(grasp or settings.grasp, spec)
+    if begun.grip is not None:
+        raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
+    search = Improvement(
+        settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen
+    )
+    with console.progress() as bar:
+        task = bar.add_task(path.stem, total=rounds)
+        better = search.run(lambda number, share: bar.update(task, completed=number + 1, description=f"{share:.0%}"))
+    pair = better.comparison
+    for name, held in (("before", pair.both + pair.only_first), ("after", pair.both + pair.only_second)):
+        low, high = wilson(held, unseen)
+        console.console.print(f"{name:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
+    console.console.print(compared_in_words(pair, "before", "after"), soft_wrap=True)
+    told = f"{path.stem}, improved: held in {pair.both + pair.only_second} of {unseen} draws, {begun.name} in " + str(
+        pair.both + pair.only_first
+    )
+    where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
+    console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
+
+
+def new(
+    thing: Thing,
+    out: Annotated[Path, typer.Option(help="Where to write.", callback=options.folder)] = Path("mine"),
+    up: Annotated[Literal["x", "y", "z"], typer.Option(help="Which of the object's axes points at the sky.")] = "z",
+    scale: Annotated[float, typer.Option(help="Of a mesh: its file's unit in m.", callback=options.positive)] = 1.0,
+    mass: Annotated[
+        float | None, typer.Option(help="kg, of a mesh; 500 kg/m³ otherwise.", callback=options.positive)
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    seed: Annotated[int, typer.Option(min=0, help="Another seed proposes another palm.")] = 0,
+    picture: Annotated[bool, typer.Option(help="Of the trial that it makes.")] = True,
+) -> None:
+    """Begin a scenario and a grasp of your own: a palm that is free of object and table, and fingers that close.
+
+    Nothing says yet that it holds; `plan` looks for those that do."""
+    from allegro_twin.cli import console
+    from allegro_twin.description.hands import load_spec
+    from allegro_twin.plan.begin import first_guess
+    from allegro_twin.plan.keep import write
+
+    spec, scenario = load_spec(), scenario_of(thing, up, scale, mass, friction)
+    guessed, grasp = first_guess(scenario, spec, seed=seed)
+    name = scenario.objects[0].name
+    path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+    if picture:
+        _pictured([path], out)
+    console.console.print(
+        f"Wrote {path} and {out}/grasps/{name}_new.yaml; try it: allegro-twin run {path}", soft_wrap=True
+    )
 
 
 def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: float | None, friction: float) -> Scenario:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
 _CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
+_TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
 _WIDELY = 0.008  # m. As far as `sim.clearance` sees.
 
 
@@ -60,9 +61,9 @@ class Ways:
             raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
 
     def touching(self, posture: Vector) -> list[tuple[str, str]]:
-        """Which parts of the hand touch each other in a posture, (n,), rad."""
+        """Which parts of the hand touch each other in a posture, (n,), rad, or are as near as a press leaves them."""
         apart = self._apart(posture[None])[0]
-        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < 0.0]
+        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
 
     @cached_property
     def _clearance(self) -> Clearance:

@@ -9,17 +9,19 @@ import numpy as np
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.sim.workbench import Meetings, Workbench
 
-STEP, STEPS = 0.17, 9
-"""rad, and how many."""
+COARSE, FINE = 0.17, 0.04
+"""rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
+FURTHEST = 1.6
+"""rad that a joint closes."""
 
 
-def closed(bench: Workbench, candidate: Candidate) -> tuple[Candidate, Meetings]:
+def closed(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, Meetings]:
     """The candidate with its fingers closed, and where it touches the object."""
     spec = bench.spec
     posture = candidate.preshape.copy()
     moving = candidate.closing.copy()
-    for _ in range(STEPS):
-        posture = np.clip(posture + STEP * moving, spec.lower, spec.upper)
+    for _ in range(round(FURTHEST / step)):
+        posture = np.clip(posture + step * moving, spec.lower, spec.upper)
         bench.place(candidate.position, candidate.rotation, posture)
         parts, links = bench.meets()
         for part, link in zip(parts.tolist(), links.tolist(), strict=True):

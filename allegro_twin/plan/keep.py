@@ -10,37 +10,41 @@ from typing import Any
 from allegro_twin.evaluate.scenario import ObjectSettings, Scenario
 from allegro_twin.files import edit
 from allegro_twin.library.entries import GraspFile, grasp_entry
+from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.plan.search import Planned
 from allegro_twin.spec import HandSpec
 
+GRASPS = "grasps"
+"""The folder beside the scenarios."""
+
 
 def written(found: Sequence[Planned], name: str, folder: Path, spec: HandSpec) -> list[Path]:
-    """Write <folder>/<name>_1.yaml … with the grasps in <folder>/grasps/; the scenarios, best first. Raises ConfigError
-    for a name that is none, RecordingError when the disk does not let it."""
-    paths = []
-    for number, planned in enumerate(found, 1):
-        stem = f"{name}_{number}"
-        path = folder / f"{stem}.yaml"
-        stored(planned, stem, folder / "grasps" / f"{stem}.yaml", spec, evidence=stem)
-        _write(path, _plain(planned.scenario, f"grasps/{stem}.yaml", folder, in_words(planned)))
-        paths.append(path)
-    return paths
+    """Write <folder>/<name>_1.yaml …, best first, with their grasps; the scenarios. Raises ConfigError for a name that
+    is none, RecordingError when the disk does not let it."""
+    return [
+        write(planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, in_words(planned))
+        for number, planned in enumerate(found, 1)
+    ]
 
 
-def stored(planned: Planned, name: str, path: Path, spec: HandSpec, evidence: str) -> None:
-    """Store the grasp under a name in a library file. Raises ConfigError or RecordingError."""
+def write(scenario: Scenario, grasp: Grasp, name: str, folder: Path, spec: HandSpec, description: str) -> Path:
+    """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first."""
+    stored(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name)
+    path = folder / f"{name}.yaml"
+    content = _plain(scenario, f"{GRASPS}/{name}.yaml", folder, description)
+    with edit.locked(path):
+        edit.write_text(path, edit.with_document("", content, str(path)))
+    return path
+
+
+def stored(grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str, evidence: str) -> None:
+    """Store a grasp under a name in a library file; the other hand's is its mirror image. Raises ConfigError or
+    RecordingError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     library = Library(path.parent)
-    library.add(name, entry_of(planned, spec, evidence), spec)
+    library.add(name, _entry(grasp, spec, description, evidence), spec)
     library.store(name, path)
-
-
-def entry_of(planned: Planned, spec: HandSpec, evidence: str = "") -> GraspFile:
-    """As the library stores it; the other hand's is its mirror image."""
-    grasp = planned.grasp
-    postures = {"preshape": grasp.preshape, "close": grasp.close, "squeeze": grasp.squeeze}
-    return grasp_entry(postures, spec, grasp.taxonomy, in_words(planned), evidence)
 
 
 def in_words(planned: Planned) -> str:
@@ -50,6 +54,11 @@ def in_words(planned: Planned) -> str:
         f"Planned for {thing}, from the {planned.candidate.direction}: held in {100 * planned.success:.0f} % of the "
         f"search's draws, {100 * planned.margin:.0f} % of the limits left without noise"
     )
+
+
+def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str) -> GraspFile:
+    postures = {"preshape": grasp.preshape, "close": grasp.close, "squeeze": grasp.squeeze}
+    return grasp_entry(postures, spec, grasp.taxonomy, description, evidence)
 
 
 def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> dict[str, Any]:
@@ -65,8 +74,3 @@ def _object(thing: ObjectSettings, folder: Path) -> dict[str, Any]:
     if thing.file is not None:
         content["file"] = os.path.relpath(thing.file, folder)
     return content
-
-
-def _write(path: Path, content: dict[str, Any]) -> None:
-    with edit.locked(path):
-        edit.write_text(path, edit.with_document("", content, str(path)))

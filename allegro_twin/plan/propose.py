@@ -12,7 +12,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.closing import closed
+from allegro_twin.plan.closing import COARSE, closed
 from allegro_twin.plan.poses import Guesses, guesses
 from allegro_twin.plan.surface import Random, placed_surface
 from allegro_twin.sim.workbench import Meetings, Workbench
@@ -28,19 +28,20 @@ BATCH = 256
 
 
 def proposals(
-    bench: Workbench, templates: Sequence[Grasp], friction: float, turns: Sequence[float], random: Random
-) -> Iterator[Candidate]:
-    """Candidates without end, those that nothing speaks against. `turns`: angles about the palm's z by which the
-    trial will turn it, rad."""
+    bench: Workbench, templates: Sequence[Grasp], friction: float, turns: Sequence[float], random: Random,
+    tries: int = 2_000_000, step: float = COARSE,
+) -> Iterator[Candidate]:  # fmt: skip
+    """Of so many guesses those that nothing speaks against. `turns`: angles about the palm's z by which the trial will
+    turn it, rad; `step`: of the closing fingers, rad."""
     axes = matrix_from_quaternion(np.array(bench.placed.quaternion))
     bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), templates[0].preshape)
     centre = bench.centre
-    while True:
+    for _ in range(0, tries, BATCH):
         guessed = guesses(placed_surface(bench.placed, BATCH, random), axes, templates, bench.spec, random)
         for row in range(BATCH):
             candidate = fitting(bench, guessed, row, random)
             if candidate is not None:
-                candidate, touch = closed(bench, candidate)
+                candidate, touch = closed(bench, candidate, step)
                 score = promise(bench, candidate, touch, centre, friction, turns)
                 if score is not None:
                     yield replace(candidate, score=score)

@@ -17,6 +17,7 @@ from allegro_twin.plan.surface import Random
 from allegro_twin.sim import wrist
 from allegro_twin.sim.many import Rows, Simulations
 from allegro_twin.sim.workbench import Workbench, coordinates
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 STEPS = 2
@@ -110,11 +111,9 @@ class _Run:
     def squeeze(self) -> None:
         """From where they rest, further by what makes the wanted torque."""
         spec = self.bench.spec
-        share = self.random.uniform(LIGHT, STRONG, (len(self.candidates), 1))
         rest = self.sims.position.copy()
-        push = OVER * share * spec.actuation.torque_limit * self.closing / self.gains.kp
-        wanted = np.where(self.closing != 0.0, rest + push, self.target)
-        wanted = np.clip(wanted, spec.lower, spec.upper)
+        push = squeezed(self.closing, spec, self.gains, self.random)
+        wanted = np.clip(np.where(self.closing != 0.0, rest + push, self.target), spec.lower, spec.upper)
         for row in self.alive.tolist():
             self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
         periods = round(SETTLING / self.period)
@@ -178,6 +177,13 @@ class _Run:
 
     def _drop(self) -> None:
         self.alive = np.array([row for row in self.alive if self.where[row] == "passed"], dtype=np.int64)
+
+
+def squeezed(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:
+    """How far beyond where they touch joints are told to go: for a drawn share of their torque limit, (k, n), rad."""
+    share = random.uniform(LIGHT, STRONG, (len(closing), 1))
+    further: Array = OVER * share * spec.actuation.torque_limit * closing / gains.kp
+    return further
 
 
 def _opened(candidate: Candidate) -> Array:

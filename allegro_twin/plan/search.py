@@ -10,23 +10,25 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
+from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
+from allegro_twin.plan.closing import COARSE, FINE
 from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.propose import proposals
-from allegro_twin.plan.quick import Performer, tried
+from allegro_twin.plan.quick import Performer, squeezed, tried
+from allegro_twin.plan.surface import Random
 from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-COARSE = 0.002
+TIMESTEP = 0.002
 """s, the physics step of what is only a search."""
 
 
@@ -83,37 +85,77 @@ class Search:
     ) -> list[Planned]:
         """The best `n` that are apart from each other, after at most about `seconds`; fewer where there are fewer."""
         began, found = time.monotonic(), list[Planned]()
-        protocol, bench = load_protocol(self.scenario.protocol), self._bench()
-        random, performer = np.random.default_rng(self.seed), self._performer()
-        turns = _turns(protocol)
-        proposed = proposals(bench, self.templates, self.scenario.friction, turns, random)
+        protocol = load_protocol(self.scenario.protocol)
+        bench, random = self._bench(protocol), np.random.default_rng(self.seed)
+        turns, friction = _turns(protocol), protocol.friction or self.scenario.friction
+        step = FINE if protocol.floating else COARSE
+        proposed = proposals(bench, self.templates, friction, turns, random, step=step)
         while len(self._best(found, bench)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
             guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
-            outcomes = tried(bench, guessed[: self.effort.closed], performer, self.scenario.friction, random)
-            self.ends.update(outcome.where for outcome in outcomes)
-            passed = [outcome.candidate for outcome in outcomes if outcome.passed]
-            found += self._proven(self._apart(passed, found, bench), bench, n)
+            if not guessed:
+                break
+            closed, prove = guessed[: self.effort.closed], self._drawn
+            if protocol.floating:
+                passed, prove = self._squeezed(closed, protocol, random), self._pushed
+            else:
+                outcomes = tried(bench, closed, self._performer(protocol), friction, random)
+                self.ends.update(outcome.where for outcome in outcomes)
+                passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+            found += prove(self._apart(passed, found, bench), bench, n)
             tell(self._best(found, bench), time.monotonic() - began)
         return self._best(found, bench)[:n]
 
-    def _bench(self) -> Workbench:
-        coarse = load_protocol(self.scenario.protocol).model_copy(update={"physics": PhysicsSettings(timestep=COARSE)})
+    def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
+        """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
+        gains = load_gains(protocol.gains or "default", self.spec)
+        further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
+        return [
+            replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
+            for c, more in zip(candidates, further, strict=True)
+        ]
+
+    def _bench(self, protocol: Protocol) -> Workbench:
+        physics = protocol.physics if protocol.floating else PhysicsSettings()
+        coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
         return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
 
-    def _performer(self) -> Performer:
-        return Performer(load_gains("default", self.spec), hand_model(self.spec).gravity_torque)
+    def _performer(self, protocol: Protocol) -> Performer:
+        return Performer(load_gains(protocol.gains or "default", self.spec), hand_model(self.spec).gravity_torque)
 
     def _apart(self, passed: list[Candidate], found: list[Planned], bench: Workbench) -> list[Candidate]:
         """The best of each place, none of which is where something was found."""
-        turns, kept = symmetry(bench.placed), list[Candidate]()
+        turns, kept = self._symmetry(bench), list[Candidate]()
         taken = [each.candidate for each in found if each.success >= 0.8]
         for candidate in sorted(passed, key=lambda c: -c.score):
             if different(candidate, [*taken, *kept], turns):
                 kept.append(candidate)
-        return kept[: self.effort.drawn]
+        return kept
 
-    def _proven(self, candidates: list[Candidate], bench: Workbench, n: int) -> list[Planned]:
+    def _pushed(self, candidates: list[Candidate], bench: Workbench, n: int) -> list[Planned]:
+        """Those that hold a floating object against a push along every axis."""
+        templates = {grasp.name: grasp for grasp in self.templates}
+        protocol = load_protocol(self.scenario.protocol)
+        cases = [
+            Case(scenario_of(c, bench, self.scenario), grasp_of(c, templates[c.template], bench), folder=self.folder)
+            for c in candidates
+        ]
+        split = [case.directions() for case in cases]
+        runner = Bench(self.spec, protocol.gains or "default", protocol.period or PERIOD, self.threads)
+        verdicts, proven = runner.verdicts([each for directions in split for each in directions]), []
+        for candidate, case, directions in zip(candidates, cases, split, strict=True):
+            mine = [next(verdicts) for _ in directions]
+            held = all(verdict.held for verdict in mine)
+            self.ends["held" if held else "pushed out"] += 1
+            if held:
+                reports = [verdict.report for verdict in mine if verdict.report is not None]
+                margin = min(report.margin for report in reports)
+                stall = max(max(report.at_limit.values()) for report in reports)
+                proven.append(Planned(candidate, case.scenario, case.grasp, 1.0, margin, stall))
+        return proven
+
+    def _drawn(self, candidates: list[Candidate], bench: Workbench, n: int) -> list[Planned]:
         """Of each candidate the squeeze that holds most draws, and of those the best in the whole trial."""
+        candidates = candidates[: self.effort.drawn]
         templates = {grasp.name: grasp for grasp in self.templates}
         options = [
             (c, scenario_of(c, bench, self.scenario), grasp_of(c, templates[c.template], bench, squeeze))
@@ -155,9 +197,13 @@ class Search:
         total: Array = held.reshape(len(options), count).sum(axis=1)
         return total
 
+    def _symmetry(self, bench: Workbench) -> Array | None:
+        """Turns that make a grasp no other one; in the air every pose of the palm is its own."""
+        return None if load_protocol(self.scenario.protocol).floating else symmetry(bench.placed)
+
     def _best(self, found: list[Planned], bench: Workbench) -> list[Planned]:
         """In order, apart from each other."""
-        turns, kept = symmetry(bench.placed), list[Planned]()
+        turns, kept = self._symmetry(bench), list[Planned]()
         for each in sorted(found, key=lambda p: (-p.success, -p.margin)):
             if different(each.candidate, [k.candidate for k in kept], turns):
                 kept.append(each)

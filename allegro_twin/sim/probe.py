@@ -7,7 +7,7 @@ import numpy as np
 
 from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, frozen
 
 _AXES = np.arange(3)  # Of an elliptic contact's force: along the normal, along two tangents.
 
@@ -16,13 +16,16 @@ class Probe:
     """Looks into a scene at one object, after each period."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
-        self._data, self._model = data, model
+        self._data = data
         self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
         self.parts = part_names(spec)
-        self._part = parts_of(model, spec)
-        # An object, and what stands on the table, may be made of bodies that are welded together.
-        self._weld = model.body_weldid
         self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
+        # An object, and what stands on the table, may be made of bodies that are welded together.
+        weld = model.body_weldid[model.geom_bodyid]
+        self._part = parts_of(model, spec)[model.geom_bodyid]
+        self._is_thing, self._stands = weld == self._thing, (weld == 0) & (self._part < 0)
+        empty = (np.zeros(self._n), np.full(3 * self._n, np.nan), np.zeros(3 * self._n), np.zeros(1), np.zeros(1))
+        self._nothing = tuple(frozen(array) for array in empty)
 
     def __call__(self) -> dict[str, Array]:
         """`palm` and `object`: position and quaternion in the world, (7,). `contact_force`: the sum of normal forces
@@ -44,28 +47,29 @@ class Probe:
         }
 
     def _contacts(self) -> tuple[Array, Array, Array, Array, Array, Array]:
-        contact, forces = self._data.contact, self._data.efc_force
-        bodies, address = self._model.geom_bodyid[contact.geom], contact.efc_address
-        welds = self._weld[bodies]
-        mine = ((welds == self._thing).any(axis=1) & (address >= 0)).nonzero()[0]
-        address, bodies, welds = address[mine], bodies[mine], welds[mine]
-        first = welds[:, 0] == self._thing
-        other = np.where(first, bodies[:, 1], bodies[:, 0])
-        part = self._part[other]
-        on_table = np.array([float(((self._weld[other] == 0) & (part < 0)).any())])
+        contact = self._data.contact
+        geoms, address = contact.geom, contact.efc_address
+        ours = self._is_thing[geoms]
+        mine = ((ours[:, 0] | ours[:, 1]) & (address >= 0)).nonzero()[0]
         if not len(mine):
-            nowhere = np.full(3 * self._n, np.nan)
-            return np.zeros(self._n), on_table, nowhere, np.zeros(3 * self._n), np.zeros(1), np.zeros(1)
+            force, point, vector, contacts, depth = self._nothing
+            return force, np.zeros(1), point, vector, contacts, depth
+        geoms, first, address = geoms[mine], ours[mine, 0], address[mine]
+        other = np.where(first, geoms[:, 1], geoms[:, 0])
+        part = self._part[other]
+        on_table = np.array([float(self._stands[other].any())])
         # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
-        local = forces[address[:, None] + _AXES]
+        local = self._data.efc_force[address[:, None] + _AXES]
         rows = np.empty((len(mine), 7))
         rows[:, 0] = local[:, 0]
         rows[:, 1:4] = local[:, :1] * contact.pos[mine]
-        rows[:, 4:] = (local[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
-        rows[first, 4:] *= -1.0
+        toward = np.where(first[:, None], -local, local)
+        rows[:, 4:] = (toward[:, None] @ contact.frame[mine].reshape(-1, 3, 3))[:, 0]
         total = (part == self._parts_column) @ rows
         by_part = total[:, 0]
-        point = np.where(by_part[:, None] > 0, total[:, 1:4] / np.where(by_part > 0, by_part, 1.0)[:, None], np.nan)
+        weights = by_part.copy()
+        weights[weights <= 0.0] = np.nan
+        point = total[:, 1:4] / weights[:, None]
         hand = part >= 0
         depth = np.array([max(-contact.dist[mine[hand]].min(initial=0.0), 0.0)])
         return by_part, on_table, point.reshape(-1), total[:, 4:].reshape(-1), np.array([float(hand.sum())]), depth

@@ -43,7 +43,7 @@ def test_a_wrong_keyword_is_named(task: str, kwargs: dict[str, Any], message: st
         ({"grasp": "quadpot"}, "no grasp named 'quadpot'; did you mean 'quadpod'"),
         ({"posture": "hom"}, "no posture named 'hom'; did you mean 'home'"),
         ({"size": -1.0}, "size: input should be greater than 0"),
-        ({"size": 2.5}, r"lemon at 2\.5 times its size is too large for quadpod: it would begin \d+ mm inside"),
+        ({"size": 2.5}, r"lemon at 2\.5 times its size is too large for tripod_lemon: it would begin \d+ mm inside"),
         ({"friction": 3.0}, "friction: input should be less than or equal to 1"),
     ],
 )
@@ -114,7 +114,7 @@ def test_what_an_option_chooses_is_what_the_episode_has(options: dict[str, Any],
     assert info[what] == value
     _, info = env.reset(seed=0)
     assert info["object"] == "lemon"
-    assert info["grasp"] == "quadpod"
+    assert info["grasp"] == "tripod_lemon"
 
 
 def test_size_and_friction_reach_the_physics_and_are_gone_with_the_next_reset() -> None:

@@ -117,11 +117,11 @@ def test_every_filter_narrows_the_list() -> None:
     assert "quadpod" not in names(taxonomy="power")
     assert "quadpod" in names(fingers=4)
     assert "quadpod" not in names(fingers=3)
-    assert "quadpod" in names(object_size=0.054)
-    assert "quadpod" not in names(object_size=0.065)
-    assert {"quadpod", "prismatic_3_finger_cube"} <= names(object_size=(0.053, 0.058), kind="grasp")
+    assert "quadpod" in names(object_size=0.062)
+    assert "quadpod" not in names(object_size=0.075)
+    assert {"tripod_lemon", "prismatic_3_finger_cube"} <= names(object_size=(0.053, 0.058), kind="grasp")
     assert "quadpod_pear" in names(taxonomy="quadpod", object_size=(0.065, 0.07))
-    assert "quadpod" not in names(taxonomy="quadpod", object_size=(0.065, 0.07))
+    assert "quadpod" not in names(taxonomy="quadpod", object_size=(0.071, 0.074))
 
 
 def test_a_filter_that_nothing_can_have_says_so() -> None:

@@ -6,17 +6,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from allegro_twin.build.trials import Bench, case_of
 from allegro_twin.cli.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol, load_scenario
+from allegro_twin.evaluate.timeline import stage
+from allegro_twin.kinematics.orientation import facing
 from allegro_twin.library.library import Library
-from allegro_twin.plan.keep import stored, written
+from allegro_twin.library.named import load_grasp
+from allegro_twin.plan.begin import first_guess
+from allegro_twin.plan.improve import Improvement, Version, varied
+from allegro_twin.plan.keep import in_words, stored, written
 from allegro_twin.plan.search import Effort, Planned, Search
 from allegro_twin.plan.templates import templates
+from allegro_twin.sim.workbench import Workbench
 
 SPEC = load_spec()
+LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))
 LITTLE = Effort(guessed=24, closed=8, squeezes=(1.3,), first=1, more=1)
 
 
@@ -51,7 +61,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     found: tuple[Search, list[Planned]], tmp_path: Path
 ) -> None:
     _, (planned,) = found
-    stored(planned, "ball_1", tmp_path / "ball_1.yaml", SPEC, evidence="ball_1")
+    stored(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, in_words(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
@@ -71,6 +81,52 @@ def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     search = Search(scenario.model_copy(update={"objects": (heavy,)}), SPEC, templates(SPEC), effort=LITTLE)
     assert search.run(1, 3.0) == []
     assert set(search.ends) <= {"empty", "unbalanced", "lift", "turn", "diverged"}
+
+
+def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis() -> None:
+    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
+    search = Search(scenario, SPEC, templates(SPEC), effort=LITTLE)
+    (planned,) = search.run(1, 100.0)
+    assert planned.margin > 0.0
+    assert search.ends["held"] >= 1
+
+
+@pytest.mark.long
+def test_what_improves_is_no_worse_on_the_draws_that_it_was_chosen_on_and_is_compared_on_others() -> None:
+    scenario, path = load_scenario("lemon")
+    grasp = load_grasp(scenario.grasp, SPEC)
+    told: list[float] = []
+    search = Improvement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2)
+    better = search.run(lambda number, share: told.append(share))
+    assert told == sorted(told)
+    assert better.comparison.draws == 2
+    again = Improvement(scenario, grasp, SPEC, path.parent, rounds=2, population=2, draws=2, unseen=2).run()
+    np.testing.assert_array_equal(again.after.grasp.squeeze, better.after.grasp.squeeze)
+
+
+@given(st.integers(0, 1000))
+def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
+    first, scenario = LEMON, LEMON.scenario
+    other = varied(first, SPEC, 1.0, np.random.default_rng(seed))
+    for name in ("preshape", "close", "squeeze"):
+        posture = getattr(other.grasp, name)
+        assert (posture >= SPEC.lower).all()
+        assert (posture <= SPEC.upper).all()
+        assert np.abs(posture - getattr(first.grasp, name)).max() < 0.5
+    moved = np.subtract(other.scenario.wrist.position, scenario.wrist.position)
+    assert np.linalg.norm(moved) < 0.03
+
+
+def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
+    scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
+    around = stage(scenario, load_protocol("table_pick"), "right", Path())
+    bench = Workbench(SPEC, around)
+    rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
+    position = around.position - np.array(scenario.wrist.retreat)
+    bench.place(position, rotation, grasp.preshape)
+    assert not bench.meets_anything()
+    bench.place(position, rotation, grasp.close)
+    assert bench.meets_anything()
 
 
 def test_templates_of_a_type_without_closing_fingers_are_an_error() -> None:

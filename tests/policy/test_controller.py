@@ -156,9 +156,11 @@ def test_a_card_rebuilds_the_interface_of_its_task(task: str) -> None:
     if interface.scripts is not None:
         assert rebuilt.scripts is not None
         np.testing.assert_array_equal(rebuilt.scripts.position, interface.scripts.position)
-        assert card.script("quadpod") == 0
-        with pytest.raises(ConfigError, match="no grasp of this policy named 'quadpot'; did you mean 'quadpod'"):
-            card.script("quadpot")
+        assert card.script("tripod_lemon") == 0
+        with pytest.raises(
+            ConfigError, match="no grasp of this policy named 'tripod_lemno'; did you mean 'tripod_lemon'"
+        ):
+            card.script("tripod_lemno")
 
 
 @pytest.mark.parametrize(

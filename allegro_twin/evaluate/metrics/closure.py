@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from allegro_twin.evaluate.metrics.contacts import EDGES, Contacts, Indices, forces, wrenches
+from allegro_twin.evaluate.metrics.nearest import nearest
 from allegro_twin.evaluate.metrics.needs import scipy_part
 from allegro_twin.evaluate.metrics.quality import rank
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 PUSH = 0.1
 """N, of each of the six forces of the residual; DexGraspBench's."""
 GRIP = 1.0
 """N: in the residual all contacts together press at least so hard, and each at most; DexGraspBench's."""
-_FIRM = 1e4
-"""How much more than a wrench a bound weighs: the residual is off by its inverse square."""
 
 
 def margin(touch: Contacts, edges: int = EDGES) -> float:
@@ -63,25 +63,29 @@ def residual(
 
     DexGraspBench's QP metric; torques count divided by `Contacts.length`. To have its very figures: `edges` 4, a length
     of 1 m, and as the centre the mean of the points. Without contacts, or where `grip` asks for more than `most`
-    allows, it is 1, as there. Least squares (NNLS), exact for the pyramids. Raises ConfigError without SciPy.
+    allows, it is 1, as there. Exact for the pyramids (Wolfe's algorithm).
     """
     if len(touch) * most < grip:
         return 1.0
     careful = replace(touch, friction=share * touch.friction, torsion=share * touch.torsion)
     points, owner = wrenches(careful, edges), forces(careful, edges)[2]
-    firm, wanted = _firmly(owner, len(touch), grip, most)
-    system = np.vstack([np.hstack([points.T, np.zeros((6, len(touch) + 1))]), firm])
     left = []
     for way in np.vstack([np.eye(6)[:3], -np.eye(6)[:3]]):
-        load = push * way
-        found, _ = scipy_part("optimize").nnls(system, np.concatenate([-load, wanted]))
-        left.append(np.linalg.norm(points.T @ found[: len(points)] + load))
+        strongest = partial(_strongest, points, owner, len(touch), grip, most, push * way)
+        left.append(np.linalg.norm(nearest(strongest, 6)))
     return float(np.mean(left))
 
 
-def _firmly(owner: Indices, count: int, grip: float, most: float) -> tuple[Array, Array]:
-    """Both bounds on the forces as rows that outweigh the others, with a slack variable each: (1 + k, g + 1 + k)."""
-    mine = (owner == np.arange(count)[:, None]).astype(np.float64)
-    total = np.concatenate([np.ones(len(owner)), [-1.0], np.zeros(count)])
-    each = np.hstack([mine, np.zeros((count, 1)), np.eye(count)])
-    return _FIRM * np.vstack([total, each]), _FIRM * np.array([grip, *[most] * count])
+def _strongest(
+    points: Array, owner: Indices, count: int, grip: float, most: float, load: Vector, direction: Vector
+) -> Vector:
+    """With the load, the wrench that goes least along a direction, (6,): each contact presses fully where that helps,
+    and then, until all press with `grip`, those where it harms least."""
+    along = points @ direction
+    best = np.array([np.flatnonzero(owner == k)[along[owner == k].argmin()] for k in range(count)])
+    cheapest = best[along[best].argsort(kind="stable")]
+    helping = float((along[best] < 0.0).sum())
+    total = max(grip, most * helping)
+    pressed = np.clip(total - most * np.arange(count), 0.0, most)
+    wrench: Vector = load + pressed @ points[cheapest]
+    return wrench

@@ -114,7 +114,7 @@ def by_another_solver(touch: Contacts, edges: int) -> float:
 def test_the_residual_is_that_of_the_quadratic_program(seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(4, 3)) + np.array([0, 0, 0.7 * (seed % 3)])
     touch = on_sphere(points, 0.6, 0.02)
-    assert residual(touch, 4) == pytest.approx(by_another_solver(touch, 4), abs=2e-6)
+    assert residual(touch, 4) == pytest.approx(by_another_solver(touch, 4), abs=1e-8)
 
 
 def test_the_residual_of_a_firm_grasp_is_nothing_and_of_one_finger_what_it_presses() -> None:
