@@ -15,7 +15,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from allegro_twin.build import trials
+from allegro_twin.cli.variation import varied
 from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.uncertainty import Uncertainty
 from tests.build.files import grasps, scenario, short
 from tests.cli.conftest import Run
 from tests.evaluate.interchange.samples import bench, saved
@@ -34,6 +36,10 @@ def test_a_scenario_is_one_row_with_its_margin_and_the_exit_code_says_whether_it
     code, shown, _ = command("evaluate", mine, "--protocol", short(tmp_path, push=400), "--jobs", 1)
     assert code == 5
     assert "lemon, tripod_lemon, right:" in shown
+    words = ("--protocol", short(tmp_path, push=400), "--uncertainty", 1, "--jobs", 1)
+    code, shown, _ = command("evaluate", mine, *words)
+    assert code == 0, "a rate is no failure"
+    assert "0 of 1 (0–79 %)" in shown
 
 
 def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all_of_it(
@@ -114,6 +120,13 @@ def test_two_grasps_are_compared_in_the_same_draws(command: Run, tmp_path: Path)
     assert second.startswith("power_sphere: held in ")
     assert " of 3 (" in first
     assert "p = " in verdict
+
+
+def test_what_varies_is_said_in_millimetres_degrees_and_per_cent() -> None:
+    found = varied("position=5, yaw=3,size=2,mass=10,torque=15,friction=0.5-0.9")
+    assert found == Uncertainty(position=0.005, yaw=3.0, size=0.02, mass=0.1, torque=0.15, friction=(0.5, 0.9))
+    assert varied("friction=0").friction is None
+    assert varied("") == Uncertainty()
 
 
 @pytest.mark.parametrize(
