@@ -122,7 +122,7 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
 
 def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
     rules = targets[0].case
-    name = rules.rules or rules.scenario.protocol
+    name = Path(rules.rules or rules.scenario.protocol).stem
     stamps = {
         "protocol": f"{name} {rules.ruled.version} {_hash(rules.ruled.model_dump_json())}",
         "seed": str(noise.seed),

@@ -35,7 +35,7 @@ def rate(name: str, held: int, n: int) -> Rate:
 def outcomes(targets: Sequence[Target], trials: Sequence[Row]) -> list[dict[str, Any]]:
     """A row for each target from the rows of the trials of a `Campaign`: that of the trial without a draw, and under
     draws `n`, `success` (a share) and its interval `low` to `high`. A trial that could not be made is not held, and a
-    draw that could not be is not counted. Raises ConfigError where not one could be."""
+    draw that could not be is not counted. Raises ConfigError where not one could be, of all or of a target's draws."""
     each = len(trials) // len(targets)
     if all(row["error"] is not None for row in trials):
         raise ConfigError(str(trials[0]["error"]))
@@ -49,16 +49,17 @@ def outcomes(targets: Sequence[Target], trials: Sequence[Row]) -> list[dict[str,
                     "side": target.side, "held": False, "reason": nominal["error"]}  # fmt: skip
         if drawn:
             made = [bool(trial["held"]) for trial in drawn if trial["error"] is None]
+            if not made:
+                raise ConfigError(f"{target.name}: no draw could be tried: {drawn[0]['error']}")
             of = rate(target.name, sum(made), len(made))
-            share = of.held / of.n if of.n else float("nan")
-            row |= {"success": share, "n": of.n, "low": of.low, "high": of.high}
+            row |= {"success": of.held / of.n, "n": of.n, "low": of.low, "high": of.high}
         found.append(row)
     return found
 
 
 def rate_of(row: Row) -> Rate:
     """Of one target under draws."""
-    return rate(str(row["target"]), round(row["success"] * row["n"]) if row["n"] else 0, row["n"])
+    return rate(str(row["target"]), round(row["success"] * row["n"]), row["n"])
 
 
 def rates(rows: Sequence[Row], column: str) -> list[Rate]:

@@ -142,7 +142,7 @@ def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool 
     """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
     stopped has not shown. `metrics`: with those of the contacts, of the first direction that has them."""
     worst = min(verdicts, key=lambda v: (v.held, -np.inf if v.report is None else v.report.margin))
-    named = case.scenario.protocol if case.rules is None else case.rules
+    named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
     row: dict[str, Any] = {
         "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
         "side": side, "protocol": f"{named} {case.ruled.version}",

@@ -71,11 +71,17 @@ def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | N
 
 def told(targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None) -> list[dict[str, Any]]:
     """Show the table and write the files; the rows, one a target. Raises HandError."""
+    from rich.markup import escape
+
     from allegro_twin.build.outcomes import outcomes, rates, with_draws
     from allegro_twin.sweep.results import write_results
 
     rows = outcomes(targets, trials.rows)
     console.console.print(_table(rows, noise))
+    errors = [row["error"] for row in trials.rows if row["error"] is not None]
+    if errors:
+        said = f"{len(errors)} of {len(trials.rows)} trials could not be made; the first: {errors[0]}"
+        console.errors.print(f"[yellow]{escape(said)}[/]", soft_wrap=True)
     for column in ("object", "grasp"):
         groups = rates(rows, column)
         if len(groups) < len(rows):

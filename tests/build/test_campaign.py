@@ -127,8 +127,10 @@ def test_a_trial_that_could_not_be_made_is_no_success_and_a_draw_that_could_not_
     (both,) = rates(rows, "object")
     assert (both.held, both.n) == (4, 5)
     assert str(both) == "4 of 5 (38–96 %)"
-    with pytest.raises(ConfigError, match="the disk is full"):
+    with pytest.raises(ConfigError, match="^the disk is full"):
         outcomes(targets, [bad] * 8)
+    with pytest.raises(ConfigError, match="mine: no draw could be tried: the disk is full"):
+        outcomes(targets, [good, good, good, good, good, bad, bad, bad])
 
 
 def test_pairs_are_of_the_draws_and_not_of_the_trials_without_one() -> None:
