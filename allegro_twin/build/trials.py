@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from allegro_twin.build.foreign import foreign
 from allegro_twin.build.rig import limits_of
 from allegro_twin.build.simulated import object_of
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
 from allegro_twin.evaluate.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario
-from allegro_twin.evaluate.together import Verdict, together
+from allegro_twin.evaluate.together import Measure, Verdict, together
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.grasping import Timed, performer
@@ -73,11 +75,12 @@ class Bench:
         self._gravity = Gravity(self._model.gravity_torque)
         self._limits = limits_of(LimitSettings(), spec)
 
-    def verdicts(self, cases: Sequence[Case]) -> Iterator[Verdict]:
+    def verdicts(self, cases: Sequence[Case], measure: Measure | None = None) -> Iterator[Verdict]:
         """One a case, in order. Raises ConfigError for a scene that cannot be built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
-            yield from together(trials, [self.controller(t) for t in trials], self._limits, threads=self._threads)
+            controllers = [self.controller(trial) for trial in trials]
+            yield from together(trials, controllers, self._limits, threads=self._threads, measure=measure)
 
     def trial(self, case: Case) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
@@ -100,8 +103,10 @@ def _bench(side: Side, serial: str, gains: str, period: float, threads: int) -> 
 
 
 def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A unit of a sweep. `shared`: `serial`, `gains`, `threads`. An item: `scenario` (a name or a path), and where they
-    differ from its own `grasp`, `object`, `protocol`, `side`; `draw`, the fields of a `Draw`. A flat row for each."""
+    """A unit of a sweep. `shared`: `serial`, `gains`, `threads`, `metrics` (true: those of the contacts at the end of
+    the first phase that checks; NaN where there is a draw). An item: `scenario` (a name or a path), and where they
+    differ from its own `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them, `row`,
+    `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
     groups: dict[tuple[Side, str, float], list[tuple[int, Case]]] = {}
     for index, item in enumerate(items):
@@ -112,28 +117,32 @@ def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> lis
     for (side, gains, period), members in groups.items():
         bench = _bench(side, shared.get("serial", ""), gains, period, shared.get("threads", 0))
         split = [case.directions() for _, case in members]
-        verdicts = bench.verdicts([case for cases in split for case in cases])
+        measure = _nominal if shared.get("metrics") else None
+        verdicts = bench.verdicts([case for cases in split for case in cases], measure)
         for (index, case), cases in zip(members, split, strict=True):
-            rows[index] = row_of(case, side, [next(verdicts) for _ in cases])
+            rows[index] = row_of(case, side, [next(verdicts) for _ in cases], metrics=measure is not None)
     return [rows[index] for index in range(len(items))]
 
 
 def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
     """From plain data. Raises ConfigError."""
+    protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
+    draw = None if item.get("draw") is None else Draw(**item["draw"])
+    if "file" in item:
+        made = foreign(Path(item["file"]), item["row"], spec, item.get("object"))
+        return Case(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
         scenario = scenario.model_copy(update={"objects": (object_of(item["object"]), *scenario.objects[1:])})
-    protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
-    draw = None if item.get("draw") is None else Draw(**item["draw"])
     grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
     return Case(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
 
 
-def row_of(case: Case, side: str, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool = False) -> dict[str, Any]:
     """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
-    stopped has not shown."""
+    stopped has not shown. `metrics`: with those of the contacts, of the first direction that has them."""
     worst = min(verdicts, key=lambda v: (v.held, -np.inf if v.report is None else v.report.margin))
-    named = case.scenario.protocol if case.rules is None else case.rules
+    named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
     row: dict[str, Any] = {
         "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
         "side": side, "protocol": f"{named} {case.ruled.version}",
@@ -145,7 +154,15 @@ def row_of(case: Case, side: str, verdicts: Sequence[Verdict]) -> dict[str, Any]
             row[f"margin_{name}"] = float("nan") if verdict.report is None else verdict.report.margin
             row[f"strength_{name}"] = _strength(case, verdict)
         row["strength_n"] = min(row[f"strength_{name}"] for name in AXES)
+    if metrics:
+        measured = next((verdict.measured for verdict in verdicts if verdict.measured), {})
+        row |= {name: measured.get(name, float("nan")) for name in NAMES}
     return row
+
+
+def _nominal(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Metrics cost up to 0.4 s a grasp, so those of draws are left out."""
+    return {} if trial.draw is not None else metrics_of(trial, data)
 
 
 def _strength(case: Case, verdict: Verdict) -> float:

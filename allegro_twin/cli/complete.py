@@ -25,6 +25,10 @@ def hands() -> list[str]:
     return _stems("conf/hands")
 
 
+def protocols() -> list[str]:
+    return _stems("conf/protocols")
+
+
 def policies() -> list[str]:
     return _stems("conf/policies", "*.onnx")
 

@@ -12,7 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from allegro_twin.cli import bus, complete, ends, exchange, live, looking, options, planning, shipped, training
+from allegro_twin.cli import (
+    bus,
+    complete,
+    ends,
+    evaluating,
+    exchange,
+    live,
+    looking,
+    options,
+    planning,
+    shipped,
+    training,
+)
 from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.version import __version__
@@ -199,6 +211,7 @@ planning.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)
+evaluating.register(app)
 
 
 def main() -> None:

@@ -46,7 +46,7 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
     """A job for every config or scenario, and each side that is asked for. Raises ConfigError."""
     jobs = []
     for target in targets:
-        for path in _files(target):
+        for path in files_of(target):
             scenario = "backend" not in read_yaml(path)
             if options.config is not None and not scenario:
                 raise ConfigError(
@@ -179,7 +179,8 @@ def _concluded(viewer: Any, recording: Any) -> None:
         viewer.conclude(checks(report), in_words(report))
 
 
-def _files(target: str) -> list[Path]:
+def files_of(target: str) -> list[Path]:
+    """The configs and scenarios of a name, a path or a folder. Raises ConfigError."""
     if not target:
         raise ConfigError("an empty name: give a config, a scenario, or a folder of scenarios")
     path = Path(target)

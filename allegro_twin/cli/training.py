@@ -1,4 +1,4 @@
-"""Commands for policies: train one, and see what one is worth."""
+"""Policies: the command that trains one, and what `evaluate` says of one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command()(train)
-    app.command()(evaluate)
 
 
 def train(
@@ -60,23 +59,9 @@ def train(
     _judged(trained.policy, recipe, folder, episodes, video)
 
 
-def evaluate(
-    policy: Annotated[
-        str,
-        typer.Argument(
-            help="A policy file, .onnx or .zip, or its name in conf/policies.", autocompletion=complete.policies
-        ),
-    ],
-    recipe: Annotated[
-        str,
-        typer.Argument(
-            help="The recipe that it was trained with: task, objects, noise.", autocompletion=complete.recipes
-        ),
-    ],
-    episodes: Episodes = 200,
-    can: Annotated[int, typer.Option(help="So many of the episodes on a virtual hand on a CAN bus, too.")] = 0,
-) -> None:
-    """Compare a policy with the scripted player in the same episodes."""
+def evaluate_policy(policy: str, recipe: str, episodes: int, can: int) -> None:
+    """Compare a policy with the scripted player in the same episodes, `can` of them on a virtual CAN bus, too. Raises
+    HandError."""
     from allegro_twin.cli import console
     from allegro_twin.files.assets import find
     from allegro_twin.train import load_recipe

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -34,14 +34,25 @@ class Verdict:
     """Why."""
     mass: float = float("nan")
     """Of the object, kg."""
+    measured: Mapping[str, float] = field(default_factory=dict)
+    """What was asked for at the end of the first phase that checks; empty for a trial that was stopped before."""
 
     @property
     def held(self) -> bool:
         return self.report is not None and self.report.held
 
 
+Measure: TypeAlias = Callable[[Trial, Any], Mapping[str, float]]
+"""Told a trial and MuJoCo's data of it at the end of the first phase that checks."""
+
+
 def together(
-    trials: Sequence[Trial], controllers: Sequence[Controller[Any]], limits: Limits, *, threads: int = 0
+    trials: Sequence[Trial],
+    controllers: Sequence[Controller[Any]],
+    limits: Limits,
+    *,
+    threads: int = 0,
+    measure: Measure | None = None,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
     contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits."""
@@ -50,7 +61,7 @@ def together(
         groups.setdefault(layout(trial.backend.model), []).append(index)
     found: dict[int, Verdict] = {}
     for indices in groups.values():
-        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads)
+        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure)
         found |= dict(zip(indices, group.run(), strict=True))
     return [found[index] for index in range(len(trials))]
 
@@ -58,7 +69,14 @@ def together(
 class _Group:
     """Trials of one layout."""
 
-    def __init__(self, trials: list[Trial], controllers: list[Controller[Any]], limits: Limits, threads: int) -> None:
+    def __init__(
+        self,
+        trials: list[Trial],
+        controllers: list[Controller[Any]],
+        limits: Limits,
+        threads: int,
+        measure: Measure | None,
+    ) -> None:
         backends = [trial.backend for trial in trials]
         self.trials, self.limits, self.n = trials, limits, len(trials)
         self.spec, self.period = backends[0].spec, backends[0].period
@@ -77,6 +95,9 @@ class _Group:
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
         ends = [{round(w.end / self.period) for w in trial.windows} for trial in trials]
         self._looks = ends
+        checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
+        self._moment = [round(end / self.period) for end in checks]
+        self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         most = int(self.periods.max()) + 1
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
         self.torque = np.empty((self.n, most, self.spec.n_joints))
@@ -102,6 +123,7 @@ class _Group:
                 None if stopped[row] else self.trials[row].judged(self._observed(row)),
                 stopped[row],
                 self.trials[row].mass,
+                self._measured[row],
             )
             for row in range(self.n)
         ]
@@ -148,6 +170,8 @@ class _Group:
             if tick % LOOK == 0 or tick in self._looks[row] or tick == self.periods[row]:
                 sims.look(row, self._scratch)
                 self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
+                if self._measure is not None and tick == self._moment[row]:
+                    self._measured[row] |= self._measure(self.trials[row], self._scratch)
 
     def _observed(self, row: int) -> Observations:
         count = int(self.periods[row]) + 1

@@ -47,7 +47,7 @@ class Trial:
         protocol: Protocol | None = None,
         draw: Draw | None = None,
     ) -> None:
-        self.scenario, self.grasp = scenario, grasp
+        self.scenario, self.grasp, self.draw = scenario, grasp, draw
         self.protocol = load_protocol(scenario.protocol) if protocol is None else protocol
         scene = stage(scenario, self.protocol, spec.side, folder)
         if draw is not None:

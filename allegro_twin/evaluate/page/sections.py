@@ -18,7 +18,8 @@ from allegro_twin.evaluate.page.rows import Row, Rows, shown
 from allegro_twin.evaluate.statistics import wilson
 
 METRICS = {
-    "epsilon": True, "volume": True, "lp": True, "qp": False, "carry": False, "torque_share": False,
+    "epsilon": True, "volume": True, "lp": True, "qp": False, "carry": False, "least_torque": False,
+    "torque_share": False,
     "penetration_mm": False, "drift_mm": False, "rotation_deg": False, "contacts": True,
 }  # fmt: skip
 """Columns that are held against the outcome, and whether more is better."""

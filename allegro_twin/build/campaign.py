@@ -1,0 +1,168 @@
+"""Many trials for one question: what is asked of which grasps, as the plain data of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from allegro_twin.build.foreign import grasps_in
+from allegro_twin.build.trials import Case, case_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol, load_scenario
+from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.files.assets import read_yaml
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.spec import HandSpec, Side
+
+JUDGE = "allegro_twin.build.trials:judged"
+FLOATING = "fc"
+"""What grasps of a file are tried under unless something else is said: they know of no table."""
+_DIGITS = 12
+"""Of a hash, that people read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What holds for all targets; None: as each target says."""
+
+    protocol: str | None = None
+    sides: tuple[Side, ...] | None = None
+    grasp: str | None = None
+    object: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Draws for every target, the same for all."""
+
+    n: int = 0
+    seed: int = 0
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """One grasp on one object with one hand."""
+
+    name: str
+    item: dict[str, Any]
+    """Of `build.trials.judged`, without a draw."""
+    case: Case
+    side: Side
+
+
+class Campaign(NamedTuple):
+    """What a sweep of `JUDGE` is made of."""
+
+    items: list[dict[str, Any]]
+    shared: dict[str, Any]
+    stamps: dict[str, str]
+    """What rows depend on beside their items: the content of every file that they are made from."""
+
+
+def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
+    """A target for every scenario and every grasp of a file, and each side. Raises ConfigError, also for targets that
+    are under different protocols: their results do not compare."""
+    found = [target for path in paths for target in _targets(path.resolve(), asked)]
+    one_protocol(found)
+    places = [(str(target.item.get("scenario")), target.item.get("row"), target.side) for target in found]
+    twice = next((t.name for t, place in zip(found, places, strict=True)
+                  if "scenario" in t.item and places.count(place) > 1), None)  # fmt: skip
+    if twice is not None:
+        raise ConfigError(f"{twice}: asked for twice")
+    return found
+
+
+def one_protocol(targets: Iterable[Target]) -> None:
+    """Raises ConfigError for targets under different ones."""
+    rules = {target.case.rules or target.case.scenario.protocol: target.name for target in targets}
+    if len(rules) > 1:
+        said = ", ".join(f"{protocol} ({name})" for protocol, name in rules.items())
+        raise ConfigError(f"results under different protocols do not compare: {said}; say --protocol")
+
+
+def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False) -> Campaign:
+    """A trial without a draw of every target and one for each draw, in that order. Other files, another protocol, seed
+    or uncertainty make another sweep; more draws go on with the same one. Raises ConfigError."""
+    each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
+    items = [target.item | {"draw": draw} for target in targets for draw in each]
+    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise))
+
+
+def _targets(path: Path, asked: Asked) -> Iterator[Target]:
+    if path.suffix == ".npy" or "grasps" in read_yaml(path):
+        yield from _of_file(path, asked)
+        return
+    scenario, _ = load_scenario(path)
+    named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
+    for side in asked.sides or (scenario.side,):
+        item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
+        yield Target(path.stem, item, case_of(item, load_spec(side=side)), side)
+
+
+def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
+    if asked.sides is not None and len(asked.sides) > 1:
+        raise ConfigError(f"{path}: its grasps are of one hand; say --side right or --side left")
+    if asked.grasp is not None:
+        raise ConfigError(f"{path}: holds its own grasps; --grasp is for scenarios")
+    protocol = asked.protocol or FLOATING
+    if not load_protocol(protocol).floating:
+        raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
+    side = asked.sides[0] if asked.sides else "right"
+    spec = load_spec(side=side)
+    for row in range(len(grasps_in(path, spec))):
+        item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
+        item |= {} if asked.object is None else {"object": asked.object}
+        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), side)
+
+
+def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
+    rules = targets[0].case
+    name = Path(rules.rules or rules.scenario.protocol).stem
+    stamps = {
+        "protocol": f"{name} {rules.ruled.version} {_hash(rules.ruled.model_dump_json())}",
+        "seed": str(noise.seed),
+        "uncertainty": _said(noise.uncertainty),
+    }
+    parts: dict[str, set[str]] = {}
+    for target in targets:
+        for what, digest in _contents(target):
+            parts.setdefault(what, set()).add(digest)
+    return stamps | {what: " ".join(sorted(found)) for what, found in sorted(parts.items())}
+
+
+def _said(uncertainty: Uncertainty) -> str:
+    """Every digit, since it is compared: m, degrees, fractions."""
+    return ", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items())
+
+
+def _contents(target: Target) -> Iterator[tuple[str, str]]:
+    case = target.case
+    if "file" in target.item:
+        path = Path(target.item["file"])
+        yield f"grasps {path.name}", _hash(path.read_bytes())
+    else:
+        yield f"scenario {target.name}", _hash(case.scenario.model_dump_json(exclude={"description"}))
+        yield f"grasp {case.grasp.name}", _hash(_plain(case.grasp))
+    for thing in case.scenario.objects:
+        if thing.file is not None:
+            yield f"object {thing.name}", _hash((case.folder / thing.file).read_bytes())
+
+
+def _plain(grasp: Grasp) -> str:
+    postures = [grasp.preshape.tolist(), grasp.close.tolist(), grasp.squeeze.tolist()]
+    return repr((grasp.taxonomy, grasp.speed, grasp.profile, postures, grasp.grip))
+
+
+def _hash(content: str | bytes) -> str:
+    data = content.encode() if isinstance(content, str) else content
+    return sha256(data).hexdigest()[:_DIGITS]
+
+
+def spec_of(target: Target) -> HandSpec:
+    """The hand of a target."""
+    return load_spec(side=target.side)

@@ -1,0 +1,22 @@
+"""The metrics of a trial at one moment of it: of the contacts that it then has."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from allegro_twin.evaluate.metrics.measure import measured
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.sim.contacts import jacobians, touching
+
+NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
+"""As `measure.measured` has them; its `torque_share` is called `least_torque` here, beside the share that was used."""
+
+
+def metrics_of(trial: Trial, data: Any) -> dict[str, float]:
+    """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. Raises ConfigError
+    without SciPy."""
+    model, spec = trial.backend.model, trial.backend.spec
+    touch = touching(model, data, spec, trial.scenario.objects[0].name)
+    row = measured(touch, trial.mass, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
+    row["least_torque"] = row["torque_share"]
+    return {name: row[name] for name in NAMES}

@@ -1,0 +1,58 @@
+"""A short protocol, a scenario that is the user's own, and grasps as others write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.evaluate.interchange.dexgraspbench import write_dexgraspbench
+from allegro_twin.evaluate.interchange.grasps import PALM, Grasps, checked
+from allegro_twin.evaluate.scenario import load_scenario
+from allegro_twin.kinematics.orientation import facing, quaternion_from_matrix
+from allegro_twin.library.named import load_grasp
+from allegro_twin.types import Array
+
+SHORT = """version: 7
+floating: true
+physics: {{gravity: [0, 0, 0]}}
+phases:
+  - {{name: close, seconds: 0.15, hand: close}}
+  - {{name: squeeze, seconds: 0.15, hand: squeeze}}
+  - {{name: push, seconds: 0.15, push: [{push}, 0, 0], check: true}}
+reference: squeeze
+"""
+"""Half a second, and no table."""
+
+
+def short(folder: Path, push: float = 10.0) -> Path:
+    """A protocol with a push of so many m/s²."""
+    path = folder / f"short_{push:g}.yaml"
+    path.write_text(SHORT.format(push=push))
+    return path
+
+
+def scenario(folder: Path, friction: float = 0.8) -> Path:
+    """A lemon of the user's own, or the same again with another friction."""
+    _, path = load_scenario("lemon")
+    mine = folder / "mine.yaml"
+    mine.write_text(path.read_text().replace("friction: 0.8", f"friction: {friction}"))
+    return mine
+
+
+def grasps(path: Path, count: int = 1, thing: str = "lemon") -> Grasps:
+    """The demo's grasp of the lemon as a file of DexGraspBench's, each 1 mm further along x."""
+    spec = load_spec()
+    settings, _ = load_scenario("lemon")
+    grasp = load_grasp(settings.grasp, spec)
+    turn = quaternion_from_matrix(facing(settings.wrist.facing, settings.wrist.fingers))
+    x, y, z = settings.wrist.position
+    palms: Array = np.array([[x + 0.001 * k, y, z, *turn] for k in range(count)])
+    joints = [[grasp.preshape, grasp.close, grasp.squeeze]] * count
+    made = checked(
+        spec, np.repeat(palms[:, None], 3, axis=1), joints, [0.0, 0, 0, 1, 0, 0, 0], 1.0,
+        thing=thing, frame=PALM, source=str(path),
+    )  # fmt: skip
+    write_dexgraspbench(path, made)
+    return made
