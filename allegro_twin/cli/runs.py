@@ -186,7 +186,8 @@ def files_of(target: str) -> list[Path]:
     path = Path(target)
     for folder in (path, data_root() / path):
         if folder.is_dir():
-            found = sorted(folder.rglob("*.yaml"))
+            # Grasps that scenarios name stand in a folder beside them.
+            found = sorted(f for f in folder.rglob("*.yaml") if "grasps" not in f.relative_to(folder).parts[:-1])
             if not found:
                 raise ConfigError(f"{target}: no scenarios in this folder")
             return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
+from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.statistics import Paired, paired
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
@@ -85,7 +85,7 @@ class Improvement:
     def _held(self, versions: list[Version], protocol: str, count: int, first: int) -> Array:
         """What is left of the limits in each draw, (versions, draws); -1 where it was not held."""
         rules = load_protocol(protocol)
-        bench = Bench(self.spec, period=0.004 if protocol == "quick" else 0.003, threads=self.threads)
+        bench = Bench(self.spec, period=rules.period or PERIOD, threads=self.threads)
         cases = draws(self.uncertainty, count, self.seed, first)
         verdicts = bench.verdicts([Case(v.scenario, v.grasp, d, rules, self.folder) for v in versions for d in cases])
         found = [-1.0 if not v.held or v.report is None else max(v.report.margin, 1e-9) for v in verdicts]

@@ -196,7 +196,7 @@ class Search:
         """In how many of some draws each holds, (k,)."""
         cases = draws(self.uncertainty, count, self.seed, first)
         protocol = load_protocol("quick")
-        bench = Bench(self.spec, period=0.004, threads=self.threads)
+        bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
         trials = [Case(s, g, draw, protocol, self.folder) for _, s, g in options for draw in cases]
         held = np.array([float(verdict.held) for verdict in bench.verdicts(trials)])
         total: Array = held.reshape(len(options), count).sum(axis=1)
