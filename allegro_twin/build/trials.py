@@ -73,14 +73,14 @@ class Bench:
         self._model = hand_model(spec)
         self._gains = load_gains(gains, spec)
         self._gravity = Gravity(self._model.gravity_torque)
-        self._limits = limits_of(LimitSettings(), spec)
+        self.limits = limits_of(LimitSettings(), spec)
 
     def verdicts(self, cases: Sequence[Case], measure: Measure | None = None) -> Iterator[Verdict]:
         """One a case, in order. Raises ConfigError for a scene that cannot be built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
             controllers = [self.controller(trial) for trial in trials]
-            yield from together(trials, controllers, self._limits, threads=self._threads, measure=measure)
+            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure)
 
     def trial(self, case: Case) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
