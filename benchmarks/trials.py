@@ -18,11 +18,13 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim.many import Simulations
+from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]
-SCENARIO, COUNT = "mug", 32
+SCENARIO, COUNT = "mug", 16
 _FORKED: list[Any] = []
+_CALLS: list[tuple[Rows, Array, Array, int]] = []
 
 
 def figures() -> Iterator[Figure]:
@@ -50,20 +52,25 @@ def _seconds(work: Callable[[list[Trial], Bench], None], bench: Bench) -> float:
 def _together(trials: list[Trial], bench: Bench) -> None:
     from allegro_twin.evaluate.together import together
 
+    _CALLS.clear()
+    advance = Simulations.advance
+
+    def kept(sims: Simulations, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
+        _CALLS.append((rows, torque, drive, steps))
+        advance(sims, rows, torque, drive, steps)
+
+    Simulations.advance = kept  # type: ignore[assignment, method-assign]
     together(trials, [bench.controller(trial) for trial in trials], bench.limits)
+    Simulations.advance = advance  # type: ignore[method-assign]
 
 
 def _bare(trials: list[Trial], bench: Bench) -> None:
-    """The same physics steps in the same calls, under the squeeze's torques from the first one on."""
+    """The physics steps of the trials that went before, in the same calls under the same torques, and nothing else."""
     sims = Simulations(bench.spec, [trial.backend.model for trial in trials])
     sims.position[:] = [trial.backend.posture for trial in trials]
     sims.begin(np.array([trial.backend.drive[0] for trial in trials]))
-    rows, torque = np.arange(len(trials)), np.zeros((len(trials), bench.spec.n_joints))
-    drive = np.stack([trial.backend.drive for trial in trials])
-    for k in range(drive.shape[1] // 3):
-        close = np.array([trial.grasp.squeeze for trial in trials]) - sims.position
-        np.clip(12.0 * close - 0.25 * sims.velocity, -0.3, 0.3, out=torque)
-        sims.advance(rows, torque, drive[:, 3 * k : 3 * k + 3], 3)
+    for rows, torque, drive, steps in _CALLS:
+        sims.advance(rows, torque, drive, steps)
 
 
 def _usual(trials: list[Trial], bench: Bench) -> None:

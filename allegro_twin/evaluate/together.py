@@ -115,7 +115,7 @@ class _Group:
             torque = self._clamped(alive, tick)
             self._advance(alive, torque, tick)
             tick += 1
-            for row in alive.tolist():
+            for row in self._wrong(alive).tolist():
                 stopped[row] = self._stopped(row)
             alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
         return [
@@ -143,6 +143,13 @@ class _Group:
                 body = self._bodies[row]
                 self.sims.push[row, body, :3] = pushing.force[tick] if tick < len(pushing.force) else 0.0
         self.sims.advance(rows, torque, drive, self.steps)
+
+    def _wrong(self, rows: Rows) -> Rows:
+        """Of some rows those that may have to stop."""
+        position, velocity = self.sims.position[rows], self.sims.velocity[rows]
+        fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
+        wrong: Rows = rows[~fine]
+        return wrong
 
     def _stopped(self, row: int) -> str:
         if not np.isfinite(self.sims.position[row].sum()):
