@@ -8,17 +8,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allegro_twin.control import laws
-from allegro_twin.control.controllers import PD
-from allegro_twin.control.trajectory import Path
-from allegro_twin.evaluate.held import Observations, Report
+from allegro_twin.evaluate.held import Observations, Report, relative_motion
+from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Limits, clamp, violation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.many import Rows, Simulations, layout
 from allegro_twin.sim.probe import Probe
-from allegro_twin.types import Array, HandState, Vector, frozen
+from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10
 """Periods from one look at the contacts to the next; also at the end of every phase."""
@@ -53,15 +51,17 @@ def together(
     *,
     threads: int = 0,
     measure: Measure | None = None,
+    hasty: bool = False,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
-    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits."""
+    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `hasty`: a trial ends
+    where its object has left the limits at a check, and has no report; for those who only want what holds."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         groups.setdefault(layout(trial.backend.model), []).append(index)
     found: dict[int, Verdict] = {}
     for indices in groups.values():
-        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure)
+        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure, hasty)
         found |= dict(zip(indices, group.run(), strict=True))
     return [found[index] for index in range(len(trials))]
 
@@ -76,6 +76,7 @@ class _Group:
         limits: Limits,
         threads: int,
         measure: Measure | None,
+        hasty: bool,
     ) -> None:
         backends = [trial.backend for trial in trials]
         self.trials, self.limits, self.n = trials, limits, len(trials)
@@ -89,7 +90,7 @@ class _Group:
         self._palm = backends[0].model.body("palm_link").id
         sims.position[:] = [backend.posture for backend in backends]
         sims.begin(np.array([drive[0] for drive in self._drive]))
-        self._torques = _Torques(controllers, [self._state(row, 0) for row in range(self.n)])
+        self._torques = Torques(controllers, [self._state(row, 0) for row in range(self.n)])
         self._scratch = backends[0].data
         self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
@@ -97,6 +98,7 @@ class _Group:
         self._looks = ends
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
+        self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         most = int(self.periods.max()) + 1
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
@@ -109,7 +111,7 @@ class _Group:
         tick = 0
         while True:
             self._keep(alive, tick)
-            alive = alive[self.periods[alive] > tick]
+            alive = self._going_on(alive, tick, stopped)
             if not len(alive):
                 break
             torque = self._clamped(alive, tick)
@@ -127,6 +129,16 @@ class _Group:
             )
             for row in range(self.n)
         ]
+
+    def _going_on(self, rows: Rows, tick: int, stopped: list[str]) -> Rows:
+        """Those that are not at their end yet, and not lost where somebody asked for haste."""
+        rows = rows[self.periods[rows] > tick]
+        judged = [row for row in rows.tolist() if tick in self._judged[row]]
+        for row in judged:
+            stopped[row] = self._lost(row, tick)
+        if judged:
+            rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
+        return rows
 
     def _clamped(self, rows: Rows, tick: int) -> Array:
         sims = self.sims
@@ -157,6 +169,16 @@ class _Group:
         if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
             return violation(self._state(row, 0), self.limits, self.spec) or ""
         return ""
+
+    def _lost(self, row: int, tick: int) -> str:
+        """Why a trial cannot be held any more; empty where it may be."""
+        trial = self.trials[row]
+        start = round(trial.begin / self.period)
+        seen = [start, tick]
+        moved, turned = relative_motion(self.palm[row, seen], self.thing[row, seen], 0)
+        if moved[1] <= trial.rule.drift and turned[1] <= trial.rule.rotation:
+            return ""
+        return f"moved {moved[1] * 1000:.1f} mm and {turned[1]:.1f}° in the hand"
 
     def _state(self, row: int, tick: int) -> HandState:
         sims = self.sims
@@ -203,45 +225,17 @@ class _States:
     temperature: Array
 
 
-class _Torques:
-    """Controllers side by side: PD as arrays, any other one by one."""
-
-    def __init__(self, controllers: list[Controller[Any]], states: list[HandState]) -> None:
-        self._controllers = controllers
-        self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
-        self._plain = np.array([isinstance(each, PD) for each in controllers])
-        self._paths: list[Path | None] = [getattr(memory, "path", None) for memory in self._memory]
-        self._kp = np.array([_gain(each, "kp", len(states[0].position)) for each in controllers])
-        self._kd = np.array([_gain(each, "kd", len(states[0].position)) for each in controllers])
-
-    def __call__(self, rows: Rows, t: float, sims: Simulations, state_of: Any) -> Array:
-        target, rate = np.zeros((2, len(rows), sims.spec.n_joints))
-        feed, own = np.zeros_like(target), {}
-        gravity = sims.gravity
-        for place, row in enumerate(rows.tolist()):
-            if not self._plain[row]:
-                command, self._memory[row] = self._controllers[row](state_of(row), self._memory[row])
-                own[place] = command.torque
-                continue
-            point = self._memory[row].path(t)
-            target[place], rate[place] = point.position, point.velocity
-            compensation = self._controllers[row].gravity
-            if compensation is not None:
-                down = gravity[row] if compensation.vector is None else compensation.vector
-                feed[place] = compensation.torque_of(sims.position[row], down)
-        torque = laws.pd(
-            target - sims.position[rows], rate - sims.velocity[rows], self._kp[rows], self._kd[rows], feed
-        )  # fmt: skip
-        for place, wanted in own.items():
-            torque[place] = wanted
-        return torque
-
-
-def _gain(controller: Controller[Any], name: str, n: int) -> Vector:
-    return np.asarray(getattr(controller.gains, name)) if isinstance(controller, PD) else np.zeros(n)
-
-
 def _from(drive: Array, first: int, steps: int) -> Array:
     """The set-points of some steps; after the last one the wrist stays."""
     rows = drive[first : first + steps]
     return rows if len(rows) == steps else np.concatenate([rows, np.tile(drive[-1], (steps - len(rows), 1))])
+
+
+def _checked(trial: Trial, period: float) -> frozenset[int]:
+    """The periods at which a trial's limits hold: the ends of phases that check, or all along them."""
+    ends = {round(window.end / period) for window in trial.windows if window.check}
+    if trial.rule.throughout:
+        for window in trial.windows:
+            if window.check:
+                ends |= set(range(round(window.begin / period) + LOOK, round(window.end / period), LOOK))
+    return frozenset(ends)
