@@ -29,10 +29,9 @@ def scenario_of(candidate: Candidate, bench: Workbench, scenario: Scenario) -> S
     return scenario.model_copy(update={"wrist": wrist})
 
 
-def grasp_of(candidate: Candidate, template: Grasp, bench: Workbench, squeeze: float = 1.0) -> Grasp:
+def grasp_of(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
     """The candidate's postures as a grasp, of its template's type. `squeeze`: factor on how far the fingers are told to
     go beyond where they touch."""
-    spec = bench.spec
     told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
     preshape, close, told = (rounded(each, spec) for each in (candidate.preshape, candidate.close, told))
     return replace(template, preshape=preshape, close=close, squeeze=told, grip=None)

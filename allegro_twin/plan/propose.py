@@ -105,7 +105,15 @@ def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Can
         if all(_free(bench, position + far * way, rotation, preshape) for far in RETREAT):
             closing = guessed.closing[row]
             return Candidate(
-                position, rotation, RETREAT[-1] * way, preshape, closing, preshape, preshape, guessed.template[row]
+                position,
+                rotation,
+                RETREAT[-1] * way,
+                preshape,
+                closing,
+                preshape,
+                preshape,
+                preshape,
+                guessed.template[row],
             )
     return None
 
