@@ -84,23 +84,26 @@ class _Group:
         self.steps = substeps(self.period, backends[0].model.opt.timestep)
         self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads)
         self.periods = np.array([round(trial.seconds / self.period) for trial in trials])
-        self._drive = [backend.drive for backend in backends]
-        self._pushing = [None if (p := b.pushing) is None or not p.force.any() else p for b in backends]
+        most = int(self.periods.max()) + 1
+        self._drive = _lasting([backend.drive for backend in backends], most * self.steps)
+        self._push = np.zeros((self.n, most, 3))
+        for row, backend in enumerate(backends):
+            if backend.pushing is not None:
+                self._push[row, : len(backend.pushing.force)] = backend.pushing.force
         self._bodies = np.array([t.backend.model.body(t.scenario.objects[0].name).id for t in trials])
         self._palm = backends[0].model.body("palm_link").id
         sims.position[:] = [backend.posture for backend in backends]
-        sims.begin(np.array([drive[0] for drive in self._drive]))
+        sims.begin(self._drive[:, 0])
         self._torques = Torques(controllers, [self._state(row, 0) for row in range(self.n)])
         self._scratch = backends[0].data
         self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
-        ends = [{round(w.end / self.period) for w in trial.windows} for trial in trials]
-        self._looks = ends
+        self._looks = [{last, *(round(w.end / self.period) for w in trial.windows)}
+                       for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
         self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
-        most = int(self.periods.max()) + 1
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
         self.torque = np.empty((self.n, most, self.spec.n_joints))
         self.seen: list[list[dict[str, Array]]] = [[] for _ in trials]
@@ -117,9 +120,11 @@ class _Group:
             torque = self._clamped(alive, tick)
             self._advance(alive, torque, tick)
             tick += 1
-            for row in self._wrong(alive).tolist():
-                stopped[row] = self._stopped(row)
-            alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
+            wrong = self._wrong(alive)
+            if len(wrong):
+                for row in wrong.tolist():
+                    stopped[row] = self._stopped(row)
+                alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
         return [
             Verdict(
                 None if stopped[row] else self.trials[row].judged(self._observed(row)),
@@ -148,17 +153,14 @@ class _Group:
 
     def _advance(self, rows: Rows, torque: Array, tick: int) -> None:
         first = tick * self.steps
-        drive = np.stack([_from(self._drive[row], first, self.steps) for row in rows])
-        for row in rows:
-            pushing = self._pushing[row]
-            if pushing is not None:
-                body = self._bodies[row]
-                self.sims.push[row, body, :3] = pushing.force[tick] if tick < len(pushing.force) else 0.0
-        self.sims.advance(rows, torque, drive, self.steps)
+        self.sims.push[rows, self._bodies[rows], :3] = self._push[rows, tick]
+        self.sims.advance(rows, torque, self._drive[rows, first : first + self.steps], self.steps)
 
     def _wrong(self, rows: Rows) -> Rows:
         """Of some rows those that may have to stop."""
         position, velocity = self.sims.position[rows], self.sims.velocity[rows]
+        if np.isfinite(position.sum()) and (np.abs(velocity) <= self.limits.velocity).all():
+            return rows[:0]
         fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
         wrong: Rows = rows[~fine]
         return wrong
@@ -195,12 +197,12 @@ class _Group:
         self.thing[rows, tick, :3] = sims.body_position[rows, self._bodies[rows]]
         self.thing[rows, tick, 3:] = sims.body_quaternion[rows, self._bodies[rows]]
         self.torque[rows, tick] = sims.torque[rows]
-        for row in rows.tolist():
-            if tick % LOOK == 0 or tick in self._looks[row] or tick == self.periods[row]:
-                sims.look(row, self._scratch)
-                self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
-                if self._measure is not None and tick == self._moment[row]:
-                    self._measured[row] |= self._measure(self.trials[row], self._scratch)
+        due = rows.tolist() if tick % LOOK == 0 else [row for row in rows.tolist() if tick in self._looks[row]]
+        for row in due:
+            sims.look(row, self._scratch)
+            self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
+            if self._measure is not None and tick == self._moment[row]:
+                self._measured[row] |= self._measure(self.trials[row], self._scratch)
 
     def _observed(self, row: int) -> Observations:
         count = int(self.periods[row]) + 1
@@ -225,10 +227,9 @@ class _States:
     temperature: Array
 
 
-def _from(drive: Array, first: int, steps: int) -> Array:
-    """The set-points of some steps; after the last one the wrist stays."""
-    rows = drive[first : first + steps]
-    return rows if len(rows) == steps else np.concatenate([rows, np.tile(drive[-1], (steps - len(rows), 1))])
+def _lasting(drives: Sequence[Array], steps: int) -> Array:
+    """The set-points of so many steps, (n, steps, 6); after its last one each wrist stays."""
+    return np.stack([drive[np.minimum(np.arange(steps), len(drive) - 1)] for drive in drives])
 
 
 def _checked(trial: Trial, period: float) -> frozenset[int]:
