@@ -149,10 +149,21 @@ def judge(
 def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
     """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
     in the world, (k, 7)."""
-    turned = matrix_from_quaternion(palm[:, 3:])
-    position = np.einsum("kji,kj->ki", turned, thing[:, :3] - palm[:, :3])
-    turn = np.einsum("kji,kjl->kil", turned, matrix_from_quaternion(thing[:, 3:]))
-    return np.linalg.norm(position - position[start], axis=1), np.degrees(angle_between(turn, turn[start]))
+    return moved(palm[start], thing[start], palm, thing)
+
+
+def moved(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+    """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
+    the world, (..., 7)."""
+    (first, turn), (then, turned) = _in_palm(palm, thing), _in_palm(palm_then, thing_then)
+    return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
+
+
+def _in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+    """Position (..., 3) and rotation (..., 3, 3)."""
+    turned = matrix_from_quaternion(palm[..., 3:])
+    position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
+    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
 
 
 def _phase(

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allegro_twin.evaluate.held import Observations, Report, relative_motion
+from allegro_twin.evaluate.held import Observations, Report, moved
 from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
@@ -102,6 +102,7 @@ class _Group:
                        for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
+        self._begin = np.array([round(trial.begin / self.period) for trial in trials])
         self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
@@ -139,9 +140,9 @@ class _Group:
         """Those that are not at their end yet, and not lost where somebody asked for haste."""
         rows = rows[self.periods[rows] > tick]
         judged = [row for row in rows.tolist() if tick in self._judged[row]]
-        for row in judged:
-            stopped[row] = self._lost(row, tick)
         if judged:
+            for row, why in zip(judged, self._lost(np.array(judged), tick), strict=True):
+                stopped[row] = why
             rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
         return rows
 
@@ -172,15 +173,15 @@ class _Group:
             return violation(self._state(row, 0), self.limits, self.spec) or ""
         return ""
 
-    def _lost(self, row: int, tick: int) -> str:
-        """Why a trial cannot be held any more; empty where it may be."""
-        trial = self.trials[row]
-        start = round(trial.begin / self.period)
-        seen = [start, tick]
-        moved, turned = relative_motion(self.palm[row, seen], self.thing[row, seen], 0)
-        if moved[1] <= trial.rule.drift and turned[1] <= trial.rule.rotation:
-            return ""
-        return f"moved {moved[1] * 1000:.1f} mm and {turned[1]:.1f}° in the hand"
+    def _lost(self, rows: Rows, tick: int) -> list[str]:
+        """Why each of some trials cannot be held any more; empty where it may be."""
+        rules = [self.trials[row].rule for row in rows]
+        palm, thing, start = self.palm, self.thing, self._begin[rows]
+        drift, rotation = moved(palm[rows, start], thing[rows, start], palm[rows, tick], thing[rows, tick])
+        return [
+            f"moved {d * 1000:.1f} mm and {r:.1f}° in the hand" if d > rule.drift or r > rule.rotation else ""
+            for d, r, rule in zip(drift, rotation, rules, strict=True)
+        ]
 
     def _state(self, row: int, tick: int) -> HandState:
         sims = self.sims
