@@ -16,6 +16,7 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.ease import eased
+from allegro_twin.plan.region import SHARE, Region
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -78,6 +79,8 @@ class Prover:
     uncertainty: Uncertainty
     turns: Array | None
     """Rotations that leave the object as it is; None where every pose counts as its own."""
+    region: Region | None = None
+    """Where more than half of the contact force has to be."""
     threads: int = 0
     options: list[Planned] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
@@ -137,10 +140,14 @@ class Prover:
             self.pace = (time.monotonic() - began) / len(trials)
 
     def _confirm(self, options: Sequence[Planned]) -> None:
+        """Try each in the whole trial."""
         cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
-        for option, verdict in zip(options, Bench(self.spec, threads=self.threads).verdicts(cases), strict=True):
-            option.confirmed = verdict.held
-            self.ends["held" if verdict.held else "whole trial"] += 1
+        measure = None if self.region is None else self.region.share
+        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, measure)
+        for option, verdict in zip(options, verdicts, strict=True):
+            there = verdict.measured.get("region", 1.0) > SHARE
+            option.confirmed = verdict.held and there
+            self.ends["held" if option.confirmed else "elsewhere" if verdict.held else "whole trial"] += 1
             if verdict.report is not None:
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
 

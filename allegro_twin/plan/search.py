@@ -20,6 +20,7 @@ from allegro_twin.plan.closing import COARSE, FINE
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.prove import Planned, Prover, pushed
 from allegro_twin.plan.quick import Outcome, Performer, squeezed, tried
+from allegro_twin.plan.region import Region
 from allegro_twin.plan.surface import Random
 from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.sim.statics import hand_model
@@ -55,6 +56,8 @@ class Search:
     seed: int = 0
     uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(position=0.005, torque=0.0))
     effort: Effort = Effort()
+    region: Region | None = None
+    """The part of the object by which it is to be held."""
     threads: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     """Where candidates ended."""
@@ -70,7 +73,7 @@ class Search:
         prover = self._prover(bench, protocol)
         friction = protocol.friction or self.scenario.friction
         step = FINE if protocol.floating else COARSE
-        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step)
+        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
         proposed, elite = proposer.fresh(), list[Candidate]()
         while sum(each.good for each in prover.best(n)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
             guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
@@ -93,7 +96,7 @@ class Search:
         turns = None if protocol.floating else symmetry(bench.placed)
         return Prover(
             bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty, turns,
-            self.threads, ends=self.ends,
+            self.region, self.threads, ends=self.ends,
         )  # fmt: skip
 
     def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
