@@ -1,91 +1,108 @@
-"""What many trials side by side cost: against their bare physics, and against a process a core that loops over them."""
+"""What many trials side by side cost, in CPU time of one core, of which an evaluation uses one a process.
+
+How much of it is the physics itself, and against what people write: a process a core that loops `mj_step` over one
+trial after another. Trials of the mug to the end of the lift, each with the mug a little elsewhere.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from os import cpu_count
-from typing import Any
 
+import mujoco
 import numpy as np
 
 from allegro_twin.build.trials import Bench, Case
 from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.scenario import load_scenario
+from allegro_twin.evaluate.scenario import Protocol, load_protocol, load_scenario
+from allegro_twin.evaluate.together import together
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
+from allegro_twin.sim import wrist
 from allegro_twin.sim.many import Rows, Simulations
 from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]
-SCENARIO, COUNT = "mug", 16
-_FORKED: list[Any] = []
+SCENARIO, COUNT, TURNS = "mug", 32, 3
 _CALLS: list[tuple[Rows, Array, Array, int]] = []
 
 
 def figures() -> Iterator[Figure]:
-    """Ratios of trials a second; the middle of three turns."""
-    bench = Bench(load_spec())
-    turns = [(_seconds(_together, bench), _seconds(_bare, bench), _seconds(_usual, bench)) for _ in range(3)]
-    together, bare, usual = (float(np.median(column)) for column in zip(*turns, strict=True))
-    yield "trials side by side / their physics alone, in a batch", bare / together, 0.9, "x"
-    yield "trials side by side / a process a core, one mj_step loop after the other", usual / together, 2.5, "x"
+    """Ratios of trials a CPU second; the middle of three turns."""
+    bench = Bench(load_spec(), threads=1)
+    seconds = np.array([[*_together(bench), _seconds(_looped, bench), _seconds(_stepped, bench)] for _ in range(TURNS)])
+    whole, physics, looped, stepped = seconds.T
+    yield "trials side by side: share of their time that is physics", float(np.median(physics / whole)), 0.9, ""
+    yield "trials side by side / this project's loop, trial after trial", float(np.median(looped / whole)), 2.5, "x"
+    yield "trials side by side / mj_step alone, nothing decided or seen", float(np.median(stepped / whole)), 2.5, "x"
+
+
+def lifting() -> Protocol:
+    """`table_pick` to the end of the lift."""
+    protocol = load_protocol("table_pick")
+    phases = [phase.model_copy(update={"check": phase.name == "lift"}) for phase in protocol.phases]
+    return protocol.model_copy(update={"phases": tuple(phases[: 1 + [p.name for p in phases].index("lift")])})
 
 
 def _cases(bench: Bench) -> list[Case]:
     scenario, path = load_scenario(SCENARIO)
     grasp = load_grasp(scenario.grasp, bench.spec)
-    return [Case(scenario, grasp, draw, None, path.parent) for draw in draws(Uncertainty(torque=0.0), COUNT)]
+    drawn = draws(Uncertainty(torque=0.0), COUNT)
+    return [Case(scenario, grasp, draw, lifting(), path.parent) for draw in drawn]
 
 
 def _seconds(work: Callable[[list[Trial], Bench], None], bench: Bench) -> float:
     trials = [bench.trial(case) for case in _cases(bench)]
-    began = time.perf_counter()
+    began = time.process_time()
     work(trials, bench)
-    return time.perf_counter() - began
+    return time.process_time() - began
 
 
-def _together(trials: list[Trial], bench: Bench) -> None:
-    from allegro_twin.evaluate.together import together
-
+def _together(bench: Bench) -> tuple[float, float]:
+    """All of it, and the physics in it, s."""
     _CALLS.clear()
-    advance = Simulations.advance
+    advance, physics = Simulations.advance, 0.0
 
     def kept(sims: Simulations, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
+        nonlocal physics
         _CALLS.append((rows, torque, drive, steps))
+        began = time.process_time()
         advance(sims, rows, torque, drive, steps)
+        physics += time.process_time() - began
+
+    def work(trials: list[Trial], bench: Bench) -> None:
+        together(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
 
     Simulations.advance = kept  # type: ignore[assignment, method-assign]
-    together(trials, [bench.controller(trial) for trial in trials], bench.limits)
+    whole = _seconds(work, bench)
     Simulations.advance = advance  # type: ignore[method-assign]
+    return whole, physics
 
 
-def _bare(trials: list[Trial], bench: Bench) -> None:
-    """The physics steps of the trials that went before, in the same calls under the same torques, and nothing else."""
-    sims = Simulations(bench.spec, [trial.backend.model for trial in trials])
-    sims.position[:] = [trial.backend.posture for trial in trials]
-    sims.begin(np.array([trial.backend.drive[0] for trial in trials]))
-    for rows, torque, drive, steps in _CALLS:
-        sims.advance(rows, torque, drive, steps)
+def _looped(trials: list[Trial], bench: Bench) -> None:
+    """Each with its controller, and judged, as `allegro-twin run` performs it but for the guard."""
+    for trial in trials:
+        for _ in trial.watched(until(trial.seconds, run(trial.backend, bench.controller(trial)))):
+            pass
+        trial.report()
 
 
-def _usual(trials: list[Trial], bench: Bench) -> None:
-    """What people write: a process a core, each with a plain Python loop over one trial after another."""
-    _FORKED[:] = [trials, bench]
-    with ProcessPoolExecutor(cpu_count(), mp_context=get_context("fork")) as pool:
-        list(pool.map(_looped, range(len(trials)), chunksize=4))
-
-
-def _looped(number: int) -> float:
-    trials, bench = _FORKED
-    trial, controller = trials[number], bench.controller(trials[number])
-    for _ in trial.watched(until(trial.seconds, run(trial.backend, controller))):
-        pass
-    return float(trial.report().margin)
+def _stepped(trials: list[Trial], bench: Bench) -> None:
+    """The least that such a loop could do: the steps that went before, from Python, with nothing decided or seen."""
+    for row, trial in enumerate(trials):
+        model, data = trial.backend.model, trial.backend.data
+        trial.backend.reset()
+        motors = [model.actuator(name).id for name in bench.spec.joints]
+        slides = [model.actuator(name).id for name in wrist.JOINTS]
+        for rows, torque, drive, _ in _CALLS:
+            if row in rows:
+                place = int(np.searchsorted(rows, row))
+                data.ctrl[motors] = torque[place]
+                for pose in drive[place]:
+                    data.ctrl[slides] = pose
+                    mujoco.mj_step(model, data)
 
 
 if __name__ == "__main__":

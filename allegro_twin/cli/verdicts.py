@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.local import Engine
 
-UNIT = 16
+UNIT = 32
 """Trials in a unit at most: more side by side gain little, and more would be made again after an interruption."""
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 FLOWN = 10.0

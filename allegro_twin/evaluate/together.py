@@ -19,7 +19,7 @@ from allegro_twin.sim.probe import Probe
 from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10
-"""Periods from one look at the contacts to the next; also at the end of every phase."""
+"""Periods from one look at the contacts to the next, from the reference on; also at the end of every phase."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +100,8 @@ class _Group:
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
         self._looks = [{last, *(round(w.end / self.period) for w in trial.windows)}
                        for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
+        begins = [next(w.end for w in trial.windows if w.name == trial.rule.reference) for trial in trials]
+        self._begin = [round(begin / self.period) for begin in begins]
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
         self._begin = np.array([round(trial.begin / self.period) for trial in trials])
@@ -198,10 +200,11 @@ class _Group:
         self.thing[rows, tick, :3] = sims.body_position[rows, self._bodies[rows]]
         self.thing[rows, tick, 3:] = sims.body_quaternion[rows, self._bodies[rows]]
         self.torque[rows, tick] = sims.torque[rows]
-        due = rows.tolist() if tick % LOOK == 0 else [row for row in rows.tolist() if tick in self._looks[row]]
-        for row in due:
+        for row in rows.tolist():
+            if tick not in self._looks[row] and (tick % LOOK or tick < self._begin[row]):
+                continue
             sims.look(row, self._scratch)
-            self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
+            self.seen[row].append(self._probes[row].touch() | {"tick": np.array([tick])})
             if self._measure is not None and tick == self._moment[row]:
                 self._measured[row] |= self._measure(self.trials[row], self._scratch)
 
@@ -209,6 +212,7 @@ class _Group:
         count = int(self.periods[row]) + 1
         looks = self.seen[row]
         last = np.searchsorted([int(look["tick"][0]) for look in looks], np.arange(count), side="right") - 1
+        last = np.maximum(last, 0)  # Before the first nobody asks.
 
         def column(name: str) -> Array:
             return np.array([look[name] for look in looks])[last]

@@ -8,6 +8,7 @@ import os
 import select
 import time
 from collections import deque
+from contextlib import ExitStack
 from typing import Any
 
 import can
@@ -36,12 +37,11 @@ class SlcanBus(slcanBus):
         self._lock = _locked(channel.split("@")[0])
         self._lines, self._rest, self._unsent, self._full = deque[bytes](), b"", b"", False
         self._empty = 0
-        try:
+        with ExitStack() as unless_open:
+            unless_open.callback(os.close, self._lock)
             super().__init__(channel, **options)
             os.set_blocking(self.serialPortOrig.fileno(), False)
-        except BaseException:
-            os.close(self._lock)
-            raise
+            unless_open.pop_all()
 
     @property
     def way(self) -> Way:
