@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 NEAR = 0.003  # m between two links that count as touching: the real hand is not quite the nominal one.
-SHRINK, TRIES = 0.85, 6
+SCALES, TRIES = (1.0, 0.85, 0.7), 3
 
 
 class Rehearsed(NamedTuple):
@@ -37,17 +38,14 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0
     carried = Gravity(hand_model(spec).gravity_torque)
-    scale = 1.0
-    for number in range(TRIES):
+    for scale, number in product(SCALES, range(TRIES)):
         excitation = Excitation(spec, seed + 1000 * number, carried, scale)
         backend = SimBackend(spec, model, posture=excitation.middle)
-        speed, free = [], True
+        speed = []
         for sample in until(seconds, run(backend, excitation)):
             if sample.state.t > APPROACH and backend.data.ncon:
-                free = False
                 break
             speed.append(sample.state.velocity)
-        if free:
+        else:
             return Rehearsed(excitation, np.array(speed))
-        scale *= SHRINK
     raise ConfigError(f"no excitation of {spec.name} found that does not touch itself: give another --seed")
