@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.description.calibration import FULL_SCALE, Calibration
+from allegro_twin.description.calibration import FULL_SCALE, Calibration, Version
 from allegro_twin.errors import ConfigError
 from allegro_twin.replay.recording import load
 from allegro_twin.sim.windows import BEFORE
@@ -29,7 +29,7 @@ class Motion:
     name: str
     hash: str
     spec: HandSpec
-    version: str
+    version: Version
     period: float
     position: Array
     """(k, n), rad."""
@@ -41,8 +41,13 @@ class Motion:
     """In the palm frame, (3,), m/s²."""
     weight: Vector
     """At the fingertips, (n,), kg."""
-    torque_constant: Vector
-    """With which counts became N·m, (n,)."""
+    calibration: Calibration
+    """With which counts became rad and N·m."""
+
+    @property
+    def torque_constant(self) -> Vector:
+        """(n,), N·m at full PWM."""
+        return np.array(self.calibration.torque_constant, dtype=float)
 
     @property
     def seconds(self) -> float:
@@ -73,16 +78,16 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
     if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
-    constant = np.array(table["torque_constant"], dtype=float)
+    calibration = Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
     rows, missing = _filled(columns["tick"])
-    duty = torque[rows] / constant
+    duty = torque[rows] / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
     position = columns["position"][rows]
     lower, upper = spec.lower + EDGE, spec.upper - EDGE
     good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
     return Motion(
         path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
-        good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, constant,
+        good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
     )  # fmt: skip
 
 
@@ -92,17 +97,14 @@ def same_hand(motions: list[Motion]) -> None:
         for what in ("name", "serial"):
             mine, theirs = getattr(motions[0].spec, what), getattr(other.spec, what)
             if mine != theirs:
-                raise ConfigError(f"{other.name} is of the hand {theirs or 'nominal'}, {motions[0].name} of {mine or 'nominal'}")
+                raise ConfigError(
+                    f"{other.name} is of the hand {theirs!r}, {motions[0].name} of {mine!r}: one at a time"
+                )
         if other.version != motions[0].version or other.period != motions[0].period:
             raise ConfigError(
                 f"{other.name} is of a {other.version} hand at {other.period} s, {motions[0].name} of a "
                 f"{motions[0].version} one at {motions[0].period} s"
             )
-
-
-def calibration_of(motion: Motion, table: dict[str, Any]) -> Calibration:
-    """The calibration that a recording's metadata describe."""
-    return Calibration(**{key: tuple(value) for key, value in table.items() if key != "version"})
 
 
 def noise_floor(motion: Motion) -> Vector:
@@ -116,10 +118,14 @@ def noise_floor(motion: Motion) -> Vector:
 
 
 def _filled(tick: Array) -> tuple[Any, Any]:
-    """For every period the row that tells of it, or the one before it; and whether the commands around it are unknown."""
+    """For every period the row that tells of it, or the one before; and whether the commands around it are unknown."""
     first, last = int(tick[0]), int(tick[-1])
     rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1
     absent = np.ones(last - first + 1, bool)
     absent[tick.astype(int) - first] = False
     after = np.convolve(absent, np.ones(BEFORE + 1), mode="full")[: len(absent)] > 0
     return rows, after
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -12,8 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lstsq
-from scipy.signal import butter, filtfilt
+from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.identify.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
@@ -87,7 +86,7 @@ def _solved(motions: list[Motion], parts: list[tuple[Smoothed, Array]], delay: f
         if len(a) < 8:
             solved[joint] = (1.0, 0.003, 0.07, 0.02)
             continue
-        found = lstsq(a, b)[0]
+        found = np.linalg.lstsq(a, b)[0]
         solved[joint] = found
         left += float(np.square(a @ found - b).sum() / max(np.square(b).sum(), 1e-12))
     return solved, left

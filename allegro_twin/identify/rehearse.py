@@ -1,4 +1,4 @@
-"""An excitation played by the nominal hand in simulation, before anything moves: what it would touch, how fast it is."""
+"""An excitation played by the nominal hand in simulation before anything moves: what it would touch, how fast it is."""
 
 from __future__ import annotations
 

@@ -60,8 +60,9 @@ def cut(motions: list[Motion], spec: HandSpec, length: int = PIECE, stride: int 
             )  # fmt: skip
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
-    q, v, duty, gravity, weight, measured, trust, number = (np.array(part) for part in parts)
-    return Cuts(q, v, Pieces(duty, gravity, weight), measured, trust, number)
+    arrays = [np.array(part) for part in parts]
+    pieces = Pieces(arrays[2], arrays[3], arrays[4])
+    return Cuts(arrays[0], arrays[1], pieces, arrays[5], arrays[6], arrays[7])
 
 
 class Shooting:
@@ -75,7 +76,7 @@ class Shooting:
         self._bases: list[Array] = []
 
     def raw(self, drive: Parameters, player: Player | None = None) -> Array:
-        """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where not trusted."""
+        """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
     def prepare(self, drive: Parameters) -> None:
@@ -113,6 +114,10 @@ class Shooting:
         joints, Q = self._fingers[finger], self._bases[finger]
         r = self._augmented(values, joints, start)
         return np.asarray(r - np.einsum("wij,wkj,wk->wi", Q, Q, r))
+
+    def rows(self, finger: list[int]) -> int:
+        """Of a finger's residuals in one piece."""
+        return (PIECE // MEAN + 2) * len(finger)
 
     def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
         """By one parameter, of one joint of every finger at once, (w, rows, n), per unit."""

@@ -121,7 +121,7 @@ class Player:
                 ctrl[:, self._motors] = control[k * self._steps + step]
                 sims.step()
             found[k] = qpos[:, self._qpos]
-        return np.swapaxes(found, 0, 1) + drive.offset
+        return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
 
     def _late(self, duty: Array, delay: Vector) -> Array:
         """What acts in every time step, (steps, w, n): its mean over the step, however the delay divides it."""
@@ -133,7 +133,7 @@ class Player:
         part, joints = at - floor, np.arange(duty.shape[2])
         below, above = whole[:, floor, joints], whole[:, floor + 1, joints]
         total = below + part * (above - below)  # The integral of the duty up to each edge, periods.
-        return np.swapaxes(np.diff(total, axis=1), 0, 1) * self._steps
+        return np.asarray(np.swapaxes(np.diff(total, axis=1), 0, 1) * self._steps)
 
 
 _STIFF = 0.999
