@@ -44,11 +44,11 @@ class Drive:
 
     @classmethod
     def made(cls, given: Mapping[str, Any], n: int) -> Self:
-        """From plain values, one number or `n` each. Raises ConfigError that begins with the key."""
+        """From plain values, one number or `n` each. Raises ConfigError that goes on after the block's name."""
         names = [field.name for field in fields(cls)]
         for key in given:
             if key not in names:
-                raise ConfigError(unknown("key", str(key), names))
+                raise ConfigError(f": {unknown('key', str(key), names)}")
         rows = {name: _row(name, given.get(name, _NOMINAL[name]), n) for name in names if name not in _SINGLE}
         single = {name: _number(name, given.get(name, 0)) for name in _SINGLE}
         return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
@@ -70,14 +70,14 @@ _POSITIVE = ("strength", "stribeck_speed", "mass_scale")
 def _row(name: str, given: object, n: int) -> Vector:
     row = given if isinstance(given, list) else [given] * n
     if len(row) != n:
-        raise ConfigError(f"{name} needs one number or {n}, not {len(row)}")
+        raise ConfigError(f".{name} needs one number or {n}, not {len(row)}")
     return frozen([_number(name, value) for value in row])
 
 
 def _number(name: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigError(f"{name} needs numbers, not {value!r}")
+        raise ConfigError(f".{name} needs numbers, not {value!r}")
     least = _LEAST.get(name, 0.0)
     if value < least or (name in _POSITIVE and value <= 0.0):
-        raise ConfigError(f"{name} must be {'above' if name in _POSITIVE else 'at least'} {least:g}, not {value}")
+        raise ConfigError(f".{name} must be {'above' if name in _POSITIVE else 'at least'} {least:g}, not {value}")
     return float(value)

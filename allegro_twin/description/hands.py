@@ -139,7 +139,7 @@ def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
         try:
             Drive.made(values, n_joints)
         except ConfigError as error:
-            raise ConfigError(f"{where}: drive.{error}") from error
+            raise ConfigError(f"{where}: drive{error}") from error
     return Drive.made(values, n_joints) if values else None
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.identify.fit import Fit
 from allegro_twin.identify.motion import Motion
@@ -36,7 +37,8 @@ class Value(NamedTuple):
     """Why it is not determined; empty where it is."""
 
     @property
-    def determined(self) -> Array:
+    def determined(self) -> NDArray[np.bool_]:
+        """(n,)."""
         return np.array([not reason for reason in self.reason])
 
 
