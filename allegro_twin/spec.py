@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.types import Array, Vector, frozen
 
@@ -76,6 +77,8 @@ class HandSpec:
     """Readable joint names (`index_0` … `thumb_3`), in the same order."""
     foreign: ForeignModel | None = None
     """Simulate this file instead of ours."""
+    drive: Drive | None = None
+    """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
 
     @property
     def name(self) -> str:

@@ -95,7 +95,13 @@ def scenario_config(
 def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
     from allegro_twin.kinematics.orientation import quaternion_facing
     from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.physics import Physics
     from allegro_twin.sim.scene import Stage, compile_scene
 
-    stage = Stage(np.zeros(3), quaternion_facing(settings.facing, settings.fingers))
+    step = getattr(settings, "timestep", None)
+    stage = Stage(
+        np.zeros(3),
+        quaternion_facing(settings.facing, settings.fingers),
+        physics=Physics() if step is None else Physics(timestep=step),
+    )
     return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)

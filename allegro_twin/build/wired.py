@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from allegro_twin.build.hidden import truth_of
 from allegro_twin.build.simulated import simulated
-from allegro_twin.config import VIRTUAL, CanSettings, FaultSettings, FirmwareSettings, RunConfig, SimSettings
+from allegro_twin.config import VIRTUAL, CanSettings, FaultSettings, FirmwareSettings, RunConfig, SceneSettings
 from allegro_twin.description.hands import load_spec
-from allegro_twin.description.wiring import load_wiring
+from allegro_twin.description.wiring import NOTHING, load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
@@ -75,15 +76,15 @@ def host_settings(config: RunConfig, settings: CanSettings) -> HostSettings:
     )
 
 
-def spec_of(config: RunConfig) -> HandSpec:
+def spec_of(config: RunConfig, over: Mapping[str, Any] = NOTHING) -> HandSpec:
     """The hand that a config describes; on a bus its version decides how much torque its driver lets through."""
     version = config.backend.version if isinstance(config.backend, CanSettings) else None
-    return load_spec(config.hand.model, config.hand.side, config.hand.serial, version)
+    return load_spec(config.hand.model, config.hand.side, config.hand.serial, version, over)
 
 
-def codec_of(config: RunConfig, settings: CanSettings) -> Codec:
+def codec_of(config: RunConfig, settings: CanSettings, over: Mapping[str, Any] = NOTHING) -> Codec:
     """The codec of the hand that a config describes. Raises ConfigError."""
-    wiring = load_wiring(config.hand.model, config.hand.serial)
+    wiring = load_wiring(config.hand.model, config.hand.serial, over)
     version = settings.version or wiring.version
     if version is None:
         raise ConfigError("backend.version is missing, and no hand's own file gives it: v1, v2, v3, v4, v5 or v5plus")
@@ -97,12 +98,13 @@ def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) 
     settings = config.backend
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {settings.kind}")
-    codec, quirks = codec_of(config, settings), settings.firmware or FirmwareSettings()
-    spec = spec_of(config)
+    truth = truth_of(settings)
+    codec, quirks = codec_of(config, settings, truth), settings.firmware or FirmwareSettings()
+    spec = spec_of(config, truth)
     if quirks.clip == "full":
-        limit = load_wiring(config.hand.model, config.hand.serial).calibration.full_torque(codec.version)
+        limit = load_wiring(config.hand.model, config.hand.serial, truth).calibration.full_torque(codec.version)
         spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))
-    scene.sim, scene.trial = simulated(settings.scene or SimSettings(kind="sim"), config.task, spec, step)
+    scene.sim, scene.trial = simulated(settings.scene or SceneSettings(kind="sim"), config.task, spec, step)
     who = Identity(serial=_serial(config, codec), hardware=_HARDWARE[codec.version])
     pressures = _pressures(scene.sim) if codec.version.startswith("v5") else None
     servo = quirks.servo == "required"

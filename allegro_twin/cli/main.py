@@ -24,6 +24,7 @@ from allegro_twin.cli import (
     planning,
     shipped,
     training,
+    twin,
 )
 from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError, HandError, LinkError
@@ -212,6 +213,7 @@ exchange.register(app)
 bus.register(app)
 training.register(app)
 evaluating.register(app)
+twin.register(app)
 
 
 def main() -> None:

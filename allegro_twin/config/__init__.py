@@ -6,6 +6,7 @@ from allegro_twin.config.backends import (
     FaultSettings,
     FirmwareSettings,
     ReplaySettings,
+    SceneSettings,
     SimSettings,
 )
 from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
@@ -26,6 +27,7 @@ __all__ = [
     "PositionSettings",
     "ReplaySettings",
     "RunConfig",
+    "SceneSettings",
     "SimSettings",
     "TaskSettings",
     "TorqueSettings",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from allegro_twin.config.values import PerJoint, Positive, Vector3
 from allegro_twin.description.calibration import Version
+from allegro_twin.errors import unknown
 from allegro_twin.files.schema import Settings
 
 VIRTUAL = "allegro-virtual"
@@ -26,6 +27,27 @@ class SimSettings(Settings):
     start: str | PerJoint | None = None
     """Joint positions at reset; default: the pre-shape of the scenario's grasp, else the nearest to zero inside the
     limits."""
+
+
+class SceneSettings(SimSettings):
+    """How a virtual hand stands, and what it really is."""
+
+    truth: str | dict[str, Any] | None = None
+    """What is hidden from the host: the blocks `actuation`, `drive` and `wire` of a hand's file, or such a file; they
+    override what the hand's own file says. docs/twin.md"""
+    timestep: Positive | None = None
+    """Alone: of the physics, s; default 0.001."""
+
+    @field_validator("truth")
+    @classmethod
+    def _blocks(cls, value: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
+        for key in value if isinstance(value, dict) else ():
+            if key not in _HIDDEN:
+                raise ValueError(unknown("block", str(key), _HIDDEN))
+        return value
+
+
+_HIDDEN = ("actuation", "drive", "wire")
 
 
 class FaultEvent(Settings):
@@ -98,7 +120,7 @@ class CanSettings(Settings):
     `try`: go on with a warning where it is not allowed."""
     firmware: FirmwareSettings | None = None
     """How a virtual hand differs from what the manual says of one."""
-    scene: SimSettings | None = None
+    scene: SceneSettings | None = None
     """How a virtual hand stands where the task has no scenario; for `interface: allegro-virtual` and `allegro-twin
     firmware`."""
     faults: FaultSettings | None = None

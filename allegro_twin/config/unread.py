@@ -47,7 +47,7 @@ def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
 def _backend(task: TaskSettings, backend: Backend) -> Iterator[str]:
     scene = backend if isinstance(backend, SimSettings) else getattr(backend, "scene", None)
     if task.scenario is not None and scene is not None:
-        for key in ("facing", "fingers"):
+        for key in ("facing", "fingers", "timestep"):
             if key in scene.model_fields_set:
                 yield f"{key} of a simulated hand is where it stands alone; task.scenario says it: leave one out"
     if isinstance(backend, CanSettings) and backend.interface == VIRTUAL:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import numpy as np
 
 from allegro_twin.description import facts
 from allegro_twin.description.calibration import NOMINAL, Version
-from allegro_twin.description.wiring import load_wiring
+from allegro_twin.description.wiring import HIDDEN, NOTHING, load_wiring
+from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
@@ -20,12 +22,16 @@ _ACTUATION = (*_MOTOR, "torque_limit")
 
 
 def load_spec(
-    model: str = "allegro", side: Side = "right", serial: str = "", version: Version | None = None
+    model: str = "allegro",
+    side: Side = "right",
+    serial: str = "",
+    version: Version | None = None,
+    over: Mapping[str, Any] = NOTHING,
 ) -> HandSpec:
     """The spec of a hand: nominal, or with what conf/hands/<serial>.yaml says of that very hand.
 
-    `version` is the hand's, where its file does not say; it decides how much torque its driver lets through.
-    Raises ConfigError that names the file and the key.
+    `version` is the hand's, where its file does not say; it decides how much torque its driver lets through. `over`
+    overrides the file key by key. Raises ConfigError that names the file and the key.
     """
     its = side_of(serial) if serial else None
     if its is not None and its != side:
@@ -41,11 +47,12 @@ def load_spec(
         fingers=fingers,
         lower=lower,
         upper=upper,
-        actuation=load_actuation(model, len(joints), serial, version),
+        actuation=load_actuation(model, len(joints), serial, version, over),
         mirror_flips=hand.mirror_flips,
         serial=serial,
         aliases=aliases(fingers, len(joints)),
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
+        drive=_drive(len(joints), serial, over),
     )
 
 
@@ -94,17 +101,20 @@ def _foreign(serial: str, fingers: list[str], n_joints: int) -> ForeignModel | N
     return ForeignModel(str(found), str(table["root"]), tuple(map(str, table["joints"])), tips)
 
 
-def load_actuation(model: str, n_joints: int, serial: str = "", version: Version | None = None) -> Actuation:
+def load_actuation(
+    model: str, n_joints: int, serial: str = "", version: Version | None = None, over: Mapping[str, Any] = NOTHING
+) -> Actuation:
     """Motors of the nominal hand, overridden key by key by the hand's own file where it has an `actuation` block.
 
     The torque limit follows from the counts that the driver may send and from what a count is in N·m; a file that gives
     `torque_limit`, N·m, lowers it.
     """
-    values = _actuation_block(data_root() / "conf" / "hands" / f"{model}.yaml")
-    if serial:
-        values = values | _actuation_block(find(serial, "hand", "conf/hands"))
+    nominal = data_root() / "conf" / "hands" / f"{model}.yaml"
+    values = _block(str(nominal), read_yaml(nominal), "actuation", _ACTUATION)
+    for where, table in _own(serial, over):
+        values |= _block(where, table, "actuation", _ACTUATION)
     arrays = {key: _row(values[key], key, n_joints, serial or model) for key in _MOTOR}
-    wiring = load_wiring(model, serial)
+    wiring = load_wiring(model, serial, over)
     limit = frozen(wiring.calibration.torque_limit(wiring.version or version or NOMINAL))
     if "torque_limit" in values:
         limit = frozen(np.minimum(limit, _row(values["torque_limit"], "torque_limit", n_joints, serial or model)))
@@ -121,9 +131,32 @@ def _row(given: object, key: str, n_joints: int, hand: str) -> Vector:
     return array
 
 
-def _actuation_block(path: Path) -> dict[str, Any]:
-    block = read_yaml(path).get("actuation", {})
+def _drive(n_joints: int, serial: str, over: Mapping[str, Any]) -> Drive | None:
+    """The `drive` block of a hand's file, where it has one."""
+    values: dict[str, Any] = {}
+    for where, table in _own(serial, over):
+        values |= _block(where, table, "drive", None)
+        try:
+            Drive.made(values, n_joints)
+        except ConfigError as error:
+            raise ConfigError(f"{where}: drive{error}") from error
+    return Drive.made(values, n_joints) if values else None
+
+
+def _own(serial: str, over: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """What is said of one hand, by its file and over it, each with its source."""
+    if serial:
+        path = find(serial, "hand", "conf/hands")
+        yield str(path), read_yaml(path)
+    if over:
+        yield HIDDEN, over
+
+
+def _block(where: str, table: Mapping[str, Any], name: str, known: Sequence[str] | None) -> dict[str, Any]:
+    block = table.get(name) or {}
+    if not isinstance(block, Mapping):
+        raise ConfigError(f"{where}: {name} must hold keys and values, not {type(block).__name__}")
     for key in block:
-        if key not in _ACTUATION:
-            raise ConfigError(f"{path}: actuation: {unknown('key', key, _ACTUATION)}")
+        if known is not None and key not in known:
+            raise ConfigError(f"{where}: {name}: {unknown('key', str(key), known)}")
     return dict(block)

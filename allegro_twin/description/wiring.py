@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple, cast, get_args
 
 from allegro_twin.description.calibration import N_JOINTS, Calibration, Version
@@ -15,6 +16,9 @@ _WHOLE = ("encoder_offset", "encoder_direction", "motor_direction", "pwm_limit")
 _NUMBERS = (*_WHOLE, "torque_constant")
 _ONLY = {**dict.fromkeys(("encoder_direction", "motor_direction"), ("v1", "v2", "v3")), "torque_order": ("v1",)}
 """Keys that only some versions have a use for."""
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+HIDDEN = "truth"
+"""What overrides a hand's file, in errors."""
 
 
 class Wiring(NamedTuple):
@@ -25,24 +29,25 @@ class Wiring(NamedTuple):
     calibration: Calibration
 
 
-def load_wiring(model: str = "allegro", serial: str = "") -> Wiring:
-    """The nominal hand's `wire` block, overridden key by key by that of conf/hands/<serial>.yaml.
+def load_wiring(model: str = "allegro", serial: str = "", over: Mapping[str, Any] = NOTHING) -> Wiring:
+    """The nominal hand's `wire` block, overridden key by key by that of conf/hands/<serial>.yaml, and that by `over`.
 
     Raises ConfigError that names the file and the key.
     """
     files = [data_root() / "conf" / "hands" / f"{model}.yaml"]
     if serial:
         files.append(find(serial, "hand", "conf/hands"))
+    tables = [(str(path), read_yaml(path)) for path in files]
     values: dict[str, Any] = {}
-    for path in files:
-        values |= _block(path)
-        _refuse_useless(path, values)
+    for where, table in [*tables, (HIDDEN, over)]:
+        values |= _block(where, table)
+        _refuse_useless(where, values)
     return Wiring(values.pop("version", None), values.pop("side", None), Calibration(**values))
 
 
-def _block(path: Path) -> dict[str, Any]:
+def _block(path: str, table: Mapping[str, Any]) -> dict[str, Any]:
     """What one file says, each value checked by itself."""
-    block = read_yaml(path).get("wire", {})
+    block = table.get("wire", {})
     if not isinstance(block, dict):
         raise ConfigError(f"{path}: wire must hold keys and values, not {type(block).__name__}")
     values: dict[str, Any] = {}
@@ -56,13 +61,13 @@ def _block(path: Path) -> dict[str, Any]:
     return values
 
 
-def _word(path: Path, key: str, given: object) -> str:
+def _word(path: str, key: str, given: object) -> str:
     if given not in _WORDS[key]:
         raise ConfigError(f"{path}: wire.{key} must be one of {', '.join(_WORDS[key])}, not {given!r}")
     return str(given)
 
 
-def _row(path: Path, key: str, given: object) -> tuple[float, ...]:
+def _row(path: str, key: str, given: object) -> tuple[float, ...]:
     """One value for every joint, or sixteen."""
     row = given if isinstance(given, list) else [given] * N_JOINTS
     kind, name = (int, "whole number") if key in _WHOLE else (int | float, "number")
@@ -76,7 +81,7 @@ def _row(path: Path, key: str, given: object) -> tuple[float, ...]:
     return tuple(row)
 
 
-def _refuse_useless(path: Path, values: dict[str, Any]) -> None:
+def _refuse_useless(path: str, values: dict[str, Any]) -> None:
     """A key that the version does not read would be a calibration that is silently not applied."""
     version = values.get("version")
     for key, versions in _ONLY.items():

@@ -30,7 +30,7 @@ def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
     In between, the others stay at rest, where no finger is in the way of another.
     """
     waypoints = [Waypoint(rest, speed=speed)]
-    for group in _alike(spec):
+    for group in alike(spec):
         for end in (spec.lower - BEYOND, spec.upper + BEYOND, rest):
             goal = rest.copy()
             goal[group] = end[group]
@@ -56,8 +56,8 @@ def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
     return frozen((found.lower + found.upper - spec.lower - spec.upper) / 2.0)
 
 
-def _alike(spec: HandSpec) -> list[list[int]]:
-    """Joints to sweep together: the same place in fingers whose limits are the same."""
+def alike(spec: HandSpec) -> list[list[int]]:
+    """Joints that can move together: the same place in fingers whose limits are the same."""
     groups: dict[tuple[int, float, float], list[int]] = {}
     for finger in spec.fingers:
         for place, joint in enumerate(finger.joints):

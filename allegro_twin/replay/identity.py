@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from allegro_twin.drive import Drive
 from allegro_twin.spec import Actuation, Finger, HandSpec
 from allegro_twin.types import frozen
 
@@ -11,7 +12,8 @@ _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss")
 
 
 def spec_to_json(spec: HandSpec) -> dict[str, Any]:
-    return {
+    drive = {} if spec.drive is None else {"drive": spec.drive.plain()}
+    return drive | {
         "model": spec.model,
         "side": spec.side,
         "serial": spec.serial,
@@ -26,7 +28,9 @@ def spec_to_json(spec: HandSpec) -> dict[str, Any]:
 
 
 def spec_from_json(content: dict[str, Any]) -> HandSpec:
+    drive = content.get("drive")
     return HandSpec(
+        drive=None if drive is None else Drive.made(drive, len(content["joints"])),
         model=content["model"],
         side=content["side"],
         serial=content["serial"],

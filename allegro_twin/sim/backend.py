@@ -12,6 +12,7 @@ import numpy as np
 from allegro_twin.backend import torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
+from allegro_twin.sim.drivetrain import Drivetrain
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -58,6 +59,7 @@ class SimBackend:
         self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
         self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
         self._unknown = frozen(np.full(spec.n_actuators, math.nan))
+        self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
         self._tick = 0
 
     @property
@@ -79,20 +81,30 @@ class SimBackend:
         if self._wrist:
             self.data.ctrl[self._wrist] = self.drive[0]
         mujoco.mj_forward(self.model, self.data)
+        if self._train is not None:
+            self._train.reset()
         self._tick = 0
         return self._state()
 
     def write(self, command: Command) -> None:
-        self.data.ctrl[self._motors] = torque_of(command, self._spec)
+        torque = torque_of(command, self._spec)
+        if self._train is None:
+            self.data.ctrl[self._motors] = torque
+        else:
+            self._train.command(torque)
 
     def read(self) -> HandState:
         if self._pushed is not None and self.pushing is not None:
             rows = self.pushing.force[self._tick : self._tick + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         first = self._tick * self._substeps
-        if first < len(self.drive):
-            for row in self.drive[first : first + self._substeps]:
-                self.data.ctrl[self._wrist] = row
+        rows = self.drive[first : first + self._substeps]
+        if len(rows) or self._train is not None:
+            for k in range(self._substeps):
+                if k < len(rows):
+                    self.data.ctrl[self._wrist] = rows[k]
+                if self._train is not None:
+                    self._train.step(self.data)
                 mujoco.mj_step(self.model, self.data)
         else:
             mujoco.mj_step(self.model, self.data, self._substeps)
@@ -122,6 +134,8 @@ class SimBackend:
         position = data.qpos[self._qpos].copy()
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
+        if self._train is not None:
+            position = self._train.reported(position)
         velocity = data.qvel[self._dof].copy()
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)

@@ -11,7 +11,7 @@ import mujoco
 from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.sim import objects, presenter, wrist
+from allegro_twin.sim import drivetrain, objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt
 from allegro_twin.sim.physics import Physics
 from allegro_twin.spec import HandSpec
@@ -62,6 +62,8 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
         joint.frictionloss = spec.actuation.frictionloss[index]
         limit = spec.actuation.torque_limit[index]
         motor.ctrlrange = motor.forcerange = [-limit, limit]
+    if spec.drive is not None:
+        drivetrain.build(hand, spec, spec.drive)
     return hand
 
 

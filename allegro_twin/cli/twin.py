@@ -1,0 +1,121 @@
+"""Commands that make a model the twin of one hand: excite it, identify its drive, say how good the twin is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.cli import complete, options
+from allegro_twin.cli.options import OtherHand
+from allegro_twin.errors import ConfigError
+
+if TYPE_CHECKING:
+    from allegro_twin.identify.method import Weight
+
+Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of one hand.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    for command in (excite, identify, gap):
+        app.command()(command)
+
+
+def excite(
+    config: Annotated[
+        str, typer.Argument(help="Which hand: a config by path or name.", autocompletion=complete.configs)
+    ],
+    pose: Annotated[str, typer.Option(help="How the hand lies: up, palm-up, side or palm-down.")],
+    seconds: Annotated[float, typer.Option(help="Of motion in this pose.", callback=options.positive)] = 20.0,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the recordings.", callback=options.folder)
+    ] = Path("out/excite"),
+    other: OtherHand = None,
+    seed: Annotated[int, typer.Option(help="Of the motion.")] = 0,
+    yes: Annotated[bool, typer.Option("--yes", help="The hand lies as it should: do not ask.")] = False,
+) -> None:
+    """Play motions that show what the hand's drive is made of, and record them; the same command again goes on after
+    an interruption. Three poses, up, palm-up and side, show all of it."""
+    from allegro_twin.cli import console, exciting
+    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.config import load_config
+
+    settings = on_hand(load_config(config), other)
+    todo = exciting.task_of(settings, pose, seconds, seed, out)
+    if todo is None:
+        console.console.print(f"{pose} is recorded in {out}/", soft_wrap=True)
+        return
+    ready = exciting.laid(settings, todo.pose)
+    console.errors.print(f"{pose}: {todo.pose.words}. It will move every finger for {todo.seconds:.0f} s.")
+    if not yes and sys.stdin.isatty() and sys.stderr.isatty():
+        typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
+    with console.progress() as bar:
+        job = bar.add_task(pose, total=todo.seconds)
+        exciting.play(ready, todo, lambda t: bar.update(job, completed=t))
+    console.console.print(f"{todo.file}: {todo.seconds:.0f} s, {pose}", soft_wrap=True)
+
+
+def identify(
+    recordings: Recordings,
+    hand: Annotated[
+        str | None,
+        typer.Option(help="The hand's own file, to be written; without it nothing is.", autocompletion=complete.hands),
+    ] = None,
+    known_mass: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A weight at a fingertip in one recording: tip=0.050@REC (kg; or index=…): the scale of N·m."
+        ),
+    ] = None,
+    known_masses: Annotated[
+        bool, typer.Option("--known-masses", help="The masses of the links are right: the scale of N·m.")
+    ] = False,
+) -> None:
+    """Find out what a hand's drive is made of, from recordings of `excite`, and write it into the hand's own file."""
+    from allegro_twin.cli import console, identifying
+
+    weights = [weight_of(text) for text in known_mass or ()]
+    path = identifying.hand_file(hand) if hand is not None else None
+    with console.progress() as bar:
+        job = bar.add_task("reading", total=None)
+        found = identifying.identified(
+            recordings, weights, path, known_masses, lambda line: bar.update(job, description=line)
+        )
+    console.console.print(identifying.table(found))
+    for line in identifying.lines(found):
+        console.console.print(line, soft_wrap=True, highlight=False)
+    if path is not None:
+        identifying.keep(path, found)
+        console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
+
+
+def gap(
+    recordings: Recordings,
+    hand: Annotated[
+        str | None,
+        typer.Option(help="The hand's own file; default: the one it was recorded with.", autocompletion=complete.hands),
+    ] = None,
+) -> None:
+    """How good the twin is: the recorded commands played into the model, open loop, against what the hand did."""
+    from allegro_twin.cli import console, identifying
+    from allegro_twin.identify.method import gaps
+
+    for each in gaps(recordings, hand or ""):
+        console.console.print(identifying.gap_table(each))
+
+
+def weight_of(text: str) -> Weight:
+    """`tip=0.050@REC`. Raises ConfigError."""
+    from allegro_twin.identify.method import Weight
+
+    at, equals, rest = text.partition("=")
+    mass, sign, recording = rest.partition("@")
+    try:
+        if equals and sign and recording and 0.0 < float(mass) < 1.0:
+            return Weight(at, float(mass), Path(recording).name)
+    except ValueError:
+        pass  # Said below.
+    raise ConfigError(f"--known-mass {text}: say where, kg below 1, and in which recording: tip=0.050@REC")

@@ -1,0 +1,83 @@
+"""What lies between a commanded torque and a joint beyond motor and gear: how late, how strong, sticky and exact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.types import Vector, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """The drive of one hand. Arrays have a value per joint, shape (n,); the defaults change nothing."""
+
+    delay: float
+    """From a command to its torque, s. A recording shows only its sum with the delay of the sensors."""
+    strength: Vector
+    """What the motors give of a commanded torque, 1: all."""
+    stiction: Vector
+    """Breakaway friction over dry friction in motion, F_s/F_c, at least 1."""
+    stribeck_speed: Vector
+    """rad/s over which the one falls to the other."""
+    bristle: Vector
+    """How far a joint gives before it breaks away, rad (LuGre); 0: not at all, and friction is Coulomb's."""
+    load_friction: Vector
+    """Dry friction that a motor's torque adds, as a share of it."""
+    encoder_noise: Vector
+    """Standard deviation of a reported joint position, rad."""
+    encoder_offset: Vector
+    """What a reported position is too high by, rad, after the hand's calibration."""
+    quantisation: Vector
+    """Step of a reported position, rad; 0: none."""
+    mass_scale: Vector
+    """Factor on the mass and inertia of the link that each joint moves."""
+    tip_mass: Vector
+    """Of a weight at the fingertip, kg: at the last joint of a finger; 0 elsewhere."""
+    seed: int = 0
+    """Of the noise."""
+
+    @classmethod
+    def made(cls, given: Mapping[str, Any], n: int) -> Self:
+        """From plain values, one number or `n` each. Raises ConfigError that goes on after the block's name."""
+        names = [field.name for field in fields(cls)]
+        for key in given:
+            if key not in names:
+                raise ConfigError(f": {unknown('key', str(key), names)}")
+        rows = {name: _row(name, given.get(name, _NOMINAL[name]), n) for name in names if name not in _SINGLE}
+        single = {name: _number(name, given.get(name, 0)) for name in _SINGLE}
+        return cls(delay=single["delay"], seed=int(single["seed"]), **rows)
+
+    def plain(self) -> dict[str, Any]:
+        """As `made` takes it."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+
+_SINGLE = ("delay", "seed")
+_NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
+    "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,
+}  # fmt: skip
+_LEAST = {"stiction": 1.0, "encoder_offset": -math.inf}
+_POSITIVE = ("strength", "stribeck_speed", "mass_scale")
+
+
+def _row(name: str, given: object, n: int) -> Vector:
+    row = given if isinstance(given, list) else [given] * n
+    if len(row) != n:
+        raise ConfigError(f".{name} needs one number or {n}, not {len(row)}")
+    return frozen([_number(name, value) for value in row])
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ConfigError(f".{name} needs numbers, not {value!r}")
+    least = _LEAST.get(name, 0.0)
+    if value < least or (name in _POSITIVE and value <= 0.0):
+        raise ConfigError(f".{name} must be {'above' if name in _POSITIVE else 'at least'} {least:g}, not {value}")
+    return float(value)

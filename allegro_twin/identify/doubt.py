@@ -1,0 +1,163 @@
+"""Which values the recordings determine, how far they may be off, and which motion is missing for the others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.identify.fit import Fit
+from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.regress import smoothed
+from allegro_twin.sim.windows import Player
+from allegro_twin.types import Array, Vector
+
+NORMAL = 1.96  # Standard deviations on either side of 95 %.
+SHORTEST = 10.0  # s of motion that can be trusted, over all recordings.
+MOVED = 0.1  # rad
+SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
+PULL = 0.002  # N·m that gravity must differ by between postures to tell a torque constant from friction.
+APART = np.radians(30.0)  # Between two directions of gravity that count as two.
+WIDEST = {"torque_constant": 0.25, "armature": 0.3, "damping": 0.3}  # Of the value, half the 95 % interval.
+WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_DELAY = 0.01, 0.03, 0.003  # N·m at 1 N·m of full PWM, rad, s.
+PER_PWM = ("armature", "damping", "frictionloss")
+VALUES = ("torque_constant", *PER_PWM, "offset")
+
+
+class Value(NamedTuple):
+    """One kind of value, (n,) each; the delay has one. Armature, damping and friction are per N·m at full PWM."""
+
+    value: Vector
+    half: Vector
+    """Half the 95 % interval."""
+    reason: tuple[str, ...]
+    """Why it is not determined; empty where it is."""
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """(n,)."""
+        return np.array([not reason for reason in self.reason])
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the recordings show of every joint."""
+
+    seconds: Vector
+    """That can be trusted, (n,)."""
+    travel: Vector
+    """rad."""
+    fastest: Array
+    """Downwards and upwards, (2, n), rad/s, positive."""
+    creeping: Array
+    """s slower than SLOW while moving, downwards and upwards, (2, n)."""
+    pull: Vector
+    """By how much gravity's torque differs between postures and poses, (n,), N·m."""
+    poses: int
+    """Directions of gravity."""
+
+
+def seen(motions: list[Motion], player: Player) -> Seen:
+    """Looks at speeds and postures, not at torques."""
+    n = player.spec.n_joints
+    smooth = [smoothed(motion) for motion in motions]
+    good = [motion.good > 0 for motion in motions]
+    v = np.concatenate([np.where(g, s.velocity, 0.0) for g, s in zip(good, smooth, strict=True)])
+    q = np.concatenate([s.position for s in smooth])
+    weights = []
+    for motion, s in zip(motions, smooth, strict=True):
+        player.links_only(np.ones(n), np.zeros(n))
+        weights += [player.link_torque(row, np.zeros(n), np.zeros(n), motion.gravity) for row in s.position[::20]]
+    span = np.percentile(np.array(weights), (5, 95), axis=0)
+    period = motions[0].period
+    slow = [((sign * v > 0.2 * SLOW) & (sign * v < SLOW)).sum(axis=0) * period for sign in (-1.0, 1.0)]
+    return Seen(
+        seconds=np.concatenate(good).sum(axis=0) * period,
+        travel=np.percentile(q, 99, axis=0) - np.percentile(q, 1, axis=0),
+        fastest=np.maximum(np.stack([-v.min(axis=0), v.max(axis=0)]), 0.0),
+        creeping=np.array(slow),
+        pull=span[1] - span[0],
+        poses=_directions(motions),
+    )
+
+
+def values(found: Fit, looked: Seen) -> dict[str, Value]:
+    """Every value with its interval and whether it is determined; also `delay`."""
+    k = found.drive.torque_constant
+    result = {}
+    for name in VALUES:
+        own = getattr(found.drive, name)
+        value = own / k if name in PER_PWM else own
+        # Masses that are only assumed make all N·m doubtful, but the twin moves no worse for it.
+        sure = _half(found, name, found.spread.covariance)
+        reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
+        result[name] = Value(value, _half(found, name, found.covariance), reasons)
+    late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
+    short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
+    return result | {"delay": Value(late, half, (short,))}
+
+
+def _half(found: Fit, name: str, covariance: Array) -> Vector:
+    """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
+    what halving it does, its limit for a step of nothing where the error is of first order."""
+    transform = _per_pwm(found, name)
+    variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
+    moved = found.spread.by_recording @ transform.T
+    m = len(moved)
+    if m > 1:
+        between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
+        variance = np.maximum(variance, between)
+    return np.asarray(NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ found.spread.step))
+
+
+def _per_pwm(found: Fit, name: str) -> Array:
+    """The derivative of one kind of value by all parameters, (rows, p)."""
+    part, size = found.columns(name), len(found.covariance)
+    rows = np.arange(part.stop - part.start)
+    transform = np.zeros((len(rows), size))
+    transform[rows, part.start + rows] = 1.0
+    if name in PER_PWM:
+        k, constants = found.drive.torque_constant, found.columns("torque_constant")
+        transform[rows, part.start + rows] = 1.0 / k
+        transform[rows, constants.start + rows] = -getattr(found.drive, name) / k**2
+    return transform
+
+
+def _reason(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -> str:
+    return next(iter(_reasons(name, joint, value, half, looked)), "")
+
+
+def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -> Iterator[str]:
+    if looked.seconds[joint] < SHORTEST:
+        yield f"only {looked.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
+    if looked.travel[joint] < MOVED:
+        yield f"it moved by {looked.travel[joint]:.2f} rad only: `excite` moves it"
+    if name in ("torque_constant", "offset"):
+        if looked.poses < 2:
+            yield "all recordings are in one pose, in which weight, friction and offset look alike: record another pose"
+        if looked.pull[joint] < PULL:
+            yield (f"gravity's torque on it differs by {1000 * looked.pull[joint]:.1f} mN·m only: record a pose in "
+                   "which its weight acts across its axis")  # fmt: skip
+    if name in ("damping", "frictionloss") and looked.fastest[:, joint].min() < FAST:
+        yield (f"it never moved faster than {looked.fastest[:, joint].min():.2f} rad/s one way, and damping shows from "
+               f"{FAST} rad/s: `excite` moves it faster")  # fmt: skip
+    if name == "frictionloss" and looked.creeping[:, joint].min() <= 0.0:
+        yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
+    widest = WIDEST_FRICTION if name == "frictionloss" else WIDEST_OFFSET
+    if name in WIDEST:
+        if half[joint] > WIDEST[name] * value[joint]:
+            yield f"its interval is ± {100 * half[joint] / value[joint]:.0f} %: record more of `excite`"
+    elif half[joint] > widest:
+        yield f"its interval is ± {1000 * half[joint]:.0f} {'mN·m' if name == 'frictionloss' else 'mrad'}: record more"
+
+
+def _directions(motions: list[Motion]) -> int:
+    found: list[Array] = []
+    for motion in motions:
+        down = motion.gravity / np.linalg.norm(motion.gravity)
+        if all(np.arccos(np.clip(down @ other, -1.0, 1.0)) > APART for other in found):
+            found.append(down)
+    return len(found)

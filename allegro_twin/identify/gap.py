@@ -1,0 +1,99 @@
+"""How good a twin is: recorded commands played into the model, open loop, against what the hand did."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.shooting import Cuts, cut
+from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+HORIZONS = (0.1, 0.3, 1.0, 5.0)
+"""s"""
+STARTS = 1.0  # s between two starts, at most.
+PHASES = ("creeping", "moving")
+_CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
+
+
+class Side(NamedTuple):
+    """Root mean square errors in rad."""
+
+    joint: Array
+    """(horizons, n)."""
+    phase: Array
+    """Pieces of 0.3 s in which a finger creeps, and in which it moves, (2, n); NaN where there are none."""
+
+    @property
+    def all(self) -> Vector:
+        """Over all joints, (horizons,)."""
+        return np.asarray(np.sqrt(np.square(self.joint).mean(axis=1)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gap:
+    """Of one recording."""
+
+    name: str
+    horizons: tuple[float, ...]
+    before: Side
+    """The nominal hand."""
+    after: Side
+    """The hand's own file."""
+
+
+def drive_of(spec: HandSpec, motion: Motion, torque_constant: Vector, offset: Vector) -> Parameters:
+    """What a hand's file says, for a recording that was made with another calibration, perhaps: `offset` is what the
+    recording's positions are too high by, (n,), rad, as the file has it."""
+    own, n = spec.actuation, spec.n_joints
+    drive = spec.drive
+    return Parameters(
+        torque_constant=torque_constant if drive is None else torque_constant * drive.strength,
+        armature=own.armature,
+        damping=own.damping,
+        frictionloss=own.frictionloss,
+        offset=offset,
+        delay=np.full(n, 0.0 if drive is None else drive.delay),
+        mass_scale=np.ones(n) if drive is None else drive.mass_scale,
+    )
+
+
+def gap(motion: Motion, player: Player, before: Parameters, after: Parameters) -> Gap:
+    """Raises ConfigError for a recording shorter than the shortest horizon."""
+    horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
+    if not horizons:
+        raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
+    return Gap(motion.name, horizons, *(_side(motion, player, drive, horizons) for drive in (before, after)))
+
+
+def _side(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...]) -> Side:
+    rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
+    for horizon in horizons:
+        length = round(horizon / motion.period)
+        cuts = cut([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
+        error = player.play(drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
+        rows.append(_rms(error))
+        if horizon == HORIZONS[1]:
+            phase = _phases(error, cuts, player.spec, motion.period)
+    return Side(np.array(rows), phase)
+
+
+def _phases(error: Array, cuts: Cuts, spec: HandSpec, period: float) -> Array:
+    speed = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period  # (w, n)
+    found = np.full((2, spec.n_joints), np.nan)
+    for finger in spec.fingers:
+        own = list(finger.joints)
+        moving = speed[:, own].max(axis=1) > _CREEP
+        for row, chosen in enumerate((~moving, moving)):
+            if chosen.any():
+                found[row, own] = _rms(error[chosen][:, :, own])
+    return found
+
+
+def _rms(error: Array) -> Vector:
+    return np.asarray(np.sqrt(np.square(error).mean(axis=(0, 1))))

@@ -1,0 +1,128 @@
+"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.shooting import PIECE, Shooting, cut
+from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.types import Array, Vector
+
+Masses: TypeAlias = Literal["known", "assumed", "weighed"]
+"""Of the links: as given; as in the model, for want of better; or found with a known weight at a fingertip."""
+MASS_SPREAD, MASS_SCALE = 0.06, 0.16
+"""Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
+for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
+NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
+_UNITS = {
+    "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
+    "delay": 1e-3,
+}  # fmt: skip
+"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s."""
+PRIOR = {"torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.1, "delay": 0.02}
+"""Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
+_LEAST = {
+    "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
+}  # fmt: skip
+_KNOWN = 1e-4  # Of masses that do not move.
+
+
+def index(name: str, n: int) -> slice:
+    """Where one kind of parameter stands: n values each, the delay last."""
+    if name == "delay":
+        return slice(len(NAMES) * n, len(NAMES) * n + 1)
+    first = NAMES.index(name) * n
+    return slice(first, first + n)
+
+
+class Problem:
+    """Of some motions, of which every `every`-th piece is used."""
+
+    def __init__(
+        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1
+    ) -> None:
+        self.player, self.motions, self._masses = player, motions, masses
+        self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
+        self.cuts = cut(motions, player.spec, stride=every * PIECE)
+        self.shooting = Shooting(player, self.cuts, floor)
+        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in NAMES] + [[_UNITS["delay"]]])
+        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in NAMES] + [[0.0]]) / self.unit
+        self._center = self.x_of(nominal)
+        self.prior = self._prior_rows()
+
+    def x_of(self, drive: Parameters) -> Vector:
+        values = [getattr(drive, name) for name in NAMES] + [drive.delay[:1]]
+        return np.asarray(np.concatenate(values) / self.unit)
+
+    def drive_of(self, x: Vector) -> Parameters:
+        values = x * self.unit
+        rows = {name: values[index(name, self.n)] for name in NAMES}
+        return Parameters(**rows, delay=np.full(self.n, values[-1]))
+
+    def residuals(self, x: Vector) -> Vector:
+        return np.concatenate(
+            [self.flat(self.shooting.raw(self.drive_of(x)), start=True), self.prior @ (x - self._center)]
+        )
+
+    def jacobian(self, x: Vector) -> Array:
+        """The derivatives of `residuals`; those by masses that do not move are left zero."""
+        drive = self.drive_of(x)
+        base = self.shooting.raw(drive)
+        found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
+        for name in NAMES:
+            if name != "mass_scale" or self._masses == "weighed":
+                self.by(drive, base, name, found)
+        data = len(found) - len(self.prior)
+        found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[data:] = self.prior
+        return found
+
+    def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
+        """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
+        for place in range(max(map(len, self.fingers))):
+            change = self.shooting.derivative(drive, base, name, place)
+            for finger, rows in self.parts():
+                if place < len(self.fingers[finger]):
+                    column = index(name, self.n).start + self.fingers[finger][place]
+                    into[rows, column] = self.shooting.projected(change, finger).ravel() * self.unit[column]
+
+    def flat(self, values: Array, *, start: bool = False) -> Vector:
+        """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""
+        parts = [self.shooting.projected(values, f, start=start).ravel() for f in range(len(self.fingers))]
+        return np.concatenate(parts)
+
+    def parts(self) -> Iterator[tuple[int, slice]]:
+        """Every finger with its rows."""
+        first, w = 0, len(self.cuts.recording)
+        for number, finger in enumerate(self.fingers):
+            size = w * self.shooting.rows(finger)
+            yield number, slice(first, first + size)
+            first += size
+
+    def _prior_rows(self) -> Array:
+        """L⁻¹ of the prior's covariance, in scaled parameters."""
+        covariance = np.zeros((len(self.unit), len(self.unit)))
+        for name, sd in PRIOR.items():
+            part = index(name, self.n)
+            covariance[part, part] = np.eye(part.stop - part.start) * sd**2
+        part = index("mass_scale", self.n)
+        covariance[part, part] = mass_covariance(self) if self._masses == "weighed" else np.eye(self.n) * _KNOWN**2
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(self.unit, self.unit))))
+
+
+def mass_covariance(problem: Problem) -> Array:
+    """Of what the masses of the links may be, as factors, (n, n)."""
+    found = np.eye(problem.n) * MASS_SPREAD**2
+    for finger in problem.fingers:
+        found[np.ix_(finger, finger)] += MASS_SCALE**2
+    return found
+
+
+def at_model(nominal: Parameters, start: Parameters) -> Parameters:
+    """Where the prior is centred: the nominal drive, with the masses of the start and no offsets."""
+    return replace(nominal, mass_scale=start.mass_scale, offset=np.zeros(len(start.offset)))

@@ -1,0 +1,151 @@
+"""Multiple shooting: recorded commands played into the model from many starts, and what is left of the measurement.
+
+A piece lasts PIECE periods; its start (positions and speeds) is unknown and is eliminated linearly, finger by finger:
+with r the residuals of one finger in one piece, S their derivative by its start and Λ how far a start may be off,
+Q from [S; Λ] = QR takes away what a better start would explain, r ← r − QQᵀr, and the same from the derivatives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.regress import smoothed
+from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+PIECE = 99  # Periods, 0.3 s: long enough, since a wrong start is forgotten after armature / damping = 40 ms.
+MEAN = 3  # Periods whose residuals are averaged.
+TRUSTED = 0.9  # Of the rows of a piece.
+START = (1e-3, 0.2)  # rad, rad/s: how far a smoothed start may be off.
+NUDGE = {
+    "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
+    "mass_scale": 0.03, "position": 5e-4, "velocity": 0.02,
+}  # fmt: skip
+"""Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, rad, rad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cuts:
+    """Motions cut into pieces, w in all."""
+
+    position: Array
+    """Where each starts, as reported and smoothed, (w, n), rad."""
+    velocity: Array
+    """(w, n), rad/s."""
+    pieces: Pieces
+    measured: Array
+    """(w, PIECE, n), rad."""
+    trust: Array
+    """1 for fingers whose every joint can be trusted during a piece, (w, fingers)."""
+    recording: Array
+    """Which motion each is of, (w,)."""
+
+
+def cut(motions: list[Motion], spec: HandSpec, length: int = PIECE, stride: int | None = None) -> Cuts:
+    """All whole pieces, `stride` rows apart; by default one after the other."""
+    parts: list[list[Array]] = [[] for _ in range(8)]
+    for number, motion in enumerate(motions):
+        smooth = smoothed(motion)
+        for first in range(BEFORE, len(motion.position) - length, stride or length):
+            rows = slice(first + 1, first + 1 + length)
+            good = motion.good[rows].mean(axis=0)
+            trust = np.array([good[list(f.joints)].min() >= TRUSTED for f in spec.fingers], dtype=float)
+            found = (
+                smooth.position[first], smooth.velocity[first], motion.duty[first + 1 - BEFORE : first + 1 + length],
+                motion.gravity, motion.weight, motion.position[rows], trust, np.array(number),
+            )  # fmt: skip
+            for part, value in zip(parts, found, strict=True):
+                part.append(value)
+    arrays = [np.array(part) for part in parts]
+    pieces = Pieces(arrays[2], arrays[3], arrays[4])
+    return Cuts(arrays[0], arrays[1], pieces, arrays[5], arrays[6], arrays[7])
+
+
+class Shooting:
+    """The residuals of some cuts, and their derivatives."""
+
+    def __init__(self, player: Player, cuts: Cuts, sigma: Vector) -> None:
+        self._player, self._cuts = player, cuts
+        self._fingers = [list(finger.joints) for finger in player.spec.fingers]
+        self._sigma = sigma / np.sqrt(MEAN)
+        self._off = np.zeros((2, *cuts.position.shape))  # How far the starts were moved, rad and rad/s.
+        self._bases: list[Array] = []
+
+    def raw(self, drive: Parameters, player: Player | None = None) -> Array:
+        """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
+        return self._means(self._play(drive, self._off, player) - self._cuts.measured)
+
+    def prepare(self, drive: Parameters) -> None:
+        """Find out what the starts do, near `drive`."""
+        base, starts = self.raw(drive), []
+        for place in range(max(map(len, self._fingers))):
+            for which, name in enumerate(("position", "velocity")):
+                off = self._off.copy()
+                joints = [finger[place] for finger in self._fingers if place < len(finger)]
+                off[which][:, joints] += NUDGE[name]
+                change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
+                starts.append(change / NUDGE[name] * START[which])
+        self._bases, self._solvers = [], []
+        for finger in self._fingers:
+            S = np.stack([each[:, :, finger] for each in starts[: 2 * len(finger)]], axis=-1)
+            S = S.reshape(len(S), -1, S.shape[-1])  # (w, rows · joints, starts)
+            prior = np.broadcast_to(np.eye(S.shape[-1]), (len(S), S.shape[-1], S.shape[-1]))
+            Q, R = np.linalg.qr(np.concatenate([S, prior], axis=1))
+            self._bases.append(Q)
+            self._solvers.append(np.linalg.inv(R))
+
+    def better_starts(self, drive: Parameters) -> None:
+        """Move the starts to where the residuals are least."""
+        residual = self.raw(drive)
+        for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
+            r = self._augmented(residual, finger)
+            step = -np.einsum("wij,wkj,wk->wi", inverse, Q, r)  # (w, starts)
+            for place, joint in enumerate(finger):
+                for which in range(2):
+                    self._off[which][:, joint] += START[which] * step[:, 2 * place + which]
+
+    def projected(self, values: Array, finger: int, *, start: bool = False) -> Array:
+        """What no start explains of residuals or of a derivative (w, rows, n), for one finger, (w, m). `start`: the
+        distance of the starts from the smoothed ones counts, too."""
+        joints, Q = self._fingers[finger], self._bases[finger]
+        r = self._augmented(values, joints, start)
+        return np.asarray(r - np.einsum("wij,wkj,wk->wi", Q, Q, r))
+
+    def rows(self, finger: list[int]) -> int:
+        """Of a finger's residuals in one piece."""
+        return (PIECE // MEAN + 2) * len(finger)
+
+    def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
+        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit."""
+        joints = [finger[place] for finger in self._fingers if place < len(finger)]
+        return (self.raw(drive.changed(name, joints, NUDGE[name])) - base) / NUDGE[name]
+
+    def late(self, drive: Parameters, base: Array) -> Array:
+        """By the delay, likewise."""
+        everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
+        return (self.raw(everywhere) - base) / NUDGE["delay"]
+
+    def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
+        cuts = self._cuts
+        return (player or self._player).play(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces)
+
+    def _means(self, residual: Array) -> Array:
+        w, k, n = residual.shape
+        trust = np.zeros((w, n))
+        for number, finger in enumerate(self._fingers):
+            trust[:, finger] = self._cuts.trust[:, number, None]
+        return np.asarray(residual.reshape(w, k // MEAN, MEAN, n).mean(axis=2) / self._sigma * trust[:, None])
+
+    def _augmented(self, values: Array, finger: list[int], start: bool = True) -> Array:
+        w = len(values)
+        own = values[:, :, finger].reshape(w, -1)
+        off = np.zeros((w, 2 * len(finger)))
+        if start:
+            for place, joint in enumerate(finger):
+                for which in range(2):
+                    off[:, 2 * place + which] = self._off[which][:, joint] / START[which]
+        return np.concatenate([own, off], axis=1)

@@ -1,0 +1,103 @@
+"""How far a fit may be off: over pieces, over recordings, over time steps, and over masses that were only assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.identify.problem import Masses, Problem, index, mass_covariance
+from allegro_twin.identify.shooting import MEAN, PIECE
+from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.types import Array, Vector
+
+FINER = 0.0005  # s: half the time step of the fit.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Of the parameters in the order of `index`, in their own units, p in all."""
+
+    covariance: Array
+    """(p, p): the larger of what the noise says and what the pieces say of themselves."""
+    by_recording: Array
+    """What leaving each recording out would change, (recordings, p)."""
+    step: Vector
+    """What halving the time step would change, (p,)."""
+    mass: Array
+    """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
+    correlation: Array
+    """Of the data alone, (p, p)."""
+    residual: Vector
+    """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
+
+
+def spread(problem: Problem, drive: Parameters, J: Array, r: Vector, masses: Masses) -> Spread:
+    """From the last derivatives `J` and residuals `r`, with those of the prior at their end."""
+    data = len(r) - len(problem.prior)
+    J, r, w = J[:data], r[:data], len(problem.cuts.recording)
+    information = J.T @ J + problem.prior.T @ problem.prior
+    inverse: Array = np.asarray(np.linalg.inv(information), np.float64)
+    gradient = _by_piece(problem, J, r)
+    by_pieces = inverse @ (gradient.T @ gradient) @ inverse * w / max(w - 1, 1)
+    by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
+    # The correlation of the one, the larger spread of both.
+    larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
+    unit = problem.unit
+    raw = problem.shooting.raw(drive)
+    fine = problem.shooting.raw(drive, Player(problem.player.spec, problem.motions[0].period, FINER))
+    step = -inverse @ (J.T @ problem.flat(fine - raw))
+    recordings = np.unique(problem.cuts.recording)
+    without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
+    sd = np.sqrt(np.diag(inverse))
+    return Spread(
+        covariance=by_noise * np.outer(larger * unit, larger * unit),
+        by_recording=without * unit,
+        step=step * unit,
+        mass=_mass_effect(problem, drive, J, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
+        correlation=inverse / np.outer(sd, sd),
+        residual=_rms(problem, r),
+    )
+
+
+def _by_piece(problem: Problem, J: Array, r: Vector) -> Array:
+    """Jᵀr of every piece, (w, p)."""
+    w = len(problem.cuts.recording)
+    total = np.zeros((w, J.shape[1]))
+    for _, rows in problem.parts():
+        total += np.einsum("wmp,wm->wp", J[rows].reshape(w, -1, J.shape[1]), r[rows].reshape(w, -1))
+    return total
+
+
+def _without(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
+    """The change of the parameters when one recording is left out, to first order."""
+    w, chosen = len(problem.cuts.recording), problem.cuts.recording == number
+    left, gradient = information.copy(), np.zeros(J.shape[1])
+    for _, rows in problem.parts():
+        own = J[rows].reshape(w, -1, J.shape[1])[chosen].reshape(-1, J.shape[1])
+        left -= own.T @ own
+        gradient += own.T @ r[rows].reshape(w, -1)[chosen].ravel()
+    return np.asarray(np.linalg.solve(left, gradient))
+
+
+def _mass_effect(problem: Problem, drive: Parameters, J: Array, inverse: Array, raw: Array) -> Array:
+    """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
+    by_mass = np.zeros_like(J)
+    problem.by(drive, raw, "mass_scale", by_mass)
+    part = index("mass_scale", problem.n)
+    effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
+    return np.asarray(effect * problem.unit[:, None])
+
+
+def mass_variance(problem: Problem, found: Spread) -> Array:
+    """What the masses add to the covariance, (p, p)."""
+    return np.asarray(found.mass @ mass_covariance(problem) @ found.mass.T)
+
+
+def _rms(problem: Problem, r: Vector) -> Vector:
+    w, found = len(problem.cuts.recording), np.zeros(problem.n)
+    for number, rows in problem.parts():
+        finger = problem.fingers[number]
+        own = r[rows].reshape(w, -1)[:, : PIECE // MEAN * len(finger)].reshape(-1, len(finger))
+        found[finger] = np.sqrt(np.square(own).mean(axis=0))
+    return found

@@ -1,0 +1,140 @@
+"""What was found, in the hand's own file: all of it or nothing, and with what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.description.calibration import Calibration
+from allegro_twin.description.hands import load_actuation
+from allegro_twin.description.wiring import load_wiring
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import parse_yaml
+from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
+from allegro_twin.identify.doubt import PER_PWM, Value
+from allegro_twin.identify.fit import Fit
+from allegro_twin.identify.motion import Motion
+from allegro_twin.sim.backend import ENGINE
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+from allegro_twin.version import __version__
+from allegro_twin.wire.codec.versions import make_codec
+
+SCALE = {
+    "known": "the link masses in this file, declared to be right",
+    "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
+    "weighed": "a known weight at a fingertip",
+}
+_NOTE = "Found by `allegro-twin identify`"
+_DIGITS = 6
+
+
+def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> None:
+    """Write what is determined into a hand's file, and leave everything else in it as it is. Raises ConfigError for a
+    file of another hand, or one whose calibration the recordings were not made with; RecordingError."""
+    with locked(path):
+        text = read_text(path)
+        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
+        check(path, content, motions)
+        made = with_document(text, content | _blocks(content, found, values, motions, day), str(path))
+        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+
+
+def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
+    """Raise ConfigError where the recordings are not of the file's hand as the file has it."""
+    wire, first = content.get("wire") or {}, motions[0]
+    for key, value in (("version", first.version), ("side", first.spec.side)):
+        if wire.get(key, value) != value:
+            raise ConfigError(f"{path} is of a {wire[key]} hand, {first.name} of a {value} one: choose another file")
+    if not path.exists():
+        return
+    written = load_wiring(serial=str(path)).calibration.encoder_offset
+    used = first.calibration.encoder_offset
+    if written != used and "identified" in content:
+        raise ConfigError(
+            f"{path} has encoder offsets that {first.name} was not recorded with: record again with "
+            f"`hand: {{serial: {path}}}`, or identify into a new file"
+        )
+
+
+def _blocks(
+    content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
+) -> dict[str, Any]:
+    first = motions[0]
+    spec = first.spec
+    before = load_actuation(spec.model, spec.n_joints)
+    constant = _chosen(values["torque_constant"], first.torque_constant)
+    actuation = dict(content.get("actuation") or {})
+    for name in PER_PWM:
+        own = values[name]
+        actuation[name] = _plain(np.where(own.determined, own.value * constant, getattr(before, name)))
+    wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
+    wire["torque_constant"] = _plain(constant)
+    wire["encoder_offset"] = _offsets(first, values["offset"])
+    drive = dict(content.get("drive") or {})
+    if values["delay"].determined[0]:
+        drive["delay"] = float(f"{values['delay'].value[0]:.3g}")
+    if found.masses == "weighed":
+        drive["mass_scale"] = _plain(found.drive.mass_scale)
+    blocks = {"wire": wire, "actuation": actuation, "drive": drive}
+    return blocks | {"identified": _basis(found, values, motions, spec, day)}
+
+
+def _basis(
+    found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], spec: HandSpec, day: str
+) -> dict[str, Any]:
+    """Date, recordings, engine, units, intervals."""
+    missing = {
+        name: {_joint(spec, k): why for k, why in enumerate(value.reason) if why} for name, value in values.items()
+    }
+    return {
+        "date": day,
+        "program": f"allegro-twin {__version__}",
+        "engine": ENGINE,
+        "recordings": {motion.name: motion.hash for motion in motions},
+        "scale": SCALE[found.masses],
+        "units": "per_pwm: armature, damping, frictionloss over the torque constant; torque_constant N·m at full PWM; "
+        "offset rad; delay s; interval: half of 95 %",
+        "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
+        "value": {name: _plain(values[name].value) for name in ("torque_constant", "offset", "delay")},
+        "interval": {name: _plain(value.half) for name, value in values.items()},
+        "not_determined": {name: table for name, table in missing.items() if table},
+        "residual": _plain(found.spread.residual),
+        "noise": _plain(found.floor),
+    }
+
+
+def _chosen(value: Value, before: Vector) -> Vector:
+    return np.where(value.determined, value.value, before)
+
+
+def shift(motion: Motion, encoder_offset: tuple[int, ...]) -> Vector:
+    """What a recording's positions are too high by, (n,), rad, when other encoder offsets, counts, are right."""
+    return _position(motion, motion.calibration) - _position(
+        motion, replace(motion.calibration, encoder_offset=encoder_offset)
+    )
+
+
+def _offsets(motion: Motion, offset: Value) -> list[int]:
+    """Encoder offsets, counts, with which the positions are right; as they were where nothing was determined."""
+    old = motion.calibration
+    # What one more count of offset does to a position, rad; each version has its own.
+    step = -shift(motion, tuple(count + 1 for count in old.encoder_offset))
+    counts = np.where(offset.determined, np.rint(-offset.value / step), 0.0)
+    return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
+
+
+def _position(motion: Motion, calibration: Calibration) -> Vector:
+    return make_codec(motion.version, calibration).positions.values(bytes(32))
+
+
+def _joint(spec: HandSpec, number: int) -> str:
+    return spec.aliases[number] if spec.aliases else spec.joints[number]
+
+
+def _plain(row: Vector) -> list[float]:
+    return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]

@@ -1,0 +1,73 @@
+"""A hand's drive in its simulation: what is compiled into the model, and what happens at every step."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import mujoco
+import numpy as np
+
+from allegro_twin.drive import Drive
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+
+_WEIGHT = 0.005  # m, radius of a weight at a fingertip.
+
+
+def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
+    """Edit a hand's MjSpec: strength, masses, and weights at the fingertips."""
+    for index, name in enumerate(spec.joints):
+        motor, limit = hand.actuator(name), spec.actuation.torque_limit[index] * drive.strength[index]
+        motor.gainprm[0] = drive.strength[index]
+        motor.forcerange = [-limit, limit]
+        link = hand.joint(name).parent
+        if drive.mass_scale[index] != 1.0:
+            link.mass *= drive.mass_scale[index]
+            link.inertia *= drive.mass_scale[index]
+            link.fullinertia *= drive.mass_scale[index]
+    for finger in spec.fingers:
+        mass = float(drive.tip_mass[list(finger.joints)].sum())
+        if mass > 0.0:
+            tip = hand.site(finger.tip)
+            weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
+            weight.mass, weight.inertia = mass, np.full(3, 0.4 * mass * _WEIGHT**2)
+            weight.explicitinertial = True
+
+
+class Drivetrain:
+    """What a drive does while time passes."""
+
+    def __init__(self, spec: HandSpec, drive: Drive, model: mujoco.MjModel, motors: slice | list[int]) -> None:
+        self._drive, self._model, self._motors = drive, model, motors
+        self._late = round(drive.delay / model.opt.timestep)
+        self._dofs = np.array([model.joint(name).dofadr[0] for name in spec.joints])
+        self._dry = spec.actuation.frictionloss
+        self._loaded = bool(drive.load_friction.any())
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: no command is on its way, and the noise is the same again."""
+        self._noise = np.random.default_rng(self._drive.seed)
+        self._coming: deque[tuple[int, Vector]] = deque()
+        self._step = 0
+
+    def command(self, torque: Vector) -> None:
+        """A torque (n,), N·m, set out."""
+        self._coming.append((self._step + self._late, torque))
+
+    def step(self, data: mujoco.MjData) -> None:
+        """One physics step is about to pass."""
+        while self._coming and self._coming[0][0] <= self._step:
+            data.ctrl[self._motors] = self._coming.popleft()[1]
+        if self._loaded:
+            load = np.abs(data.actuator_force[self._motors])
+            self._model.dof_frictionloss[self._dofs] = self._dry + self._drive.load_friction * load
+        self._step += 1
+
+    def reported(self, position: Vector) -> Vector:
+        """What the encoders say of joint positions (n,), rad."""
+        drive = self._drive
+        seen: Vector = position + drive.encoder_offset
+        seen += drive.encoder_noise * self._noise.standard_normal(len(seen))
+        coarse = drive.quantisation > 0.0
+        return np.where(coarse, np.rint(seen / np.where(coarse, drive.quantisation, 1.0)) * drive.quantisation, seen)

@@ -1,0 +1,162 @@
+"""Many short pieces of a hand's motion played at once through one model of its drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import mujoco
+import numpy as np
+from mujoco import batch
+
+from allegro_twin.sim.backend import span
+from allegro_twin.sim.scene import hand_spec
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """What is between a fraction of full PWM and a motion, (n,) each."""
+
+    torque_constant: Vector
+    """N·m at full PWM."""
+    armature: Vector
+    """kg·m²."""
+    damping: Vector
+    """N·m·s/rad."""
+    frictionloss: Vector
+    """N·m."""
+    offset: Vector
+    """What a reported position is too high by, rad."""
+    delay: Vector
+    """s."""
+    mass_scale: Vector
+    """Factor on the mass of the link that the joint moves."""
+
+    def changed(self, name: str, joints: list[int], by: float) -> Self:
+        """The same, but for one of them at some joints."""
+        values = np.array(getattr(self, name))
+        values[joints] += by
+        return replace(self, **{name: values})
+
+
+class Pieces(NamedTuple):
+    """Pieces of recordings, all of the same length."""
+
+    duty: Array
+    """Fractions of full PWM, (w, BEFORE + k, n): BEFORE periods before the piece, then its own."""
+    gravity: Array
+    """In the palm frame, (w, 3), m/s²."""
+    weight: Array
+    """At the fingertips, (w, n), kg, as `Drive.tip_mass`."""
+
+
+BEFORE = 6
+"""Periods of commands that are still on their way when a piece begins: the longest delay."""
+
+
+class Player:
+    """Plays pieces without contacts: fingers on a palm that stands still, in the time steps of `timestep`, s."""
+
+    def __init__(self, spec: HandSpec, period: float, timestep: float = 0.001) -> None:
+        self.spec, self._period = spec, period
+        self._steps = round(period / timestep)
+        self._model = _bare(spec, timestep)
+        model = self._model
+        joints = [model.joint(name) for name in spec.joints]
+        self._qpos = span([joint.qposadr[0] for joint in joints])
+        self._dofs = span([joint.dofadr[0] for joint in joints])
+        self._motors = span([model.actuator(name).id for name in spec.joints])
+        self._links = [int(joint.bodyid[0]) for joint in joints]
+        self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
+        self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
+
+    def play(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n)."""
+        found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
+        for weight in np.unique(pieces.weight, axis=0):
+            rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
+            self._set(drive, weight)
+            part = Pieces(*(each[rows] for each in pieces))
+            found[rows] = self._played(drive, position[rows], velocity[rows], part)
+        return found
+
+    def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
+        """Of the links alone, as they are set, (n,), N·m."""
+        data = self._scratch
+        data.qpos[self._qpos], data.qvel[self._dofs], data.qacc[self._dofs] = position, velocity, acceleration
+        self._model.opt.gravity[:] = gravity
+        mujoco.mj_inverse(self._model, data)
+        return np.array(data.qfrc_inverse[self._dofs])
+
+    def links_only(self, mass_scale: Vector, weight: Vector) -> None:
+        """Prepare for `link_torque`: no motors."""
+        zero = np.zeros(self.spec.n_joints)
+        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale), weight)
+        self._scratch = mujoco.MjData(self._model)
+
+    def _set(self, drive: Parameters, weight: Vector) -> None:
+        model = self._model
+        model.dof_armature[self._dofs] = drive.armature
+        model.dof_damping[self._dofs] = drive.damping
+        model.dof_frictionloss[self._dofs] = drive.frictionloss
+        model.actuator_gainprm[self._motors, 0] = drive.torque_constant
+        model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
+        model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
+        for body, finger in zip(self._weights, self.spec.fingers, strict=True):
+            model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+        sims = batch.Batch(self._model, len(position), 1)
+        sims.expand("opt.gravity")[:] = pieces.gravity
+        sims.bind("qpos")[:, self._qpos] = position - drive.offset
+        sims.bind("qvel")[:, self._dofs] = velocity
+        control = self._late(pieces.duty, drive.delay)
+        ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
+        found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
+        for k in range(len(found)):
+            for step in range(self._steps):
+                ctrl[:, self._motors] = control[k * self._steps + step]
+                sims.step()
+            found[k] = qpos[:, self._qpos]
+        return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
+
+    def _late(self, duty: Array, delay: Vector) -> Array:
+        """What acts in every time step, (steps, w, n): its mean over the step, however the delay divides it."""
+        k, h = duty.shape[1] - BEFORE, self._period / self._steps
+        whole = np.concatenate([np.zeros_like(duty[:, :1]), np.cumsum(duty, axis=1)], axis=1)  # (w, BEFORE + k + 1, n)
+        edges = np.arange(k * self._steps + 1)[:, None] * h - delay  # (steps + 1, n)
+        at = np.clip(edges / self._period + BEFORE, 0.0, BEFORE + k)
+        floor = np.minimum(at.astype(int), BEFORE + k - 1)
+        part, joints = at - floor, np.arange(duty.shape[2])
+        below, above = whole[:, floor, joints], whole[:, floor + 1, joints]
+        total = below + part * (above - below)  # The integral of the duty up to each edge, periods.
+        return np.asarray(np.swapaxes(np.diff(total, axis=1), 0, 1) * self._steps)
+
+
+_STIFF = 0.999
+"""Of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half their cost
+(0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/twin.md)."""
+_NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
+
+
+def _bare(spec: HandSpec, timestep: float) -> mujoco.MjModel:
+    """The hand's links and joints, without anything that touches or is looked at."""
+    hand = hand_spec(replace(spec, drive=None))
+    for finger in spec.fingers:
+        tip = hand.site(finger.tip)
+        weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
+        weight.mass, weight.inertia, weight.explicitinertial = _NOTHING, np.full(3, 1e-5 * _NOTHING), True
+    for parts in (hand.geoms, hand.sensors, hand.excludes, hand.meshes, hand.materials):
+        for part in list(parts):
+            hand.delete(part)
+    for name in spec.joints:
+        motor, joint = hand.actuator(name), hand.joint(name)
+        joint.solimp_friction = [_STIFF, _STIFF, *joint.solimp_friction[2:]]
+        motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    hand.option.timestep, hand.option.noslip_iterations = timestep, 0
+    hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    hand.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return hand.compile()

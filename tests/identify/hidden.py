@@ -1,0 +1,52 @@
+"""A hidden hand, excited once for all tests: three poses on a bus of this program, and what was found."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+from allegro_twin.cli.exciting import laid, play, task_of
+from allegro_twin.config import RunConfig
+from allegro_twin.identify.method import Identified, identify
+from tests.conftest import can_config
+
+POSES = ("up", "palm-up", "side")
+SECONDS = 5.0
+_DRAW = np.random.default_rng(7)
+CONSTANT = _DRAW.uniform(0.8, 1.2, 16)
+ARMATURE = _DRAW.uniform(0.002, 0.004, 16)
+DAMPING = _DRAW.uniform(0.05, 0.10, 16)
+FRICTION = _DRAW.uniform(0.005, 0.04, 16)
+OFFSET = _DRAW.uniform(-0.02, 0.02, 16)
+DELAY = 0.0035
+
+
+def config(side: str = "right") -> RunConfig:
+    truth = {
+        "wire": {"torque_constant": CONSTANT.tolist()},
+        "actuation": {
+            "armature": ARMATURE.tolist(), "damping": DAMPING.tolist(), "frictionloss": FRICTION.tolist(),
+        },
+        "drive": {"delay": DELAY, "encoder_noise": 5e-5, "encoder_offset": OFFSET.tolist()},
+    }  # fmt: skip
+    return can_config("v4", side=side, scene={"kind": "sim", "timestep": 0.0005, "truth": truth})  # type: ignore[arg-type]
+
+
+@cache
+def recordings() -> tuple[Path, ...]:
+    """One for each pose."""
+    folder, found = Path(mkdtemp()), []
+    for pose in POSES:
+        task = task_of(config(), pose, SECONDS, 3, folder)
+        assert task is not None
+        play(laid(config(), task.pose), task, lambda t: None)
+        found.append(task.file)
+    return tuple(found)
+
+
+@cache
+def found() -> Identified:
+    return identify(recordings(), (), masses_known=True)

@@ -1,0 +1,207 @@
+"""A hidden hand is found out from its own recordings, with intervals, and what cannot be known is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from allegro_twin.cli.twin import weight_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.description.wiring import load_wiring
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.identify import stored
+from allegro_twin.identify.doubt import seen, values
+from allegro_twin.identify.method import gaps, identify
+from allegro_twin.identify.motion import Motion, noise_floor, read_motion
+from allegro_twin.replay.recorder import recorded
+from allegro_twin.replay.recording import load
+from allegro_twin.sim.windows import Player
+from allegro_twin.types import HandState, Sample, TorqueCommand
+from tests.identify import hidden
+
+COUNT = np.radians(333.3 / 65536)
+
+
+def reasons(motions: list[Motion], name: str) -> tuple[str, ...]:
+    """Why values are not determined by some motions, were the fit as good as that of all."""
+    return values(hidden.found().fit, seen(motions, Player(motions[0].spec, 0.003)))[name].reason
+
+
+def motions() -> list[Motion]:
+    return list(hidden.found().motions)
+
+
+def test_a_hidden_hand_is_found_out() -> None:
+    drive, late = hidden.found().fit.drive, hidden.found().values["delay"]
+    constant = np.abs(drive.torque_constant / hidden.CONSTANT - 1.0)
+    assert np.median(constant) < 0.005
+    assert constant.max() < 0.05
+    assert np.median(np.abs(drive.damping / hidden.DAMPING - 1.0)) < 0.01
+    assert np.median(np.abs(drive.armature / hidden.ARMATURE - 1.0)) < 0.02
+    assert np.median(np.abs(drive.frictionloss - hidden.FRICTION)) < 0.5e-3
+    assert np.median(np.abs(drive.offset - hidden.OFFSET)) < 2e-3
+    assert abs(late.value[0] - hidden.DELAY) < 0.3e-3
+
+
+def test_intervals_hold_what_is_hidden() -> None:
+    truth = {
+        "torque_constant": hidden.CONSTANT,
+        "armature": hidden.ARMATURE / hidden.CONSTANT,
+        "damping": hidden.DAMPING / hidden.CONSTANT,
+        "frictionloss": hidden.FRICTION / hidden.CONSTANT,
+        "offset": hidden.OFFSET,
+    }
+    for name, true in truth.items():
+        value = hidden.found().values[name]
+        assert (np.abs(value.value - true) <= value.half).mean() >= 0.9, name
+
+
+def test_what_is_left_is_the_noise_of_the_encoders() -> None:
+    floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
+    np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
+    assert hidden.found().fit.spread.residual.max() < 2.5
+    assert noise_floor(motions()[0]).shape == (16,)
+
+
+def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
+    for name in ("torque_constant", "offset"):
+        assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))
+    assert not any("pose" in reason for reason in reasons(motions(), "torque_constant"))
+
+
+def test_an_axis_along_gravity_in_all_poses_is_named_with_the_pose_that_is_missing() -> None:
+    tilted = [replace(motions()[0], gravity=np.array([0.0, 0.0, -9.81])) for _ in range(2)]
+    leaning = replace(tilted[1], gravity=np.array([0.0, 0.0, 9.81]))  # Fingers up, and fingers down.
+    said = reasons([tilted[0], leaning], "torque_constant")
+    assert "record a pose in which its weight acts across its axis" in said[4]
+    assert not said[5]
+
+
+def test_too_short_still_and_slow_joints_are_not_determined_because() -> None:
+    short = [replace(m, position=m.position[:900], duty=m.duty[:900], good=m.good[:900]) for m in motions()]
+    assert all("s of it can be used: record at least 10 s" in reason for reason in reasons(short, "damping"))
+    still = []
+    for motion in motions():
+        position = motion.position.copy()
+        position[:, 2] = position[0, 2]
+        position[:, 9] = position[0, 9] + 0.2 * (position[:, 9] - position[0, 9])
+        still.append(replace(motion, position=position))
+    assert "it moved by 0.00 rad only" in reasons(still, "armature")[2]
+    assert "rad/s one way, and damping shows from 0.5 rad/s" in reasons(still, "damping")[9]
+    assert not reasons(still, "damping")[5]
+
+
+def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("# Bought 2019.\nactuation:\n  damping: 0.08  # a guess\nlimits: null\n")
+    result = hidden.found()
+    stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    assert file.read_text().startswith("# Bought 2019.\n")
+    spec, wiring = load_spec(serial=str(file)), load_wiring(serial=str(file))
+    assert spec.drive is not None
+    np.testing.assert_allclose(spec.actuation.damping, hidden.DAMPING, rtol=0.05)
+    known = result.values["offset"].determined
+    assert known.sum() >= 10
+    np.testing.assert_allclose(
+        np.array(wiring.calibration.encoder_offset)[known] * COUNT, hidden.OFFSET[known], atol=0.01
+    )
+    assert not np.array(wiring.calibration.encoder_offset)[~known].any()
+    basis = yaml.safe_load(file.read_text())["identified"]
+    assert (basis["date"], len(basis["recordings"])) == ("2026-01-02", 3)
+    assert basis["engine"].startswith("mujoco ")
+    assert set(basis["interval"]) == {"torque_constant", "armature", "damping", "frictionloss", "offset", "delay"}
+    (gap,) = gaps([hidden.recordings()[1]], str(file))
+    assert gap.horizons == (0.1, 0.3, 1.0, 5.0)
+    assert gap.before.all[3] > 0.05
+    assert gap.after.all[3] < gap.before.all[3] / 20.0
+
+
+def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    result = hidden.found()
+    one = values(result.fit, seen(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
+    stored.store(file, result.fit, one, result.motions[:1], "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["wire"]["torque_constant"] == [1.0] * 16
+    assert written["wire"]["encoder_offset"] == [0] * 16
+    assert "one pose" in written["identified"]["not_determined"]["torque_constant"]["index_0"]
+
+
+def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("actuation: {damping: 0.08}\n")
+
+    def broken(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stored, "with_note", broken)
+    with pytest.raises(KeyboardInterrupt):
+        stored.store(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
+    assert file.read_text() == "actuation: {damping: 0.08}\n"
+
+
+def test_another_hands_file_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("wire: {version: v3}\n")
+    with pytest.raises(ConfigError, match="is of a v3 hand, .* of a v4 one: choose another file"):
+        stored.check(file, yaml.safe_load(file.read_text()), hidden.found().motions)
+
+
+def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, recording_path: Path) -> None:
+    with pytest.raises(ConfigError, match="does not say with which torque constant .* record it again"):
+        read_motion(recording_path)
+    first = load(hidden.recordings()[0])
+    for name, rows, torque, said in (
+        ("short", 500, 0.1, r"is 1\.5 s long: record at least 3 s"),
+        ("still", 1400, 0.0, "holds positions without torques"),
+    ):
+        path = tmp_path / f"{name}.arrow"
+        columns = first.columns
+        samples = (
+            Sample(
+                HandState(
+                    float(columns["t"][k]), int(columns["tick"][k]), columns["position"][k], columns["velocity"][k],
+                    np.full(16, torque), columns["temperature"][k], columns["gravity"][k],
+                ),
+                TorqueCommand(np.zeros(16)),
+            )
+            for k in range(rows)
+        )  # fmt: skip
+        for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+            pass
+        with pytest.raises(ConfigError, match=said):
+            read_motion(path)
+    with pytest.raises(RecordingError, match="no recording at"):
+        read_motion(tmp_path / "none.arrow")
+
+
+def test_recordings_of_two_hands_are_not_one() -> None:
+    other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
+    from allegro_twin.identify.motion import same_hand
+
+    with pytest.raises(ConfigError, match=r"b\.arrow is of the hand 'allegro_left', .* of 'allegro_right'"):
+        same_hand([motions()[0], other])
+
+
+def test_a_gap_in_time_and_a_clipped_command_are_left_out() -> None:
+    motion = motions()[0]
+    limit = np.array([0.3125])
+    clipped = np.abs(motion.duty[:, [0]]) >= limit - 1e-6
+    assert (motion.good[clipped.ravel(), 0] == 0).all()
+    assert motion.saturated < 0.05
+
+
+def test_a_weight_is_told_with_its_recording() -> None:
+    weight = weight_of("tip=0.050@rec/side_1.arrow")
+    assert (weight.at, weight.mass, weight.recording) == ("tip", 0.05, "side_1.arrow")
+    for wrong in ("tip", "tip=0.05", "tip=x@r", "tip=5@r"):
+        with pytest.raises(ConfigError, match="say where, kg below 1, and in which recording"):
+            weight_of(wrong)
+    with pytest.raises(ConfigError, match="recording"):
+        identify(hidden.recordings()[:1], [weight], masses_known=False)

@@ -1,0 +1,56 @@
+"""A virtual hand that is not what its host believes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import Array, TorqueCommand
+from tests.conftest import on_a_bus
+
+TORQUE = 240 / 1200 * np.tile([0.25, 1.0, 0.75, 0.5], 4)  # Whole counts, and half of them, too.
+
+
+def swung(share: float, **scene: Any) -> Array:
+    """Where the joints are in each of 60 periods under a share of a torque."""
+    backend = on_a_bus("v4", scene={"kind": "sim", **scene})
+    found = [backend.reset().position]
+    for _ in range(60):
+        backend.write(TorqueCommand(share * TORQUE))
+        found.append(backend.read().position)
+    backend.close()
+    return np.array(found)
+
+
+def test_the_same_counts_are_half_the_torque_of_a_hand_with_half_the_constant() -> None:
+    np.testing.assert_array_equal(swung(1.0, truth={"wire": {"torque_constant": 0.5}}), swung(0.5))
+
+
+def test_an_empty_truth_is_the_hand_that_its_host_believes() -> None:
+    np.testing.assert_array_equal(swung(1.0, truth={}), swung(1.0))
+
+
+def test_truth_in_a_file_is_the_truth_in_the_config(tmp_path: Path) -> None:
+    file = tmp_path / "hidden.yaml"
+    file.write_text("actuation: {damping: 0.2}\ndrive: {delay: 0.004}\nlimits: {}\n")
+    hidden = swung(1.0, truth=str(file))
+    np.testing.assert_array_equal(hidden, swung(1.0, truth={"actuation": {"damping": 0.2}, "drive": {"delay": 0.004}}))
+    assert np.abs(hidden - swung(1.0)).max() > 0.01
+
+
+def test_a_hidden_offset_is_what_the_host_reads_too_much() -> None:
+    off = swung(0.0, truth={"drive": {"encoder_offset": 0.02}})[0] - swung(0.0)[0]
+    np.testing.assert_allclose(off, 0.02, atol=np.radians(333.3 / 65536))
+
+
+def test_a_truth_that_nobody_would_read_is_refused() -> None:
+    with pytest.raises(ValueError, match="no block named 'wires'; did you mean 'wire'"):
+        swung(1.0, truth={"wires": {}})
+    with pytest.raises(ConfigError, match="truth: drive: no key named 'dely'"):
+        swung(1.0, truth={"drive": {"dely": 1}})
+    with pytest.raises(ConfigError, match="truth: wire: no key named 'torque_constants'"):
+        swung(1.0, truth={"wire": {"torque_constants": 1}})
