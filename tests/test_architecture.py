@@ -47,7 +47,7 @@ HOMES = {
     "torch": {"train"},
     "av": {"look"},
     "coacd": {"sim"},
-    "platformdirs": {"sim"},
+    "platformdirs": {"files"},
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
     "rich": {"cli"},

@@ -51,6 +51,7 @@ class Engine:
             if (value := getattr(chosen, name)) is not None:
                 values[name] = np.full(len(rows), value)
         variant = task.variant(rows, draws, chosen)
+        task.vary(rows, variant, draws, values, chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
         task.begin(rows, variant, draws, values, chosen)
@@ -95,9 +96,9 @@ class Engine:
         position, velocity = self._sensing.measured(self.memory.tick)
         if not _finite(position):
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
-        achieved, goal = self.task.achieved(), self.task.goal()
+        achieved, goal = self.task.achieved(self.memory.tick), self.task.goal()
         seen = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
-        extra = self.task.seen()
+        extra = self.task.seen(self.memory.tick)
         if extra is not None:
             assert not isinstance(seen, dict)
             extra = extra if _finite(extra) else np.nan_to_num(extra)
@@ -127,7 +128,8 @@ class Engine:
 
     def _remember(self, rows: Rows) -> None:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
-        fresh = self.task.interface.start(position[rows], self.task.scripts(rows))
+        targets = self.task.targets(rows)
+        fresh = self.task.interface.start(position[rows] if targets is None else targets, self.task.scripts(rows))
         for own, new in zip(self.memory, fresh, strict=True):
             own[rows] = new
 

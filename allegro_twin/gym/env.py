@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import gymnasium
@@ -13,6 +14,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import read_settings
 from allegro_twin.gym.spaces import action_space, observation_space
+from allegro_twin.gym.tasks.base import Goals
 from allegro_twin.look.batch import Pictures, has_screen
 from allegro_twin.policy.interface import Floats, Observation
 
@@ -42,6 +44,10 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: Pictures | None = None
+        if isinstance(self.engine.task, Goals):
+            # Stable-Baselines3 takes everything that has these for a goal environment.
+            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
+            self.compute_terminated = self.compute_truncated = _never
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -77,17 +83,11 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             self._pictures.close()
             self._pictures = None
 
-    def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Of goals (..., k): a number for one, an array for many."""
-        return self.engine.task.reward(achieved_goal, desired_goal)
-
-    def compute_terminated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Reaching a goal ends no episode: the hand should stay there."""
-        return _never(achieved_goal)
-
-    def compute_truncated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Time truncates an episode, a goal does not."""
-        return _never(achieved_goal)
+    def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each."""
+        task = self.engine.task
+        assert isinstance(task, Goals)
+        return task.reward(achieved_goal, desired_goal, _dropped(info))
 
     def _seen(self) -> Observation:
         return _first(self.engine.observe())
@@ -111,6 +111,14 @@ def _plain(value: Any) -> Any:
     )
 
 
-def _never(achieved_goal: ArrayLike) -> Any:
+def _dropped(info: object) -> Any:
+    """What a loss cost, by one step's info or by those of many."""
+    if isinstance(info, dict):
+        return info.get("dropped", 0.0)
+    return np.array([each.get("dropped", 0.0) for each in info]) if isinstance(info, Iterable) else 0.0
+
+
+def _never(achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+    """Time truncates an episode and a loss terminates it; a goal does neither: the hand should stay there."""
     shape = np.shape(achieved_goal)[:-1]
     return np.zeros(shape, bool) if shape else False

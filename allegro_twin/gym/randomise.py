@@ -59,6 +59,13 @@ class Randomise(Settings):
     wrist_tilt: Range | None = None
     """The palm leans by up to so much about each of its axes, rad."""
 
+    camera_shift: Range | None = None
+    """Half-width of the noise on where a privileged task sees its object, m."""
+    camera_turn: Range | None = None
+    """Half-width of the noise on how it sees it turned, about each axis, rad."""
+    camera_delay: Periods | None = None
+    """Whole decisions until it sees it."""
+
     @classmethod
     def default(cls) -> Randomise:
         """Around the nominal hand. Sources: docs/rl.md#randomisation."""
@@ -77,6 +84,9 @@ class Randomise(Settings):
             actuator_delay=(0, 2),
             sensor_delay=(0, 1),
             wrist_tilt=(0.0, 0.05),
+            camera_shift=(0.0, 0.005),
+            camera_turn=(0.0, 0.1),
+            camera_delay=(0, 1),
         )
 
 

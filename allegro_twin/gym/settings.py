@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, field_validator
 
@@ -15,6 +15,10 @@ from allegro_twin.spec import Side
 
 Positive = Annotated[float, Field(gt=0)]
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
+
+Level: TypeAlias = Literal["default", "easy"]
+OWN = ("observation", "goals", "farthest", "level")
+"""Settings that only some tasks have."""
 
 
 class EnvSettings(Settings):
@@ -36,6 +40,8 @@ class EnvSettings(Settings):
     noslip: Annotated[int, Field(ge=0)] = 0
     """Solver iterations against the creep of held objects. They double the cost of a step in contact, and without them
     a held object creeps by 0.1 mm/s (docs/models.md#contact), 1 % of what an episode lets pass."""
+    coarse: bool = False
+    """Contacts without torsional and rolling friction, solved less exactly: for training, half as dear again."""
     decimation: Annotated[int, Field(ge=1)] = 13
     """Control periods between two actions."""
     gains: str = "default"
@@ -50,6 +56,15 @@ class EnvSettings(Settings):
     """Room for constraints, likewise."""
     reach: Positive = 0.3
     """How far an action may lead from the scripted motion, rad, where a task has one."""
+
+    observation: Literal["full", "hand"] = "full"
+    """Of tasks with an object in the hand: `hand` leaves out what no hand measures."""
+    goals: Literal["any", "yaw"] = "any"
+    """Of Reorient: turns about any axis, or about the vertical alone."""
+    farthest: Positive | None = None
+    """Of Reorient: how far a goal is at most, rad. None: π, and π / 2 about the vertical."""
+    level: Level = "default"
+    """Of tasks with a scripted grasp: `easy` varies little of the object."""
 
     @field_validator("randomise", mode="before")
     @classmethod

@@ -24,7 +24,7 @@ def observation_space(task: Task) -> spaces.Space[Observation]:
     goal = task.goal()
     if goal is None:
         return seen
-    room = _ROOM if task.achieved() is None else _UNIT
+    room = _ROOM if task.interface.n_goal else _UNIT
     place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
     return spaces.Dict(
         {  # type: ignore[return-value]  # A Dict is a space of dictionaries.

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.cache import cache_folder
 from allegro_twin.files.whole import whole_file
 from allegro_twin.sim.meshes import Mesh, hull_of
 from allegro_twin.types import Array
@@ -39,13 +40,12 @@ def pieces_of(mesh: Mesh, what: str) -> tuple[Mesh, ...]:
         return (hull,)
     try:
         import coacd  # type: ignore[import-untyped]  # It has no types.
-        from platformdirs import user_cache_path
     except ImportError as error:
         raise ConfigError(
             f"{what} is concave: its hull has {100 * (hull.volume / mesh.volume - 1):.0f} % more volume. To collide "
             "as it is it needs pip install 'allegro-twin[objects]'; to collide as its hull say collision: hull"
         ) from error
-    kept = user_cache_path("allegro_twin", appauthor=False) / "pieces" / f"{_key(mesh)}.npz"
+    kept = cache_folder("pieces", f"how {what} is cut") / f"{_key(mesh)}.npz"
     if kept.is_file():
         return _load(kept)
     coacd.set_log_level("error")

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 def test_the_environments_are_listed_with_their_spaces_and_what_they_are_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("allegro_twin.cli.console.console.width", 200, raising=False)
     text = " ".join(CliRunner().invoke(app, ["envs", "Reorient"]).stdout.split())
-    for part in ("AllegroTwin/Reorient-v0", "observation 77", "16 in [-1, 1]", "privileged", "205"):
+    for part in ("AllegroTwin/Reorient-v0", "observation 77", "16 in [-1, 1]", "privileged", "769"):
         assert part in text
 
 

@@ -49,7 +49,7 @@ def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card:
     answers = loaded.policy(many)
     assert answers.shape == (3, 16)
     np.testing.assert_allclose(loaded.policy(many[1]), answers[1], rtol=1e-5)
-    assert policy_controller(onnx_file, load_spec(), grasp="quadpod").script == 0
+    assert policy_controller(onnx_file, load_spec(), grasp="tripod_lemon").script == 0
 
 
 def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(onnx_file: Path, card: Card) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
-from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
 from allegro_twin.policy.card import Card, Closed
 from allegro_twin.policy.interface import Interface, Observation
@@ -33,6 +33,15 @@ class Outcome(NamedTuple):
     """What the reward is made of."""
 
 
+@runtime_checkable
+class Goals(Protocol):
+    """What a task with goals can besides."""
+
+    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
+        """Of goals (..., k); `dropped` (...) is what the loss of an object costs."""
+        ...
+
+
 class Task(ABC):
     """`n` episodes of one task."""
 
@@ -43,7 +52,9 @@ class Task(ABC):
     """How long an episode takes."""
     options: ClassVar[tuple[str, ...]]
     """Which `Options` a reset takes."""
-    extra: ClassVar[int] = 0
+    own: ClassVar[tuple[str, ...]] = ()
+    """Which of the settings that only some tasks have (`OWN`) it has."""
+    extra: int = 0
     """Numbers in an observation that no real hand has: the task is privileged when there are any."""
     settings: EnvSettings
     interface: Interface
@@ -53,6 +64,9 @@ class Task(ABC):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         self.settings, self.n = settings, n
+        for name in OWN:
+            if name in settings.model_fields_set and name not in self.own:
+                raise ConfigError(f"{self.name} has no {name} to choose")
         self.spec = load_spec(side=settings.side)
         self.gains = load_gains(settings.gains, self.spec)
 
@@ -63,6 +77,14 @@ class Task(ABC):
     @abstractmethod
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         """Set up new episodes of simulations that have their variant and what was randomised (`values`, (m,) each)."""
+
+    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        """Add to `values` what the task itself draws of `Randomise`'s quantities, where nobody else has."""
+        return
+
+    def targets(self, rows: Rows) -> Array | None:
+        """Where the fingers are drawn to at the beginning, (m, joints), rad; None: where they are."""
+        return None
 
     def plan(self, tick: Ticks) -> None:
         """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
@@ -84,16 +106,12 @@ class Task(ABC):
         """What to reach, shape (n, k), for tasks with goals."""
         return None
 
-    def achieved(self) -> Array | None:
-        """What of the goal is so now, shape (n, k), where it is not the interface that knows it from the joints."""
+    def achieved(self, tick: Ticks) -> Array | None:
+        """What of the goal is so at that decision, shape (n, k), where the interface cannot tell it from the joints."""
         return None
 
-    def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
-        """Of goals (..., k), for tasks with goals. Raises ConfigError for the others."""
-        raise ConfigError(f"{self.name} has no goals to compute a reward from")
-
-    def seen(self) -> Array | None:
-        """What no real hand has, shape (n, extra)."""
+    def seen(self, tick: Ticks) -> Array | None:
+        """What no real hand has, shape (n, extra), at the decision `tick` (n,) periods after the beginning."""
         return None
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:

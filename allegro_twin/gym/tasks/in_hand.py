@@ -1,78 +1,109 @@
-"""What tasks with an object lying in the upturned hand share. They are privileged: they see the object's motion."""
+"""What tasks with an object in the fingertips of the upturned hand share. They see the object as a camera would."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.gym.camera import Camera, Seen
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
-from allegro_twin.gym.tasks.base import Task
-from allegro_twin.gym.tasks.scenes import THING, compiled, worlds
-from allegro_twin.gym.tasks.starts import played
+from allegro_twin.gym.tasks.base import Flags, Task
+from allegro_twin.gym.tasks.held import Held, held
+from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
 from allegro_twin.gym.tasks.vectors import length
-from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.library.named import load_posture
-from allegro_twin.policy.script import Script
 from allegro_twin.sim import objects
-from allegro_twin.sim.batch import Rows, Worlds
-from allegro_twin.sim.scene import Stage
-from allegro_twin.types import Array, frozen
+from allegro_twin.sim.batch import Rows
+from allegro_twin.types import Array
 
-POSTURE = "ready"  # Fingers half bent: a cube comes to rest on the palm's edge and the fingers' bases.
-PALM, AIR, ALONG = 0.0111, 0.002, 0.010  # m: the palm's surface, a gap, and how far towards the fingers.
+if TYPE_CHECKING:
+    import mujoco
+
 LARGEST = 0.09  # m. Longer ones do not lie between the fingers and the thumb.
-SETTLE = 1.5  # s until the object lies still.
-LOST = 0.08  # m from where it lay: it is no longer in the hand.
+ASIDE = 0.06  # m from where it began: no longer in the hand.
+DROPPED = -20.0  # What losing the object costs: more than the steps of a throw can have earned.
 FAST, SPINS = 0.5, 5.0  # m/s and rad/s by which what is seen is divided, to be of order 1.
+_HAND, _PLACE = 0.02, 0.001  # rad and m, half-widths of the noise on the start.
+_FRICTION = (0.5, 1.0)
+_NEAR = 16  # States in order of size, among which one of a wanted size is drawn.
 
 
 class InHand(Task):
-    """The palm looks up and an object lies on it."""
+    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise."""
 
-    extra = 13
-    options = ("object", "friction")
+    step: ClassVar[float] = 0.08
+    """rad an action, where the settings name no other."""
+    options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
+    own: ClassVar[tuple[str, ...]] = ("observation",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        self.interface = self._interface(step=0.1)
-        self._numbers: dict[str, int] = {}
+        self.interface = self._interface(step=self.step)
+        self.extra = 13 if settings.observation == "full" else 0
+        self._held: list[Held] = []
         self._names: list[str] = []
         for name in settings.objects or ("rubiks_cube",):
             self._number(name, n, threads)
         self.thing = self.worlds.free(THING)
+        self.camera = Camera(settings.randomise, self.thing, settings.decimation)
         self.place = np.zeros((n, 3))
-        """Where the object lay at the beginning, m, world."""
-        self.kind = np.zeros(n, np.int64)
+        """Where the object was at the beginning, m, world."""
+        self.kind, self._state = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.start = np.zeros((n, self.spec.n_joints))
+        """Targets of the fingers at the beginning, rad."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
         drawn = draws.number(len(self.settings.objects or (1,)))
         return drawn if options.object is None else np.full(len(rows), self._number(options.object, self.n, 1))
 
+    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        """The state to begin in, and with it the object's size; the friction."""
+        friction, among = draws.within(*_FRICTION)[:, 0], draws.within(0.0, 1.0)[:, 0]
+        values.setdefault("friction", friction)
+        wanted = values.get("size")
+        for row, kind, number in zip(rows, variant, range(len(rows)), strict=True):
+            sizes = self._held[kind].size
+            self._state[row] = _chosen(sizes, None if wanted is None else float(wanted[number]), float(among[number]))
+        values["size"] = np.array(
+            [self._held[kind].size[self._state[row]] for row, kind in zip(rows, variant, strict=True)]
+        )
+
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         assert self.thing is not None
-        self.kind[rows] = variant
-        self.place[rows] = self.thing.pose[rows, :3]
+        found = [(self._held[kind], state) for kind, state in zip(variant, self._state[rows], strict=True)]
+        position, target, pose = (
+            np.array([getattr(each, part)[state] for each, state in found]) for part in ("position", "target", "pose")
+        )
+        noise = draws.within(-_HAND, _HAND, self.spec.n_joints)
+        self.worlds.position[rows] = np.clip(position + noise, self.spec.lower, self.spec.upper)
+        pose[:, :3] += draws.within(-_PLACE, _PLACE, 3)
+        self.thing.pose[rows] = pose
+        self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
+        self.camera.begin(rows, values, draws)
 
-    def seen(self) -> Array:
-        """The object's place from where it lay, in 5 cm, its quaternion, its velocity and its spin; world axes."""
-        assert self.thing is not None
-        thing = self.thing
-        shift = (thing.pose[:, :3] - self.place) / 0.05
-        return np.concatenate([shift, thing.pose[:, 3:], thing.velocity / FAST, thing.spin / SPINS], axis=-1)
+    def targets(self, rows: Rows) -> Array:
+        return self.start[rows]
+
+    def seen(self, tick: NDArray[np.int64]) -> Array | None:
+        return self.told(self.camera.look(tick)) if self.extra else None
+
+    def told(self, seen: Seen) -> Array:
+        """The object's shift from where it began, in 5 cm, its quaternion, its velocity and its spin; world axes."""
+        shift = (seen.position - self.place) / 0.05
+        return np.concatenate([shift, seen.quaternion, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         return {"object": np.array([self._names[number] for number in self.kind[rows]], dtype=object)}
 
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self) -> Flags:
         assert self.thing is not None
-        return length(self.thing.pose[:, :3] - self.place) > LOST
+        return length(self.thing.pose[:, :3] - self.place) > ASIDE
 
     def _number(self, name: str, n: int, threads: int) -> int:
-        if name not in self._numbers:
+        if name not in self._names:
             thing = objects.named(name)
             extents = 2 * thing.half_extents()
             if extents.max() > LARGEST:
@@ -80,24 +111,25 @@ class InHand(Task):
                     f"{name} is too large for {self.name}: {extents.max() * 1000:.0f} mm long; "
                     f"at most {LARGEST * 1000:.0f} mm can be"
                 )
-            # The fingers point along the world's x, so the palm's x is up and its y to the world's y.
-            place = (ALONG, 0.0, PALM + extents[2] / 2 + AIR)
-            placed = objects.Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-            stage = Stage(np.zeros(3), quaternion_facing((0, 0, 1), (1, 0, 0)), [placed])
-            model = compiled(self.spec, stage, self.settings)
-            if not self._names:
-                self.worlds = worlds(self.spec, model, n, threads, self.settings)
-            else:
-                self.worlds.add(model)
-            self._numbers[name] = len(self._names)
+            self._held.append(held(thing, self.settings.side))
+            model = upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings)
+            self._add(model, n, threads)
             self._names.append(name)
-            rest = np.tile(load_posture(POSTURE, self.spec), (round(SETTLE / self.settings.period), 1))
-            lying = played(
-                self.spec, model, self.gains, Script(rest, frozen(np.zeros_like(rest))), self.settings, _nothing
-            )
-            self.worlds.keep_start(self._numbers[name], lying)
-        return self._numbers[name]
+        return self._names.index(name)
+
+    def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
+        if self._names:
+            self.worlds.add(model)
+        else:
+            self.worlds = worlds(self.spec, model, n, threads, self.settings)
 
 
-def _nothing(worlds: Worlds, k: int) -> None:
-    """Nothing acts but the hand."""
+def _chosen(sizes: Array, wanted: float | None, among: float) -> int:
+    """One of the states, by a number in [0, 1); of about the wanted size. Raises ConfigError where there is none."""
+    if wanted is None:
+        return min(int(among * len(sizes)), len(sizes) - 1)
+    if not sizes[0] - 0.005 <= wanted <= sizes[-1] + 0.005:
+        raise ConfigError(f"fingertips are taught to hold this object at {sizes[0]:.2f} to {sizes[-1]:.2f} times its "
+                          f"size, not {wanted:g}")  # fmt: skip
+    near = int(np.searchsorted(sizes, wanted)) + int((among - 0.5) * _NEAR)
+    return min(max(near, 0), len(sizes) - 1)

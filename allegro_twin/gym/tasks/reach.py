@@ -64,7 +64,7 @@ class Reach(Task):
         reward = self._rewarded(apart)
         return Outcome(reward, np.zeros(self.n, bool), apart.max(axis=-1) < REACHED, {"distance": -reward})
 
-    def reward(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
+    def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
         return self._rewarded(self._distances(achieved, desired))
 

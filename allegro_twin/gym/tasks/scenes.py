@@ -13,9 +13,11 @@ from allegro_twin.evaluate.scenario import Scenario, load_protocol, load_scenari
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim.batch import Worlds
+from allegro_twin.sim.objects import Placement, Thing
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.sim.warp import WarpWorlds
 from allegro_twin.spec import HandSpec
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 THING = "object"
 """What every object is called in these scenes, so that they have the same layout."""
+_COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 FOLDERS = ("demo", "more")
 
 
@@ -92,10 +95,27 @@ def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: 
     return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
 
 
+PALM = 0.0111
+"""m: the palm's surface above the palm's origin, where it looks up."""
+
+
+def upturned(
+    spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+) -> mujoco.MjModel:
+    """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
+    x is up and its y the world's y."""
+    placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    around = Stage(np.zeros(3), quaternion_facing((0, 0, 1), (1, 0, 0)), [placed], friction=friction)
+    return compiled(spec, around, settings)
+
+
 def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
     """The model of a scene, with the physics that the settings ask for."""
     model = compile_scene(spec, around)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
+    if settings.coarse:
+        model.geom_condim[:] = np.minimum(model.geom_condim, 3)
+        model.opt.impratio, model.opt.iterations, model.opt.tolerance = _COARSE
     return model
 
 

@@ -17,3 +17,16 @@ def effort_of(action: Array) -> Array:
     """What moving costs in most rewards, actions (..., n) in [-1, 1], shape (...)."""
     cost: Array = np.add.reduce(action * action, axis=-1) * (-0.02 / action.shape[-1])
     return cost
+
+
+def turned(quaternion: Array, vector: Array) -> Array:
+    """Vectors (..., 3) of a body's axes in the world's, where its orientation is (..., 4)."""
+    axis = quaternion[..., 1:]
+    twice = 2.0 * np.cross(axis, vector)
+    return np.asarray(vector + quaternion[..., :1] * twice + np.cross(axis, twice))
+
+
+def tilt(quaternion: Array) -> Array:
+    """Between a body's own z axis and the vertical, its orientation (..., 4), shape (...), rad."""
+    x, y = quaternion[..., 1], quaternion[..., 2]
+    return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
