@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from allegro_twin.cli import complete, options
+from allegro_twin.cli.evaluating import Engines
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.scenario import Scenario
+    from allegro_twin.plan.prove import Planned
+    from allegro_twin.plan.search import Search
+    from allegro_twin.sweep.local import Engine
 
 
 Thing = Annotated[
@@ -51,11 +55,15 @@ def plan(
     ] = "table_pick",
     seconds: Annotated[float, typer.Option("--time", help="To search at most.", callback=options.positive)] = 120.0,
     seed: Annotated[int, typer.Option(min=0, help="Another seed finds other grasps.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, help="So many searches side by side, from this seed on.")] = 1,
+    engine: Annotated[Engines, typer.Option(help="Where they run: this computer, or a Ray cluster.")] = Engines.local,
+    address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
     pictures: Annotated[bool, typer.Option(help="Of every grasp, and an overview.")] = True,
 ) -> None:
     """Find grasps for an object that stands on a table: proposed by geometry, closed in physics, tried under draws of
     what the hand is not told, and proven in the whole trial."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.verdicts import engine_of
     from allegro_twin.description.hands import load_spec
     from allegro_twin.evaluate.scenario import load_protocol
     from allegro_twin.plan.keep import in_words, stored, written
@@ -68,11 +76,10 @@ def plan(
     load_protocol(protocol)
     search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
     name = scenario.objects[0].name
-    with console.progress() as bar:
-        task = bar.add_task(f"{name}: 0 of {n}", total=seconds)
-        found = search.run(
-            n, seconds, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
-        )
+    if seeds == 1 and engine is Engines.local:
+        found = _searched(search, n, seconds)
+    else:
+        found = _spread(search, kind, n, seconds, seeds, engine_of(engine.value, address, None).engine)
     console.console.print(console.planned(name, found))
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
@@ -87,6 +94,30 @@ def plan(
     if pictures:
         _pictured(paths, folder)
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
+
+
+def _searched(search: Search, n: int, seconds: float) -> list[Planned]:
+    """On all processors of this computer."""
+    from allegro_twin.cli import console
+
+    name = search.scenario.objects[0].name
+    with console.progress() as bar:
+        task = bar.add_task(f"{name}: 0 of {n}", total=seconds)
+        return search.run(
+            n, seconds, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
+        )
+
+
+def _spread(search: Search, kind: str | None, n: int, seconds: float, seeds: int, engine: Engine) -> list[Planned]:
+    """One search a processor."""
+    from allegro_twin.cli import console
+    from allegro_twin.plan.spread import side_by_side
+
+    with console.progress() as bar:
+        task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
+        return side_by_side(
+            search, kind, n, seconds, seeds, engine, lambda done, _total: bar.update(task, completed=done)
+        )
 
 
 def improve(

@@ -100,16 +100,11 @@ class Prover:
 
     def best(self, n: int) -> list[Planned]:
         """Those that hold in the whole trial, apart from each other, best first."""
-        return self.ranked([option for option in self.options if option.confirmed], n)
+        return best_of([option for option in self.options if option.confirmed], n, self.turns)
 
     def ranked(self, options: Sequence[Planned], n: int) -> list[Planned]:
         """The best of each place, of those that have not failed."""
-        kept: list[Planned] = []
-        usable = (option for option in options if option.confirmed is not False)
-        for option in sorted(usable, key=lambda o: (-o.expected, -o.candidate.score)):
-            if len(kept) < n and different(option.candidate, [k.candidate for k in kept], self.turns):
-                kept.append(option)
-        return kept
+        return best_of([option for option in options if option.confirmed is not False], n, self.turns)
 
     def unsure(self) -> list[Candidate]:
         """Those of the best whose variations may be better."""
@@ -150,6 +145,15 @@ class Prover:
             self.ends["held" if option.confirmed else "elsewhere" if verdict.held else "whole trial"] += 1
             if verdict.report is not None:
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+
+
+def best_of(options: Sequence[Planned], n: int, turns: Array | None) -> list[Planned]:
+    """So many, best first, each apart from those before it. `turns`: rotations that leave the object as it is."""
+    kept: list[Planned] = []
+    for option in sorted(options, key=lambda o: (-o.expected, -o.candidate.score)):
+        if len(kept) < n and different(option.candidate, [k.candidate for k in kept], turns):
+            kept.append(option)
+    return kept
 
 
 def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:

@@ -26,6 +26,7 @@ from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
 
 FEW, ELITE = 4, 10
 """Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
@@ -70,7 +71,7 @@ class Search:
         began = time.monotonic()
         protocol = load_protocol(self.scenario.protocol)
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
-        prover = self._prover(bench, protocol)
+        prover = self._prover(bench)
         friction = protocol.friction or self.scenario.friction
         step = FINE if protocol.floating else COARSE
         proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
@@ -92,11 +93,10 @@ class Search:
             tell(prover.best(n), time.monotonic() - began)
         return prover.best(n)
 
-    def _prover(self, bench: Workbench, protocol: Protocol) -> Prover:
-        turns = None if protocol.floating else symmetry(bench.placed)
+    def _prover(self, bench: Workbench) -> Prover:
         return Prover(
-            bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty, turns,
-            self.region, self.threads, ends=self.ends,
+            bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
+            symmetry_of(self), self.region, self.threads, ends=self.ends,
         )  # fmt: skip
 
     def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
@@ -124,6 +124,14 @@ class Search:
             if different(candidate, [*taken, *kept], prover.turns):
                 kept.append(candidate)
         return kept
+
+
+def symmetry_of(search: Search) -> Array | None:
+    """Turns that make a grasp no other one; in the air every pose of the palm is its own."""
+    protocol = load_protocol(search.scenario.protocol)
+    if protocol.floating:
+        return None
+    return symmetry(stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
 
 
 def _furthest(outcomes: list[Outcome]) -> list[Candidate]:

@@ -1,0 +1,92 @@
+"""Searches with a seed each, side by side: in processes of this computer or on a Ray cluster."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import HandError
+from allegro_twin.evaluate.scenario import Scenario
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.plan.candidate import Candidate
+from allegro_twin.plan.prove import Planned, best_of
+from allegro_twin.plan.region import Region
+from allegro_twin.plan.search import Effort, Search, symmetry_of
+from allegro_twin.plan.templates import templates
+from allegro_twin.sweep.jobs import Sweep
+from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.running import run
+
+SEARCH = "allegro_twin.plan.spread:searched"
+
+
+def side_by_side(
+    search: Search,
+    kind: str | None,
+    n: int,
+    seconds: float,
+    seeds: int,
+    engine: Engine,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Planned]:
+    """The best `n` of searches like `search` with so many seeds from its own on, each of at most `seconds` on one
+    processor. `kind`: of their templates; `progress`: how many have ended. Raises HandError when one of them fails."""
+    shared = {
+        "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
+        "side": search.spec.side, "kind": kind, "n": n, "seconds": seconds, "effort": asdict(search.effort),
+        "region": None if search.region is None else asdict(search.region),
+    }  # fmt: skip
+    items = [{"seed": search.seed + number} for number in range(seeds)]
+    table = run(Sweep(SEARCH, items, shared, unit=1), engine=engine, progress=progress).to_pylist()
+    failed = next((row["error"] for row in table if row["error"]), None)
+    if failed is not None:
+        raise HandError(failed)
+    for row in table:
+        search.ends.update(json.loads(row["ends"]))
+    found = [planned_of(data, search.templates) for row in table for data in json.loads(row["found"])]
+    return best_of(found, n, symmetry_of(search))
+
+
+def searched(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON."""
+    spec, asked = load_spec(side=shared["side"]), shared["region"]
+    rows = []
+    for item in items:
+        search = Search(
+            Scenario.model_validate(shared["scenario"]), spec, templates(spec, shared["kind"]), Path(shared["folder"]),
+            seed=item["seed"], effort=Effort(**shared["effort"]), region=None if asked is None else Region(**asked),
+            threads=1,
+        )  # fmt: skip
+        found = search.run(shared["n"], shared["seconds"])
+        rows.append({"found": json.dumps([plain(each) for each in found]), "ends": json.dumps(search.ends)})
+    return rows
+
+
+def plain(planned: Planned) -> dict[str, Any]:
+    """As JSON has it."""
+    fields = {key: getattr(planned, key) for key in ("tried", "held", "confirmed", "sure", "margin", "stall")}
+    candidate = {key: np.asarray(getattr(planned.candidate, key)).tolist() for key in Candidate.__slots__}
+    grasp = {key: getattr(planned.grasp, key).tolist() for key in _POSTURES}
+    return fields | {"candidate": candidate, "grasp": grasp, "scenario": planned.scenario.model_dump(mode="json")}
+
+
+def planned_of(data: Any, known: Sequence[Grasp]) -> Planned:
+    """What `plain` has made plain; `known`: the templates of the search."""
+    values: Any = {
+        key: np.array(value) if isinstance(value, list) else value for key, value in data["candidate"].items()
+    }
+    candidate = Candidate(**values)
+    template = next(grasp for grasp in known if grasp.name == candidate.template)
+    preshape, close, squeeze = (np.array(data["grasp"][key]) for key in _POSTURES)
+    grasp = replace(template, grip=None, preshape=preshape, close=close, squeeze=squeeze)
+    fields = {key: value for key, value in data.items() if key not in ("candidate", "grasp", "scenario")}
+    return Planned(candidate, Scenario.model_validate(data["scenario"]), grasp, **fields)
+
+
+_POSTURES = ("preshape", "close", "squeeze")
