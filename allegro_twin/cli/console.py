@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
     from allegro_twin.hand.grasps import Grasped
     from allegro_twin.identify.limits import FoundLimits
-    from allegro_twin.plan.search import Planned
+    from allegro_twin.plan.prove import Planned
     from allegro_twin.spec import HandSpec
     from allegro_twin.types import HandState
 
@@ -82,7 +82,7 @@ def planned(name: str, found: Sequence[Planned]) -> Table:
     for number, each in enumerate(found, 1):
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, each.grasp.taxonomy.name,
-            f"{each.success:.0%}", f"{each.margin:.0%}", f"{each.stall:.0%}",
+            f"{each.held} of {each.tried}" if each.tried else "", f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 

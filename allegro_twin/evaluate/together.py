@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allegro_twin.evaluate.held import Observations, Report
+from allegro_twin.evaluate.held import Observations, Report, moved
 from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
@@ -51,15 +51,17 @@ def together(
     *,
     threads: int = 0,
     measure: Measure | None = None,
+    hasty: bool = False,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
-    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits."""
+    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `hasty`: a trial ends
+    where its object has left the limits at a check, and has no report; for those who only want what holds."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         groups.setdefault(layout(trial.backend.model), []).append(index)
     found: dict[int, Verdict] = {}
     for indices in groups.values():
-        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure)
+        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure, hasty)
         found |= dict(zip(indices, group.run(), strict=True))
     return [found[index] for index in range(len(trials))]
 
@@ -74,6 +76,7 @@ class _Group:
         limits: Limits,
         threads: int,
         measure: Measure | None,
+        hasty: bool,
     ) -> None:
         backends = [trial.backend for trial in trials]
         self.trials, self.limits, self.n = trials, limits, len(trials)
@@ -101,6 +104,8 @@ class _Group:
         self._begin = [round(begin / self.period) for begin in begins]
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
+        self._begin = np.array([round(trial.begin / self.period) for trial in trials])
+        self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
         self.torque = np.empty((self.n, most, self.spec.n_joints))
@@ -112,7 +117,7 @@ class _Group:
         tick = 0
         while True:
             self._keep(alive, tick)
-            alive = alive[self.periods[alive] > tick]
+            alive = self._going_on(alive, tick, stopped)
             if not len(alive):
                 break
             torque = self._clamped(alive, tick)
@@ -132,6 +137,16 @@ class _Group:
             )
             for row in range(self.n)
         ]
+
+    def _going_on(self, rows: Rows, tick: int, stopped: list[str]) -> Rows:
+        """Those that are not at their end yet, and not lost where somebody asked for haste."""
+        rows = rows[self.periods[rows] > tick]
+        judged = [row for row in rows.tolist() if tick in self._judged[row]]
+        if judged:
+            for row, why in zip(judged, self._lost(np.array(judged), tick), strict=True):
+                stopped[row] = why
+            rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
+        return rows
 
     def _clamped(self, rows: Rows, tick: int) -> Array:
         sims = self.sims
@@ -159,6 +174,16 @@ class _Group:
         if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
             return violation(self._state(row, 0), self.limits, self.spec) or ""
         return ""
+
+    def _lost(self, rows: Rows, tick: int) -> list[str]:
+        """Why each of some trials cannot be held any more; empty where it may be."""
+        rules = [self.trials[row].rule for row in rows]
+        palm, thing, start = self.palm, self.thing, self._begin[rows]
+        drift, rotation = moved(palm[rows, start], thing[rows, start], palm[rows, tick], thing[rows, tick])
+        return [
+            f"moved {d * 1000:.1f} mm and {r:.1f}° in the hand" if d > rule.drift or r > rule.rotation else ""
+            for d, r, rule in zip(drift, rotation, rules, strict=True)
+        ]
 
     def _state(self, row: int, tick: int) -> HandState:
         sims = self.sims
@@ -210,3 +235,13 @@ class _States:
 def _lasting(drives: Sequence[Array], steps: int) -> Array:
     """The set-points of so many steps, (n, steps, 6); after its last one each wrist stays."""
     return np.stack([drive[np.minimum(np.arange(steps), len(drive) - 1)] for drive in drives])
+
+
+def _checked(trial: Trial, period: float) -> frozenset[int]:
+    """The periods at which a trial's limits hold: the ends of phases that check, or all along them."""
+    ends = {round(window.end / period) for window in trial.windows if window.check}
+    if trial.rule.throughout:
+        for window in trial.windows:
+            if window.check:
+                ends |= set(range(round(window.begin / period) + LOOK, round(window.end / period), LOOK))
+    return frozenset(ends)

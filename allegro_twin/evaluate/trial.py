@@ -79,6 +79,11 @@ class Trial:
         """What speaks against a success, with its numbers."""
         return [] if self._too_heavy is None else [self._too_heavy]
 
+    @property
+    def begin(self) -> float:
+        """From when on motion in the hand counts, s."""
+        return next(window.end for window in self.windows if window.name == self.protocol.reference)
+
     def begin_of(self, stage: str) -> float:
         """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
         for phase, window in zip(self.protocol.phases, self.windows, strict=True):
@@ -133,7 +138,7 @@ class Trial:
     def _loads(self, seen: Observations) -> list[str]:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
-        begin = next(w.end for w in self.windows if w.name == self.protocol.reference)
+        begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
         share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
         full = [name for name, part in zip(self.backend.spec.aliases, share, strict=True) if part > 0.5]
