@@ -100,8 +100,6 @@ class _Group:
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
         self._looks = [{last, *(round(w.end / self.period) for w in trial.windows)}
                        for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
-        begins = [next(w.end for w in trial.windows if w.name == trial.rule.reference) for trial in trials]
-        self._begin = [round(begin / self.period) for begin in begins]
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
         self._begin = np.array([round(trial.begin / self.period) for trial in trials])
