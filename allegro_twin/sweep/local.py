@@ -13,6 +13,9 @@ from allegro_twin.sweep.workers import Done, Failed, Lost, Workers
 
 RETRIES = 2
 """How often a unit whose process was killed is tried again."""
+_GIVE_BACK = {"MALLOC_MMAP_THRESHOLD_": "131072"}
+"""For glibc, bytes: what is larger goes back to the system when it is freed. Its own way keeps more with every unit:
+trials of a 64 took 390 MB a process in the first and 670 MB in the tenth, now 240 and 270."""
 
 
 class Engine(Protocol):
@@ -47,7 +50,7 @@ def cores() -> int:
 def _apart(sweep: Sweep, units: Sequence[Unit], count: int) -> Iterator[tuple[int, list[Result]]]:
     left = list(range(len(units)))[::-1]
     died = [0] * len(units)
-    with Workers("allegro_twin.sweep.units:compute_apart", work_of(sweep), count) as workers:
+    with Workers("allegro_twin.sweep.units:compute_apart", work_of(sweep), count, _GIVE_BACK) as workers:
         while left or workers.busy:
             while left and workers.free:
                 number = left.pop()
