@@ -39,7 +39,8 @@ def excite(
 ) -> None:
     """Play motions that show what the hand's drive is made of, and record them; the same command again goes on after
     an interruption. Three poses, up, palm-up and side, show all of it."""
-    from allegro_twin.cli import console, exciting
+    from allegro_twin.build import exciting
+    from allegro_twin.cli import console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
 
