@@ -34,6 +34,8 @@ class Fit:
     """Noise of the reported positions, (n,), rad."""
     masses: Masses
     pieces: int
+    bristly: bool
+    """Whether friction breaks away; otherwise it is Coulomb's."""
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
@@ -61,7 +63,7 @@ def fit(motions: list[Motion], player: Player, start: Parameters, nominal: Param
         drive = problem.drive_of(found.x)
     spreads = spread(problem, drive, found.jac, found.fun, masses)
     whole = spreads.covariance + mass_variance(problem, spreads)
-    return Fit(drive, start, spreads, whole, floor, masses, len(problem.cuts.recording))
+    return Fit(drive, start, spreads, whole, floor, masses, len(problem.cuts.recording), player.bristly)
 
 
 def _kept(jacobian: Array) -> Callable[[Vector], Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
+Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
+SUSPICIOUS = 2.0
+"""Times the noise, in the middle of all joints: with more left over, friction is not Coulomb's."""
 Tell = Callable[[str], None]
 """Told what is being done."""
 
@@ -54,6 +58,7 @@ def identify(
     *,
     masses_known: bool,
     hand: str = "",
+    friction: Friction = "auto",
     tell: Tell = lambda line: None,
 ) -> Identified:
     """`hand`: its file, whose `drive.mass_scale` are the masses of its links. Raises ConfigError or RecordingError."""
@@ -69,8 +74,16 @@ def identify(
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
     base = drive_of(nominal, motions[0], np.ones(spec.n_joints), np.zeros(spec.n_joints))
-    tell("the motion as the model would make it")
-    found = fit(motions, player, start, base, masses)
+    found: Fit | None = None
+    if friction != "lugre":
+        tell("the motion as the model would make it")
+        found = fit(motions, player, start, base, masses)
+    if found is None or (friction == "auto" and np.median(found.spread.residual) > SUSPICIOUS):
+        tell("the motion as it would be if friction broke away")
+        other = fit(motions, Player(spec, motions[0].period, bristly=True), start, base, masses)
+        better = found is None or np.median(other.spread.residual) < np.median(found.spread.residual)
+        found = other if better else found
+    assert found is not None
     return Identified(tuple(motions), looked, found, values(found, looked))
 
 
@@ -89,8 +102,10 @@ def _gap(motion: Motion, hand: str) -> Gap:
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
     player = Player(nominal, motion.period)
+    bristly = mine.drive is not None and bool(mine.drive.bristle.any())
+    own = Player(nominal, motion.period, bristly=True) if bristly else player
     after = drive_of(mine, motion, constant, shift(motion, wiring.calibration.encoder_offset))
-    return gap(motion, player, drive_of(nominal, motion, ones, zero), after)
+    return gap(motion, (player, drive_of(nominal, motion, ones, zero)), (own, after))
 
 
 def _motions(paths: Sequence[Path], weights: Sequence[Weight]) -> list[Motion]:

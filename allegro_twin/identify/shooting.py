@@ -23,9 +23,10 @@ TRUSTED = 0.9  # Of the rows of a piece.
 START = (1e-3, 0.2)  # rad, rad/s: how far a smoothed start may be off.
 NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
-    "mass_scale": 0.03, "position": 5e-4, "velocity": 0.02,
+    "mass_scale": 0.03,
+    "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02,
 }  # fmt: skip
-"""Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, rad, rad/s."""
+"""Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

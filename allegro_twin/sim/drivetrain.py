@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.drive import Drive
+from allegro_twin.sim import bristles
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -15,11 +16,13 @@ _WEIGHT = 0.005  # m, radius of a weight at a fingertip.
 
 
 def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
-    """Edit a hand's MjSpec: strength, masses, and weights at the fingertips."""
+    """Edit a hand's MjSpec: strength, friction that breaks away, masses, and weights at the fingertips."""
     for index, name in enumerate(spec.joints):
         motor, limit = hand.actuator(name), spec.actuation.torque_limit[index] * drive.strength[index]
         motor.gainprm[0] = drive.strength[index]
         motor.forcerange = [-limit, limit]
+        if drive.bristle[index] > 0.0:
+            bristles.add(hand, name)
         link = hand.joint(name).parent
         if drive.mass_scale[index] != 1.0:
             link.mass *= drive.mass_scale[index]
@@ -41,7 +44,10 @@ class Drivetrain:
         self._drive, self._model, self._motors = drive, model, motors
         self._late = round(drive.delay / model.opt.timestep)
         self._dofs = np.array([model.joint(name).dofadr[0] for name in spec.joints])
-        self._dry = spec.actuation.frictionloss
+        self._dry, self._armature = spec.actuation.frictionloss, spec.actuation.armature
+        self._soft = np.flatnonzero(drive.bristle > 0.0)
+        self._elements = np.array([model.actuator(bristles.name_of(spec.joints[k])).id for k in self._soft], dtype=int)
+        self._rub(self._dry)
         self._loaded = bool(drive.load_friction.any())
         self.reset()
 
@@ -60,9 +66,16 @@ class Drivetrain:
         while self._coming and self._coming[0][0] <= self._step:
             data.ctrl[self._motors] = self._coming.popleft()[1]
         if self._loaded:
-            load = np.abs(data.actuator_force[self._motors])
-            self._model.dof_frictionloss[self._dofs] = self._dry + self._drive.load_friction * load
+            self._rub(self._dry + self._drive.load_friction * np.abs(data.actuator_force[self._motors]))
         self._step += 1
+
+    def _rub(self, dry: Vector) -> None:
+        """Set dry friction, (n,), N·m."""
+        drive, soft = self._drive, self._soft
+        self._model.dof_frictionloss[self._dofs] = np.where(drive.bristle > 0.0, 0.0, dry)
+        if len(soft):
+            rows = (each[soft] for each in (dry, drive.stiction, drive.stribeck_speed, drive.bristle, self._armature))
+            bristles.tune(self._model, self._elements, *rows)
 
     def reported(self, position: Vector) -> Vector:
         """What the encoders say of joint positions (n,), rad."""
