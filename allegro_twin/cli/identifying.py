@@ -18,8 +18,9 @@ from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
     from allegro_twin.identify.doubt import Value
+    from allegro_twin.identify.fit import Friction
     from allegro_twin.identify.gap import Gap
-    from allegro_twin.identify.method import Friction, Identified, Weight
+    from allegro_twin.identify.method import Identified, Weight
 
 _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
 _SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)

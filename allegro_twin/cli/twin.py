@@ -122,7 +122,11 @@ def gap(
     """How good the twin is: the recorded commands played into the model, open loop, against what the hand did."""
     from allegro_twin.cli import console, identifying
     from allegro_twin.identify.method import gaps
+    from allegro_twin.identify.stored import doubtful
 
+    doubt = doubtful(identifying.hand_file(hand)) if hand else ""
+    if doubt:
+        console.errors.print(f"[yellow]{doubt}[/]", soft_wrap=True)
     for each in gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
 

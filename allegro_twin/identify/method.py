@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.identify.doubt import Seen, Value, seen, values
-from allegro_twin.identify.fit import Fit, fit
+from allegro_twin.identify.fit import Fit, Friction, fit
 from allegro_twin.identify.gap import Gap, drive_of, gap
 from allegro_twin.identify.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.problem import Masses
@@ -23,9 +22,6 @@ from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
-Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
-SUSPICIOUS = 2.0
-"""Times the noise, in the middle of all joints: with more left over, friction is not Coulomb's."""
 Tell = Callable[[str], None]
 """Told what is being done."""
 
@@ -74,16 +70,8 @@ def identify(
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
     base = drive_of(nominal, motions[0], np.ones(spec.n_joints), np.zeros(spec.n_joints))
-    found: Fit | None = None
-    if friction != "lugre":
-        tell("the motion as the model would make it")
-        found = fit(motions, player, start, base, masses)
-    if found is None or (friction == "auto" and np.median(found.spread.residual) > SUSPICIOUS):
-        tell("the motion as it would be if friction broke away")
-        other = fit(motions, Player(spec, motions[0].period, bristly=True), start, base, masses)
-        better = found is None or np.median(other.spread.residual) < np.median(found.spread.residual)
-        found = other if better else found
-    assert found is not None
+    tell("the motion as the model would make it")
+    found = fit(motions, start, base, masses, friction)
     return Identified(tuple(motions), looked, found, values(found, looked))
 
 

@@ -120,6 +120,15 @@ def _chosen(value: Value, before: Vector) -> Vector:
     return np.where(value.determined, value.value, before)
 
 
+def doubtful(path: Path) -> str:
+    """Why the values in a hand's file may not fit this program; empty where they do."""
+    table = parse_yaml(read_text(path), str(path)) if path.exists() else {}
+    engine = (table.get("identified") or {}).get("engine", ENGINE)
+    if engine == ENGINE:
+        return ""
+    return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
+
+
 def shift(motion: Motion, encoder_offset: tuple[int, ...]) -> Vector:
     """What a recording's positions are too high by, (n,), rad, when other encoder offsets, counts, are right."""
     return _position(motion, motion.calibration) - _position(

@@ -82,14 +82,18 @@ class Player:
         self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
-    def play(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
-        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n)."""
+    def play(
+        self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, bend: Array | None = None
+    ) -> Array:
+        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
+        `bend`: how much more the bristles are bent than in steady motion, (w, n), rad."""
         found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
         for weight in np.unique(pieces.weight, axis=0):
             rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
             self._set(drive, weight)
             part = Pieces(*(each[rows] for each in pieces))
-            found[rows] = self._played(drive, position[rows], velocity[rows], part)
+            more = np.zeros_like(position[rows]) if bend is None else bend[rows]
+            found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
 
     def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
@@ -121,14 +125,14 @@ class Player:
             model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
-    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, more: Array) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
         sims.expand("opt.gravity")[:] = pieces.gravity
         sims.bind("qpos")[:, self._qpos] = position - drive.offset
         sims.bind("qvel")[:, self._dofs] = velocity
         if self.bristly:
-            bend = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
-            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = bend
+            steady = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
+            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = steady + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
         found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
