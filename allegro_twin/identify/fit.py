@@ -15,9 +15,9 @@ from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
-COARSE = 3
-"""First only every third piece."""
-COARSELY, FINELY = 5, 8
+COARSE = 4
+"""First only every fourth piece."""
+COARSELY, FINELY = 5, 7
 """Evaluations at most; in the end derivatives are held."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
@@ -79,12 +79,22 @@ def _solved(problem: Problem, drive: Parameters, *, hold: bool) -> _Solved:
     problem.shooting.prepare(drive)
     problem.shooting.better_starts(drive)
     first = problem.x_of(drive)
-    held = problem.jacobian(first) if hold else None
+    active, least = problem.active, problem.least[problem.active]
+    held = problem.jacobian(first)[:, active] if hold else None
+
+    def whole(moving: Vector) -> Vector:
+        x = first.copy()
+        x[active] = moving
+        return x
+
     found = least_squares(
-        problem.residuals, np.maximum(first, problem.least + 1e-6),
-        problem.jacobian if held is None else lambda x: held,
-        bounds=(problem.least, np.inf), max_nfev=FINELY if hold else COARSELY, xtol=1e-5, ftol=1e-7 if hold else 1e-3,
+        lambda moving: problem.residuals(whole(moving)),
+        np.maximum(first[active], least + 1e-6),
+        lambda moving: problem.jacobian(whole(moving))[:, active] if held is None else held,
+        bounds=(least, np.inf), max_nfev=FINELY if hold else COARSELY, xtol=1e-5, ftol=1e-7 if hold else 1e-3,
     )  # fmt: skip
     data = len(found.fun) - len(problem.prior)
     left = float(np.sqrt(np.square(found.fun[:data]).mean()))
-    return _Solved(problem.drive_of(found.x), found.jac, found.fun, left)
+    jacobian = np.zeros((len(found.fun), len(first)))
+    jacobian[:, active] = found.jac
+    return _Solved(problem.drive_of(whole(found.x)), jacobian, found.fun, left)

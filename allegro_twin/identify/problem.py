@@ -59,6 +59,9 @@ class Problem:
         self.shooting = Shooting(player, self.cuts, floor)
         self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in _BOTH] + [[_UNITS["delay"]]])
         self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in _BOTH] + [[0.0]]) / self.unit
+        moving = [name for name in (*NAMES, *SHAPE) if self._moves(name)] + ["delay"]
+        self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
+        """Parameters that move."""
         self._center = self.x_of(nominal)
         self.prior = self._prior_rows()
 
@@ -81,14 +84,18 @@ class Problem:
         drive = self.drive_of(x)
         base = self.shooting.raw(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
-        shape = SHAPE if self.player.bristly else ()
-        for name in (*NAMES, *shape):
-            if name != "mass_scale" or self._masses == "weighed":
+        for name in (*NAMES, *SHAPE):
+            if self._moves(name):
                 self.by(drive, base, name, found)
         data = len(found) - len(self.prior)
         found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
         found[data:] = self.prior
         return found
+
+    def _moves(self, name: str) -> bool:
+        if name in SHAPE:
+            return self.player.bristly
+        return name != "mass_scale" or self._masses == "weighed"
 
     def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into the rows and columns that are its own."""

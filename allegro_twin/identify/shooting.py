@@ -107,7 +107,7 @@ class Shooting:
         residual = self.raw(drive)
         for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
             r = self._augmented(residual, finger)
-            step = -np.einsum("wij,wkj,wk->wi", inverse, Q, r)  # (w, starts)
+            step = -np.einsum("wij,wj->wi", inverse, _within(Q, r))  # (w, starts)
             for place, joint in enumerate(finger):
                 for which, name in enumerate(self._states):
                     self._off[which][:, joint] += START[name] * step[:, len(self._states) * place + which]
@@ -117,7 +117,7 @@ class Shooting:
         distance of the starts from the smoothed ones counts, too."""
         joints, Q = self._fingers[finger], self._bases[finger]
         r = self._augmented(values, joints, start)
-        return np.asarray(r - np.einsum("wij,wkj,wk->wi", Q, Q, r))
+        return np.asarray(r - np.matmul(Q, _within(Q, r)[..., None])[..., 0])
 
     def rows(self, finger: list[int]) -> int:
         """Of a finger's residuals in one piece."""
@@ -154,3 +154,8 @@ class Shooting:
                 for which, name in enumerate(self._states):
                     off[:, len(self._states) * place + which] = self._off[which][:, joint] / START[name]
         return np.concatenate([own, off], axis=1)
+
+
+def _within(Q: Array, r: Array) -> Array:
+    """Qᵀr of every piece, (w, starts)."""
+    return np.asarray(np.matmul(r[:, None, :], Q)[:, 0])
