@@ -99,10 +99,11 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
     for name in (*VALUES, *(SHAPE if found.bristly else ())):
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
+        half = _half(found, name, found.covariance)
         # Masses that are only assumed make all N·m doubtful, but the twin moves no worse for it.
-        sure = _half(found, name, found.spread.covariance)
+        sure = half if name == "offset" else _half(found, name, found.spread.covariance)
         reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
-        result[name] = Value(value, _half(found, name, found.covariance), reasons)
+        result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
     return result | {"delay": Value(late, half, (short,))}

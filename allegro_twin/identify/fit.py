@@ -10,15 +10,19 @@ from scipy.optimize import least_squares  # type: ignore[import-untyped]  # Its 
 
 from allegro_twin.identify.motion import Motion, noise_floor
 from allegro_twin.identify.problem import Masses, Problem, at_model, index
+from allegro_twin.identify.shooting import PIECE
 from allegro_twin.identify.spread import Spread, mass_variance, spread
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
-COARSE = 4
-"""First only every fourth piece."""
-COARSELY, FINELY = 5, 7
-"""Evaluations at most; in the end derivatives are held."""
+FEW = 40
+"""Pieces to begin with."""
+COARSELY, BRISTLY, FINELY = 5, 30, 7
+"""Evaluations at most: roughly, the same where friction breaks away, and in the end, when derivatives are held."""
+LARGE = 5.0
+"""Times the noise: residuals of friction that breaks away count less from here on, for who starts in the wrong place
+sticks when the hand slips."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
@@ -51,12 +55,14 @@ def fit(
     floor = np.median([noise_floor(motion) for motion in motions], axis=0)
     center, spec, period = at_model(nominal, start), motions[0].spec, motions[0].period
 
+    coarse = max(1, round(sum(len(motion.position) for motion in motions) / PIECE / FEW))
+
     def problem(bristly: bool, every: int) -> Problem:
         return Problem(motions, Player(spec, period, bristly=bristly), floor, center, masses, every)
 
-    rough, bristly = _solved(problem(False, COARSE), start, hold=False), False
+    rough, bristly = _solved(problem(False, coarse), start, hold=False), False
     if friction == "lugre" or (friction == "auto" and rough.left > SUSPICIOUS):
-        other = _solved(problem(True, COARSE), rough.drive, hold=False)
+        other = _solved(problem(True, coarse), start, hold=False)
         bristly = friction == "lugre" or other.left < rough.left
         rough = other if bristly else rough
     whole = problem(bristly, 1)
@@ -82,6 +88,8 @@ def _solved(problem: Problem, drive: Parameters, *, hold: bool) -> _Solved:
     active, least = problem.active, problem.least[problem.active]
     held = problem.jacobian(first)[:, active] if hold else None
 
+    most = FINELY if hold else BRISTLY if problem.player.bristly else COARSELY
+
     def whole(moving: Vector) -> Vector:
         x = first.copy()
         x[active] = moving
@@ -91,7 +99,8 @@ def _solved(problem: Problem, drive: Parameters, *, hold: bool) -> _Solved:
         lambda moving: problem.residuals(whole(moving)),
         np.maximum(first[active], least + 1e-6),
         lambda moving: problem.jacobian(whole(moving))[:, active] if held is None else held,
-        bounds=(least, np.inf), max_nfev=FINELY if hold else COARSELY, xtol=1e-5, ftol=1e-7 if hold else 1e-3,
+        bounds=(least, np.inf), max_nfev=most, xtol=1e-5, ftol=1e-7 if hold else 1e-3,
+        loss="soft_l1" if problem.player.bristly else "linear", f_scale=LARGE,
     )  # fmt: skip
     data = len(found.fun) - len(problem.prior)
     left = float(np.sqrt(np.square(found.fun[:data]).mean()))

@@ -28,7 +28,7 @@ _UNITS = {
 }  # fmt: skip
 """About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad."""
 PRIOR = {
-    "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.1, "delay": 0.02,
+    "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""

@@ -22,6 +22,8 @@ MEAN = 3  # Periods whose residuals are averaged.
 TRUSTED = 0.9  # Of the rows of a piece.
 START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
 """rad, rad/s, rad: how far a smoothed start may be off; the last where friction has bristles."""
+FURTHEST = 4.0
+"""Times that: a model that is still wrong would explain itself by starts."""
 NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
     "mass_scale": 0.03,
@@ -103,14 +105,24 @@ class Shooting:
             self._solvers.append(np.linalg.inv(R))
 
     def better_starts(self, drive: Parameters) -> None:
-        """Move the starts to where the residuals are least."""
-        residual = self.raw(drive)
+        """Move the starts to where the residuals are least, each finger's in each piece only where that is so."""
+        residual, before = self.raw(drive), self._off.copy()
+        costs = self._costs(residual)
         for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
             r = self._augmented(residual, finger)
             step = -np.einsum("wij,wj->wi", inverse, _within(Q, r))  # (w, starts)
             for place, joint in enumerate(finger):
                 for which, name in enumerate(self._states):
-                    self._off[which][:, joint] += START[name] * step[:, len(self._states) * place + which]
+                    moved = self._off[which][:, joint] + START[name] * step[:, len(self._states) * place + which]
+                    self._off[which][:, joint] = np.clip(moved, -FURTHEST * START[name], FURTHEST * START[name])
+        worse = self._costs(self.raw(drive)) > costs
+        for number, finger in enumerate(self._fingers):
+            rows = np.flatnonzero(worse[:, number])
+            self._off[:, rows[:, None], finger] = before[:, rows[:, None], finger]
+
+    def _costs(self, residual: Array) -> Array:
+        """Σ r² of every finger in every piece, (w, fingers)."""
+        return np.stack([np.square(self._augmented(residual, f)).sum(axis=1) for f in self._fingers], axis=1)
 
     def projected(self, values: Array, finger: int, *, start: bool = False) -> Array:
         """What no start explains of residuals or of a derivative (w, rows, n), for one finger, (w, m). `start`: the
