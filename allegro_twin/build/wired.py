@@ -116,7 +116,7 @@ def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
     if settings is None:
         return None
     values = settings.model_dump(exclude={"script"})
-    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which) for e in settings.script))
+    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script))
 
 
 def opener(config: RunConfig, settings: CanSettings, spec: HandSpec, codec: Codec, scene: Scene) -> Callable[[], Port]:

@@ -18,6 +18,7 @@ from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
     from allegro_twin.identify.doubt import Value
+    from allegro_twin.identify.fit import Friction
     from allegro_twin.identify.gap import Gap
     from allegro_twin.identify.method import Identified, Weight
 
@@ -35,7 +36,12 @@ def hand_file(name: str) -> Path:
 
 
 def identified(
-    recordings: Sequence[Path], weights: Sequence[Weight], path: Path | None, known: bool, tell: Callable[[str], None]
+    recordings: Sequence[Path],
+    weights: Sequence[Weight],
+    path: Path | None,
+    known: bool,
+    friction: Friction,
+    tell: Callable[[str], None],
 ) -> Identified:
     """Raises HandError; of a missing SciPy, with the way out. A file of another hand is refused before the work."""
     try:
@@ -48,7 +54,7 @@ def identified(
     if path is not None:
         text = read_text(path)
         check(path, parse_yaml(text, str(path)) if holds_anything(text) else {}, [read_motion(recordings[0])])
-    return identify(recordings, weights, masses_known=known, hand=str(path or ""), tell=tell)
+    return identify(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
 
 
 def keep(path: Path, found: Identified) -> None:
@@ -83,6 +89,8 @@ def table(found: Identified) -> Table:
         f"delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms; {found.fit.pieces} pieces of 0.3 s; noise "
         f"{1e6 * np.median(found.fit.floor):.0f} µrad"
     )
+    if found.fit.bristly:
+        made.caption += "; friction breaks away (LuGre)"
     return made
 
 

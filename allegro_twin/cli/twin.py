@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,13 @@ from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.identify.method import Weight
+
+
+class Laws(StrEnum):
+    coulomb = "coulomb"
+    lugre = "lugre"
+    auto = "auto"
+
 
 Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of one hand.")]
 
@@ -39,7 +47,8 @@ def excite(
 ) -> None:
     """Play motions that show what the hand's drive is made of, and record them; the same command again goes on after
     an interruption. Three poses, up, palm-up and side, show all of it."""
-    from allegro_twin.cli import console, exciting
+    from allegro_twin.build import exciting
+    from allegro_twin.cli import console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
 
@@ -70,9 +79,15 @@ def identify(
             help="A weight at a fingertip in one recording: tip=0.050@REC (kg; or index=…): the scale of N·m."
         ),
     ] = None,
+    friction: Annotated[
+        Laws, typer.Option(help="Whether friction breaks away (lugre); auto: if Coulomb's leaves too much over.")
+    ] = Laws.auto,
     known_masses: Annotated[
         bool, typer.Option("--known-masses", help="The masses of the links are right: the scale of N·m.")
     ] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a page to this .html.", callback=options.file(".html"))
+    ] = None,
 ) -> None:
     """Find out what a hand's drive is made of, from recordings of `excite`, and write it into the hand's own file."""
     from allegro_twin.cli import console, identifying
@@ -82,11 +97,16 @@ def identify(
     with console.progress() as bar:
         job = bar.add_task("reading", total=None)
         found = identifying.identified(
-            recordings, weights, path, known_masses, lambda line: bar.update(job, description=line)
+            recordings, weights, path, known_masses, friction.value, lambda line: bar.update(job, description=line)
         )
     console.console.print(identifying.table(found))
     for line in identifying.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
+    if report is not None:
+        from allegro_twin.build.twin_page.page import page
+
+        identifying.write_page(report, page(found))
+        console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
         identifying.keep(path, found)
         console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
@@ -102,7 +122,11 @@ def gap(
     """How good the twin is: the recorded commands played into the model, open loop, against what the hand did."""
     from allegro_twin.cli import console, identifying
     from allegro_twin.identify.method import gaps
+    from allegro_twin.identify.stored import doubtful
 
+    doubt = doubtful(identifying.hand_file(hand)) if hand else ""
+    if doubt:
+        console.errors.print(f"[yellow]{doubt}[/]", soft_wrap=True)
     for each in gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
 

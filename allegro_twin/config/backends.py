@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 
 from allegro_twin.config.values import PerJoint, Positive, Vector3
 from allegro_twin.description.calibration import Version
+from allegro_twin.drive import Ailment
 from allegro_twin.errors import unknown
 from allegro_twin.files.schema import Settings
 
@@ -55,9 +56,11 @@ class FaultEvent(Settings):
 
     at: Annotated[float, Field(ge=0)]
     """s since the hand was switched on."""
-    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"]
+    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"] | Ailment
     which: Annotated[int, Field(ge=0, le=15)] = 0
-    """`silence`: the finger, 0 … 3; `overheat`: the joint, 0 … 15."""
+    """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
+    amount: float | None = None
+    """Of what goes wrong with the hand itself; docs/twin.md."""
 
 
 Probability = Annotated[float, Field(ge=0, le=1)]
@@ -73,6 +76,8 @@ class FaultSettings(Settings):
     delay_by: Positive = 0.001
     """s."""
     reorder: Probability = 0.0
+    failures: Annotated[float, Field(ge=0)] = 0.0
+    """Things that go wrong with the hand itself, a minute."""
     seed: int = 0
     script: tuple[FaultEvent, ...] = ()
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.identify.fit import Fit
 from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.problem import SHAPE
 from allegro_twin.identify.regress import smoothed
 from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
@@ -21,7 +22,14 @@ MOVED = 0.1  # rad
 SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
 PULL = 0.002  # N·m that gravity must differ by between postures to tell a torque constant from friction.
 APART = np.radians(30.0)  # Between two directions of gravity that count as two.
-WIDEST = {"torque_constant": 0.25, "armature": 0.3, "damping": 0.3}  # Of the value, half the 95 % interval.
+WIDEST = {
+    "torque_constant": 0.25,
+    "armature": 0.3,
+    "damping": 0.3,
+    "stiction": 0.3,
+    "stribeck_speed": 0.6,
+    "bristle": 1.0,
+}  # Of the value, half the 95 % interval.
 WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_DELAY = 0.01, 0.03, 0.003  # N·m at 1 N·m of full PWM, rad, s.
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
@@ -88,13 +96,14 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
-    for name in VALUES:
+    for name in (*VALUES, *(SHAPE if found.bristly else ())):
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
+        half = _half(found, name, found.covariance)
         # Masses that are only assumed make all N·m doubtful, but the twin moves no worse for it.
-        sure = _half(found, name, found.spread.covariance)
+        sure = half if name == "offset" else _half(found, name, found.spread.covariance)
         reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
-        result[name] = Value(value, _half(found, name, found.covariance), reasons)
+        result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
     return result | {"delay": Value(late, half, (short,))}
@@ -144,7 +153,7 @@ def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -
     if name in ("damping", "frictionloss") and looked.fastest[:, joint].min() < FAST:
         yield (f"it never moved faster than {looked.fastest[:, joint].min():.2f} rad/s one way, and damping shows from "
                f"{FAST} rad/s: `excite` moves it faster")  # fmt: skip
-    if name == "frictionloss" and looked.creeping[:, joint].min() <= 0.0:
+    if name in ("frictionloss", *SHAPE) and looked.creeping[:, joint].min() <= 0.0:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
     widest = WIDEST_FRICTION if name == "frictionloss" else WIDEST_OFFSET
     if name in WIDEST:

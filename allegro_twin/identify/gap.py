@@ -18,6 +18,8 @@ HORIZONS = (0.1, 0.3, 1.0, 5.0)
 """s"""
 STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
+SMALLEST = 2e-4
+"""rad, of bristles that can be simulated at 1 ms: a hand of which some joints have none gets these."""
 _CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
 
 
@@ -60,15 +62,19 @@ def drive_of(spec: HandSpec, motion: Motion, torque_constant: Vector, offset: Ve
         offset=offset,
         delay=np.full(n, 0.0 if drive is None else drive.delay),
         mass_scale=np.ones(n) if drive is None else drive.mass_scale,
+        stiction=np.ones(n) if drive is None else drive.stiction,
+        stribeck_speed=np.ones(n) if drive is None else drive.stribeck_speed,
+        bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
     )
 
 
-def gap(motion: Motion, player: Player, before: Parameters, after: Parameters) -> Gap:
+def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
     """Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
-    return Gap(motion.name, horizons, *(_side(motion, player, drive, horizons) for drive in (before, after)))
+    sides = (_side(motion, player, drive, horizons) for player, drive in (before, after))
+    return Gap(motion.name, horizons, *sides)
 
 
 def _side(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...]) -> Side:

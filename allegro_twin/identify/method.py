@@ -12,7 +12,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.identify.doubt import Seen, Value, seen, values
-from allegro_twin.identify.fit import Fit, fit
+from allegro_twin.identify.fit import Fit, Friction, fit
 from allegro_twin.identify.gap import Gap, drive_of, gap
 from allegro_twin.identify.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.problem import Masses
@@ -54,6 +54,7 @@ def identify(
     *,
     masses_known: bool,
     hand: str = "",
+    friction: Friction = "auto",
     tell: Tell = lambda line: None,
 ) -> Identified:
     """`hand`: its file, whose `drive.mass_scale` are the masses of its links. Raises ConfigError or RecordingError."""
@@ -70,7 +71,7 @@ def identify(
     nominal = load_spec(spec.model, spec.side)
     base = drive_of(nominal, motions[0], np.ones(spec.n_joints), np.zeros(spec.n_joints))
     tell("the motion as the model would make it")
-    found = fit(motions, player, start, base, masses)
+    found = fit(motions, start, base, masses, friction)
     return Identified(tuple(motions), looked, found, values(found, looked))
 
 
@@ -89,8 +90,10 @@ def _gap(motion: Motion, hand: str) -> Gap:
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
     player = Player(nominal, motion.period)
+    bristly = mine.drive is not None and bool(mine.drive.bristle.any())
+    own = Player(nominal, motion.period, bristly=True) if bristly else player
     after = drive_of(mine, motion, constant, shift(motion, wiring.calibration.encoder_offset))
-    return gap(motion, player, drive_of(nominal, motion, ones, zero), after)
+    return gap(motion, (player, drive_of(nominal, motion, ones, zero)), (own, after))
 
 
 def _motions(paths: Sequence[Path], weights: Sequence[Weight]) -> list[Motion]:

@@ -19,15 +19,22 @@ MASS_SPREAD, MASS_SCALE = 0.06, 0.16
 """Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
 for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
+SHAPE = ("stiction", "stribeck_speed", "bristle")
+"""Of friction that breaks away."""
+_BOTH = (*NAMES, *SHAPE)
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
-    "delay": 1e-3,
+    "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
 }  # fmt: skip
-"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s."""
-PRIOR = {"torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.1, "delay": 0.02}
+"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad."""
+PRIOR = {
+    "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
+    "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
+}  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
+    "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4,
 }  # fmt: skip
 _KNOWN = 1e-4  # Of masses that do not move.
 
@@ -35,8 +42,8 @@ _KNOWN = 1e-4  # Of masses that do not move.
 def index(name: str, n: int) -> slice:
     """Where one kind of parameter stands: n values each, the delay last."""
     if name == "delay":
-        return slice(len(NAMES) * n, len(NAMES) * n + 1)
-    first = NAMES.index(name) * n
+        return slice(len(_BOTH) * n, len(_BOTH) * n + 1)
+    first = _BOTH.index(name) * n
     return slice(first, first + n)
 
 
@@ -50,18 +57,21 @@ class Problem:
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
         self.cuts = cut(motions, player.spec, stride=every * PIECE)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in NAMES] + [[_UNITS["delay"]]])
-        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in NAMES] + [[0.0]]) / self.unit
+        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in _BOTH] + [[_UNITS["delay"]]])
+        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in _BOTH] + [[0.0]]) / self.unit
+        moving = [name for name in (*NAMES, *SHAPE) if self._moves(name)] + ["delay"]
+        self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
+        """Parameters that move."""
         self._center = self.x_of(nominal)
         self.prior = self._prior_rows()
 
     def x_of(self, drive: Parameters) -> Vector:
-        values = [getattr(drive, name) for name in NAMES] + [drive.delay[:1]]
+        values = [getattr(drive, name) for name in _BOTH] + [drive.delay[:1]]
         return np.asarray(np.concatenate(values) / self.unit)
 
     def drive_of(self, x: Vector) -> Parameters:
         values = x * self.unit
-        rows = {name: values[index(name, self.n)] for name in NAMES}
+        rows = {name: values[index(name, self.n)] for name in _BOTH}
         return Parameters(**rows, delay=np.full(self.n, values[-1]))
 
     def residuals(self, x: Vector) -> Vector:
@@ -74,13 +84,18 @@ class Problem:
         drive = self.drive_of(x)
         base = self.shooting.raw(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
-        for name in NAMES:
-            if name != "mass_scale" or self._masses == "weighed":
+        for name in (*NAMES, *SHAPE):
+            if self._moves(name):
                 self.by(drive, base, name, found)
         data = len(found) - len(self.prior)
         found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
         found[data:] = self.prior
         return found
+
+    def _moves(self, name: str) -> bool:
+        if name in SHAPE:
+            return self.player.bristly
+        return name != "mass_scale" or self._masses == "weighed"
 
     def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
@@ -124,5 +139,7 @@ def mass_covariance(problem: Problem) -> Array:
 
 
 def at_model(nominal: Parameters, start: Parameters) -> Parameters:
-    """Where the prior is centred: the nominal drive, with the masses of the start and no offsets."""
-    return replace(nominal, mass_scale=start.mass_scale, offset=np.zeros(len(start.offset)))
+    """Where the prior is centred: the nominal drive, with the masses of the start, the shape of friction there, and no
+    offsets."""
+    shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}
+    return replace(nominal, offset=np.zeros(len(start.offset)), **shape)

@@ -58,6 +58,9 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
         offset=np.zeros(spec.n_joints),
         delay=np.full(spec.n_joints, delay),
         mass_scale=np.array(mass_scale),
+        stiction=np.full(spec.n_joints, 1.3),
+        stribeck_speed=np.full(spec.n_joints, 0.12),
+        bristle=np.full(spec.n_joints, 1e-3),
     )
 
 

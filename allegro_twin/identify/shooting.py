@@ -20,12 +20,17 @@ from allegro_twin.types import Array, Vector
 PIECE = 99  # Periods, 0.3 s: long enough, since a wrong start is forgotten after armature / damping = 40 ms.
 MEAN = 3  # Periods whose residuals are averaged.
 TRUSTED = 0.9  # Of the rows of a piece.
-START = (1e-3, 0.2)  # rad, rad/s: how far a smoothed start may be off.
+START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
+"""rad, rad/s, rad: how far a smoothed start may be off; the last where friction has bristles."""
+FURTHEST = 4.0
+"""Times that: a model that is still wrong would explain itself by starts."""
 NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
-    "mass_scale": 0.03, "position": 5e-4, "velocity": 0.02,
+    "mass_scale": 0.03,
+    "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
 }  # fmt: skip
-"""Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, rad, rad/s."""
+"""Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
+rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +77,8 @@ class Shooting:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
-        self._off = np.zeros((2, *cuts.position.shape))  # How far the starts were moved, rad and rad/s.
+        self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
+        self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
         self._bases: list[Array] = []
 
     def raw(self, drive: Parameters, player: Player | None = None) -> Array:
@@ -83,15 +89,15 @@ class Shooting:
         """Find out what the starts do, near `drive`."""
         base, starts = self.raw(drive), []
         for place in range(max(map(len, self._fingers))):
-            for which, name in enumerate(("position", "velocity")):
+            for which, name in enumerate(self._states):
                 off = self._off.copy()
                 joints = [finger[place] for finger in self._fingers if place < len(finger)]
                 off[which][:, joints] += NUDGE[name]
                 change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
-                starts.append(change / NUDGE[name] * START[which])
+                starts.append(change / NUDGE[name] * START[name])
         self._bases, self._solvers = [], []
         for finger in self._fingers:
-            S = np.stack([each[:, :, finger] for each in starts[: 2 * len(finger)]], axis=-1)
+            S = np.stack([each[:, :, finger] for each in starts[: len(self._states) * len(finger)]], axis=-1)
             S = S.reshape(len(S), -1, S.shape[-1])  # (w, rows · joints, starts)
             prior = np.broadcast_to(np.eye(S.shape[-1]), (len(S), S.shape[-1], S.shape[-1]))
             Q, R = np.linalg.qr(np.concatenate([S, prior], axis=1))
@@ -99,25 +105,35 @@ class Shooting:
             self._solvers.append(np.linalg.inv(R))
 
     def better_starts(self, drive: Parameters) -> None:
-        """Move the starts to where the residuals are least."""
-        residual = self.raw(drive)
+        """Move the starts to where the residuals are least, each finger's in each piece only where that is so."""
+        residual, before = self.raw(drive), self._off.copy()
+        costs = self._costs(residual)
         for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
             r = self._augmented(residual, finger)
-            step = -np.einsum("wij,wkj,wk->wi", inverse, Q, r)  # (w, starts)
+            step = -np.einsum("wij,wj->wi", inverse, _within(Q, r))  # (w, starts)
             for place, joint in enumerate(finger):
-                for which in range(2):
-                    self._off[which][:, joint] += START[which] * step[:, 2 * place + which]
+                for which, name in enumerate(self._states):
+                    moved = self._off[which][:, joint] + START[name] * step[:, len(self._states) * place + which]
+                    self._off[which][:, joint] = np.clip(moved, -FURTHEST * START[name], FURTHEST * START[name])
+        worse = self._costs(self.raw(drive)) > costs
+        for number, finger in enumerate(self._fingers):
+            rows = np.flatnonzero(worse[:, number])
+            self._off[:, rows[:, None], finger] = before[:, rows[:, None], finger]
+
+    def _costs(self, residual: Array) -> Array:
+        """Σ r² of every finger in every piece, (w, fingers)."""
+        return np.stack([np.square(self._augmented(residual, f)).sum(axis=1) for f in self._fingers], axis=1)
 
     def projected(self, values: Array, finger: int, *, start: bool = False) -> Array:
         """What no start explains of residuals or of a derivative (w, rows, n), for one finger, (w, m). `start`: the
         distance of the starts from the smoothed ones counts, too."""
         joints, Q = self._fingers[finger], self._bases[finger]
         r = self._augmented(values, joints, start)
-        return np.asarray(r - np.einsum("wij,wkj,wk->wi", Q, Q, r))
+        return np.asarray(r - np.matmul(Q, _within(Q, r)[..., None])[..., 0])
 
     def rows(self, finger: list[int]) -> int:
         """Of a finger's residuals in one piece."""
-        return (PIECE // MEAN + 2) * len(finger)
+        return (PIECE // MEAN + len(self._states)) * len(finger)
 
     def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
         """By one parameter, of one joint of every finger at once, (w, rows, n), per unit."""
@@ -131,7 +147,8 @@ class Shooting:
 
     def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
         cuts = self._cuts
-        return (player or self._player).play(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces)
+        played = (player or self._player).play
+        return played(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces, off[2])
 
     def _means(self, residual: Array) -> Array:
         w, k, n = residual.shape
@@ -143,9 +160,14 @@ class Shooting:
     def _augmented(self, values: Array, finger: list[int], start: bool = True) -> Array:
         w = len(values)
         own = values[:, :, finger].reshape(w, -1)
-        off = np.zeros((w, 2 * len(finger)))
+        off = np.zeros((w, len(self._states) * len(finger)))
         if start:
             for place, joint in enumerate(finger):
-                for which in range(2):
-                    off[:, 2 * place + which] = self._off[which][:, joint] / START[which]
+                for which, name in enumerate(self._states):
+                    off[:, len(self._states) * place + which] = self._off[which][:, joint] / START[name]
         return np.concatenate([own, off], axis=1)
+
+
+def _within(Q: Array, r: Array) -> Array:
+    """Qᵀr of every piece, (w, starts)."""
+    return np.asarray(np.matmul(r[:, None, :], Q)[:, 0])

@@ -45,7 +45,9 @@ def spread(problem: Problem, drive: Parameters, J: Array, r: Vector, masses: Mas
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
     unit = problem.unit
     raw = problem.shooting.raw(drive)
-    fine = problem.shooting.raw(drive, Player(problem.player.spec, problem.motions[0].period, FINER))
+    fine = problem.shooting.raw(
+        drive, Player(problem.player.spec, problem.motions[0].period, FINER, bristly=problem.player.bristly)
+    )
     step = -inverse @ (J.T @ problem.flat(fine - raw))
     recordings = np.unique(problem.cuts.recording)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])

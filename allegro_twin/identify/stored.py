@@ -18,6 +18,7 @@ from allegro_twin.files.edit import holds_anything, locked, read_text, with_docu
 from allegro_twin.identify.doubt import PER_PWM, Value
 from allegro_twin.identify.fit import Fit
 from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.problem import SHAPE
 from allegro_twin.sim.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -78,6 +79,12 @@ def _blocks(
     drive = dict(content.get("drive") or {})
     if values["delay"].determined[0]:
         drive["delay"] = float(f"{values['delay'].value[0]:.3g}")
+    if found.bristly:
+        shape = np.all([values[name].determined for name in SHAPE], axis=0)
+        neutral = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0}
+        drive |= {name: _plain(np.where(shape, values[name].value, neutral[name])) for name in SHAPE}
+    else:
+        drive = {name: value for name, value in drive.items() if name not in SHAPE}
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(found.drive.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
@@ -97,10 +104,11 @@ def _basis(
         "engine": ENGINE,
         "recordings": {motion.name: motion.hash for motion in motions},
         "scale": SCALE[found.masses],
+        "friction": "LuGre" if found.bristly else "Coulomb",
         "units": "per_pwm: armature, damping, frictionloss over the torque constant; torque_constant N·m at full PWM; "
         "offset rad; delay s; interval: half of 95 %",
         "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
-        "value": {name: _plain(values[name].value) for name in ("torque_constant", "offset", "delay")},
+        "value": {name: _plain(values[name].value) for name in values if name not in PER_PWM},
         "interval": {name: _plain(value.half) for name, value in values.items()},
         "not_determined": {name: table for name, table in missing.items() if table},
         "residual": _plain(found.spread.residual),
@@ -110,6 +118,15 @@ def _basis(
 
 def _chosen(value: Value, before: Vector) -> Vector:
     return np.where(value.determined, value.value, before)
+
+
+def doubtful(path: Path) -> str:
+    """Why the values in a hand's file may not fit this program; empty where they do."""
+    table = parse_yaml(read_text(path), str(path)) if path.exists() else {}
+    engine = (table.get("identified") or {}).get("engine", ENGINE)
+    if engine == ENGINE:
+        return ""
+    return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
 def shift(motion: Motion, encoder_offset: tuple[int, ...]) -> Vector:

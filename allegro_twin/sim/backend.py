@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.backend import torque_of
+from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
@@ -114,6 +115,13 @@ class SimBackend:
     def push(self, torque: Vector) -> None:
         """Torques on the joints from outside, (n,), N·m, until replaced: a person who leads the fingers."""
         self.data.qfrc_applied[self._dof] = torque
+
+    def suffer(self, what: Ailment, joint: int, amount: float) -> None:
+        """Something goes wrong with a joint, for good."""
+        if self._train is None:
+            self._train = Drivetrain(self._spec, Drive.made({}, self._spec.n_joints), self.model, self._motors)
+            self._train.command(self.data.ctrl[self._motors].copy())
+        self._train.suffer(what, joint, amount)
 
     def close(self) -> None:
         self.data.ctrl[self._motors] = 0.0

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from mujoco import batch
 
+from allegro_twin.sim import bristles
 from allegro_twin.sim.backend import span
 from allegro_twin.sim.scene import hand_spec
 from allegro_twin.spec import HandSpec
@@ -33,6 +34,12 @@ class Parameters:
     """s."""
     mass_scale: Vector
     """Factor on the mass of the link that the joint moves."""
+    stiction: Vector
+    """F_s / F_c, for a player with bristles."""
+    stribeck_speed: Vector
+    """rad/s, likewise."""
+    bristle: Vector
+    """rad, likewise."""
 
     def changed(self, name: str, joints: list[int], by: float) -> Self:
         """The same, but for one of them at some joints."""
@@ -59,10 +66,11 @@ BEFORE = 6
 class Player:
     """Plays pieces without contacts: fingers on a palm that stands still, in the time steps of `timestep`, s."""
 
-    def __init__(self, spec: HandSpec, period: float, timestep: float = 0.001) -> None:
-        self.spec, self._period = spec, period
+    def __init__(self, spec: HandSpec, period: float, timestep: float = 0.001, *, bristly: bool = False) -> None:
+        """`bristly`: friction breaks away; otherwise it is Coulomb's."""
+        self.spec, self._period, self.bristly = spec, period, bristly
         self._steps = round(period / timestep)
-        self._model = _bare(spec, timestep)
+        self._model = _bare(spec, timestep, bristly)
         model = self._model
         joints = [model.joint(name) for name in spec.joints]
         self._qpos = span([joint.qposadr[0] for joint in joints])
@@ -70,16 +78,22 @@ class Player:
         self._motors = span([model.actuator(name).id for name in spec.joints])
         self._links = [int(joint.bodyid[0]) for joint in joints]
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
+        names = [bristles.name_of(name) for name in spec.joints] if bristly else []
+        self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
-    def play(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
-        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n)."""
+    def play(
+        self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, bend: Array | None = None
+    ) -> Array:
+        """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
+        `bend`: how much more the bristles are bent than in steady motion, (w, n), rad."""
         found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
         for weight in np.unique(pieces.weight, axis=0):
             rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
             self._set(drive, weight)
             part = Pieces(*(each[rows] for each in pieces))
-            found[rows] = self._played(drive, position[rows], velocity[rows], part)
+            more = np.zeros_like(position[rows]) if bend is None else bend[rows]
+            found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
 
     def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
@@ -92,15 +106,18 @@ class Player:
 
     def links_only(self, mass_scale: Vector, weight: Vector) -> None:
         """Prepare for `link_torque`: no motors."""
-        zero = np.zeros(self.spec.n_joints)
-        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale), weight)
+        zero, one = np.zeros(self.spec.n_joints), np.ones(self.spec.n_joints)
+        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one), weight)
         self._scratch = mujoco.MjData(self._model)
 
     def _set(self, drive: Parameters, weight: Vector) -> None:
         model = self._model
         model.dof_armature[self._dofs] = drive.armature
         model.dof_damping[self._dofs] = drive.damping
-        model.dof_frictionloss[self._dofs] = drive.frictionloss
+        model.dof_frictionloss[self._dofs] = 0.0 if self.bristly else drive.frictionloss
+        if self.bristly:
+            shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
+            bristles.tune(model, self._friction, drive.frictionloss, *shape, drive.armature)
         model.actuator_gainprm[self._motors, 0] = drive.torque_constant
         model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
         model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
@@ -108,11 +125,14 @@ class Player:
             model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
-    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, more: Array) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
         sims.expand("opt.gravity")[:] = pieces.gravity
         sims.bind("qpos")[:, self._qpos] = position - drive.offset
         sims.bind("qvel")[:, self._dofs] = velocity
+        if self.bristly:
+            steady = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
+            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = steady + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
         found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
@@ -142,7 +162,7 @@ _STIFF = 0.999
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
 
 
-def _bare(spec: HandSpec, timestep: float) -> mujoco.MjModel:
+def _bare(spec: HandSpec, timestep: float, bristly: bool) -> mujoco.MjModel:
     """The hand's links and joints, without anything that touches or is looked at."""
     hand = hand_spec(replace(spec, drive=None))
     for finger in spec.fingers:
@@ -155,6 +175,8 @@ def _bare(spec: HandSpec, timestep: float) -> mujoco.MjModel:
     for name in spec.joints:
         motor, joint = hand.actuator(name), hand.joint(name)
         joint.solimp_friction = [_STIFF, _STIFF, *joint.solimp_friction[2:]]
+        if bristly:
+            bristles.add(hand, name)
         motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
     hand.option.timestep, hand.option.noslip_iterations = timestep, 0
     hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -8,7 +8,7 @@ from tempfile import mkdtemp
 
 import numpy as np
 
-from allegro_twin.cli.exciting import laid, play, task_of
+from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
 from allegro_twin.identify.method import Identified, identify
 from tests.conftest import can_config

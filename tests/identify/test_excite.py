@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.cli.exciting import laid, play, task_of
+from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError

@@ -181,6 +181,14 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
         read_motion(tmp_path / "none.arrow")
 
 
+def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("identified: {engine: mujoco 3.1.0}\n")
+    assert "was identified under mujoco 3.1.0, and this is mujoco " in stored.doubtful(file)
+    file.write_text("actuation: {damping: 0.08}\n")
+    assert not stored.doubtful(file)
+
+
 def test_recordings_of_two_hands_are_not_one() -> None:
     other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
     from allegro_twin.identify.motion import same_hand
@@ -189,12 +197,27 @@ def test_recordings_of_two_hands_are_not_one() -> None:
         same_hand([motions()[0], other])
 
 
-def test_a_gap_in_time_and_a_clipped_command_are_left_out() -> None:
-    motion = motions()[0]
-    limit = np.array([0.3125])
-    clipped = np.abs(motion.duty[:, [0]]) >= limit - 1e-6
-    assert (motion.good[clipped.ravel(), 0] == 0).all()
-    assert motion.saturated < 0.05
+def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> None:
+    first, path = load(hidden.recordings()[0]), tmp_path / "gap.arrow"
+    columns = {name: np.array(values) for name, values in first.columns.items()}
+    columns["torque"][1000, 0] = 0.3125  # What the driver sends at most.
+    kept = [k for k in range(1400) if k not in range(500, 510)]
+    samples = (
+        Sample(
+            HandState(float(columns["t"][k]), int(columns["tick"][k]), *(
+                columns[name][k] for name in ("position", "velocity", "torque", "temperature", "gravity"))),
+            TorqueCommand(np.zeros(16)),
+        )
+        for k in kept
+    )  # fmt: skip
+    for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+        pass
+    motion, whole = read_motion(path), motions()[0]
+    np.testing.assert_array_equal(motion.position[510:], whole.position[510:1400])
+    bad = np.flatnonzero(motion.good[:, 5] < whole.good[:1400, 5])
+    np.testing.assert_array_equal(bad, np.arange(500, 516))  # And while what was commanded then may still act.
+    assert motion.good[1000, 0] == 0.0
+    assert motion.good[1000, 1] == 1.0
 
 
 def test_a_weight_is_told_with_its_recording() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
+from allegro_twin.drive import AILMENTS, Ailment
 from allegro_twin.errors import ConfigError, ProtocolError
 from allegro_twin.wire.codec.frames import Frame
 from allegro_twin.wire.codec.messages import FingerPosition, StatusBits
@@ -22,9 +23,11 @@ class Event(NamedTuple):
 
     at: float
     """s since the bus began."""
-    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"]
+    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"] | Ailment
     which: int = 0
-    """`silence`: the finger, 0 … 3; `overheat`: the joint, 0 … 15."""
+    """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
+    amount: float | None = None
+    """Of what goes wrong with the hand itself; default: the middle of what chance draws."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,8 @@ class FaultPlan:
     """s."""
     reorder: float = 0.0
     """Frames of one moment in another order."""
+    failures: float = 0.0
+    """Of what goes wrong with the hand itself, by chance, a minute, in the mean."""
     seed: int = 0
     script: tuple[Event, ...] = ()
 
@@ -57,7 +62,8 @@ class Faults:
 
     def __init__(self, plan: FaultPlan) -> None:
         self._plan, self._rng = plan, np.random.default_rng(plan.seed)
-        self._script = sorted(plan.script)
+        self._chance = np.random.default_rng((plan.seed, 1))
+        self._script = sorted(plan.script, key=lambda event: event.at)
         self._held: list[tuple[float, Frame]] = []
         self._silent: set[int] = set()
         self.cut = False
@@ -67,6 +73,9 @@ class Faults:
 
     def happen(self, now: float, hands: Sequence[Firmware]) -> None:
         """Let the events up to `now` happen."""
+        if self._plan.failures and self._chance.random() < self._plan.failures * hands[0].step / 60.0:
+            what = list(AILMENTS)[self._chance.integers(len(AILMENTS))]
+            _suffer(hands, what, int(self._chance.integers(16)), float(self._chance.uniform(*AILMENTS[what])))
         while self._script and self._script[0].at <= now:
             event = self._script.pop(0)
             match event.what:
@@ -86,6 +95,9 @@ class Faults:
                         hand.power_up()
                 case "recover":
                     self._recover(hands)
+                case _:
+                    low, high = AILMENTS[event.what]
+                    _suffer(hands, event.what, event.which, event.amount or (low + high) / 2.0)
 
     def to_hand(self, frames: list[Frame]) -> list[Frame]:
         """What arrives at the hands of what the host sent."""
@@ -153,3 +165,16 @@ class Faults:
         for hand in hands:
             hand.failed = StatusBits(0)
             hand.motors.temperature[:] = np.minimum(hand.motors.temperature, 30.0)
+
+
+class Sufferer(Protocol):
+    """A hand with which something can go wrong."""
+
+    def suffer(self, what: Ailment, joint: int, amount: float) -> None: ...
+
+
+def _suffer(hands: Sequence[Firmware], what: Ailment, joint: int, amount: float) -> None:
+    for hand in hands:
+        if not hasattr(hand.backend, "suffer"):
+            raise ConfigError(f"faults: {what} needs a simulated hand behind the bus")
+        cast(Sufferer, hand.backend).suffer(what, joint, amount)

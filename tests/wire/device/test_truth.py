@@ -54,3 +54,36 @@ def test_a_truth_that_nobody_would_read_is_refused() -> None:
         swung(1.0, truth={"drive": {"dely": 1}})
     with pytest.raises(ConfigError, match="truth: wire: no key named 'torque_constants'"):
         swung(1.0, truth={"wire": {"torque_constants": 1}})
+
+
+def suffered(*script: dict[str, Any], share: float = 1.0, **chance: float) -> Array:
+    backend = on_a_bus("v4", scene={"kind": "sim"}, faults={"script": list(script), **chance})
+    found = [backend.reset().position]
+    for _ in range(60):
+        backend.write(TorqueCommand(share * TORQUE))
+        found.append(backend.read().position)
+    backend.close()
+    return np.array(found)
+
+
+def test_what_goes_wrong_with_a_joint_shows_from_that_moment_on() -> None:
+    well = suffered()
+    for what, amount, least in (
+        ("weak", 0.2, 0.02), ("stuck", 1.0, 0.05), ("friction", 0.1, 0.02), ("encoder_step", 0.05, 0.04),
+        ("encoder_drift", 0.5, 0.02), ("payload", 0.1, 2e-3),
+    ):  # fmt: skip
+        ill = suffered({"at": 0.12, "what": what, "which": 5, "amount": amount})
+        np.testing.assert_array_equal(ill[:25], well[:25])
+        assert np.abs(ill - well)[:, 5].max() > least, what
+        np.testing.assert_array_equal(ill[:, 8:12], well[:, 8:12])
+
+
+def test_a_stuck_joint_stays_where_it_is() -> None:
+    ill = suffered({"at": 0.0, "what": "stuck", "which": 5})
+    assert np.ptp(ill[:, 5]) < 1e-3
+
+
+def test_what_goes_wrong_by_chance_is_the_same_for_the_same_seed() -> None:
+    first, again, well = suffered(failures=2000.0), suffered(failures=2000.0), suffered()
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - well).max() > 1e-3

@@ -1,4 +1,4 @@
-"""What `allegro-twin excite` does, apart from the command line."""
+"""Excitations on a config's hand: how it must lie, what is left to record, and the recording."""
 
 from __future__ import annotations
 

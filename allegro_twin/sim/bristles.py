@@ -1,0 +1,58 @@
+"""Friction that breaks away (LuGre), by the engine's own DC motor, of which nothing but its friction is used.
+
+    τ = σ₀ z + σ₁ ż,   ż = v − σ₀ |v| z / g(v),   g(v) = F_c + (F_s − F_c) exp(−(v / v_s)²)
+
+F_c: dry friction in motion, F_s: at breakaway, v_s: the speed over which the one falls to the other, z: how far the
+bristles are bent, at most F_s / σ₀, which is what `bristle` says. σ₁ = √(σ₀ A), with the armature A: half of critical.
+Canudas de Wit et al. 1995, A new model for control of systems with friction.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.types import Array, Vector
+
+_NO_MOTOR = 1e-6
+"""N·m/A: the engine wants a motor to be one."""
+STILL = 0.02
+"""rad/s. Slower, nobody knows to which side the bristles are bent."""
+Indices = NDArray[np.int_]
+
+
+def add(hand: mujoco.MjSpec, joint: str) -> None:
+    """A friction actuator on a joint, whose numbers are set in the compiled model; the joint's own friction is gone."""
+    hand.joint(joint).frictionloss = 0.0
+    element = hand.add_actuator(name=name_of(joint), target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    element.set_to_dcmotor([_NO_MOTOR, _NO_MOTOR], 1.0, lugre=[1.0, 0.1, 0.01, 0.01, 0.1])
+
+
+def name_of(joint: str) -> str:
+    return f"{joint}_friction"
+
+
+def tune(
+    model: mujoco.MjModel,
+    elements: Indices,
+    dry: Vector,
+    ratio: Vector,
+    speed: Vector,
+    bristle: Vector,
+    armature: Vector,
+) -> None:
+    """Set F_c (N·m), F_s / F_c, v_s (rad/s), how far the bristles bend (rad), and the armature (kg·m²), one each."""
+    dry = np.maximum(dry, 1e-6)
+    stiffness = dry * ratio / bristle
+    model.actuator_dynprm[elements, 5] = stiffness
+    model.actuator_dynprm[elements, 6] = np.sqrt(stiffness * armature)
+    model.actuator_biasprm[elements, 3] = dry
+    model.actuator_biasprm[elements, 4] = dry * ratio
+    model.actuator_biasprm[elements, 5] = speed
+
+
+def bent(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array) -> Array:
+    """How far the bristles are bent in steady motion, rad: g(v) sgn(v) / σ₀."""
+    level = (1.0 + (ratio - 1.0) * np.exp(-np.square(velocity / speed))) / ratio
+    return np.asarray(bristle * level * np.tanh(velocity / STILL))

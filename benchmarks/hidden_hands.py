@@ -1,0 +1,114 @@
+"""Hidden hands drawn by chance, excited and identified: how far identification is off. The function of a sweep."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import yaml
+
+from allegro_twin.build.exciting import laid, play, task_of
+from allegro_twin.config import RunConfig
+from allegro_twin.identify.gap import Gap
+from allegro_twin.identify.method import Identified, gaps, identify
+from allegro_twin.identify.stored import store
+from allegro_twin.types import Array
+
+POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
+HELD_OUT = 8.0  # s of another motion in an unseen pose.
+_N = 16
+NOISES = (5e-5, 3e-4)  # rad
+_LOAD, _STICTION, _STRIBECK, _BRISTLE = 0.05, (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
+"""Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/twin.md"""
+
+
+def drawn(seed: int, kind: str) -> dict[str, Any]:
+    """The truth of a hand: around the nominal one, as docs/twin.md says."""
+    rng = np.random.default_rng((seed, 11))
+
+    def row(low: float, high: float) -> list[float]:
+        return [float(value) for value in rng.uniform(low, high, _N)]
+
+    truth: dict[str, Any] = {
+        "wire": {"torque_constant": row(0.8, 1.2)},
+        "actuation": {"armature": row(0.0015, 0.0045), "damping": row(0.0368, 0.1102), "frictionloss": row(0.0, 0.06)},
+        "drive": {
+            "delay": float(rng.uniform(0.0, 0.009)),
+            "encoder_offset": row(-0.02, 0.02),
+            "encoder_noise": NOISES[seed % len(NOISES)],
+            "mass_scale": row(0.9, 1.1),
+        },
+    }
+    if kind == "mismatched":
+        truth["drive"] |= {
+            "stiction": row(*_STICTION), "stribeck_speed": row(*_STRIBECK), "bristle": row(*_BRISTLE),
+            "load_friction": _LOAD,
+        }  # fmt: skip
+    return truth
+
+
+def rows(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """`shared`: `seconds` in each pose. An item: `seed`, `kind` (matched or mismatched), `side`, `masses` (known or
+    assumed). A row: errors joint by joint as JSON."""
+    return [_row(float(shared["seconds"]), item) for item in items]
+
+
+def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
+    truth = drawn(item["seed"], item["kind"])
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        paths = [_recorded(truth, item, pose, seconds, folder, k) for k, pose in enumerate((*POSES, UNSEEN))]
+        file = folder / "hand.yaml"
+        known = item["masses"] == "known"
+        file.write_text(yaml.safe_dump({"drive": {"mass_scale": truth["drive"]["mass_scale"]}} if known else {}))
+        began = time.process_time()
+        found = identify(paths[:-1], (), masses_known=known, hand=str(file))
+        cost = time.process_time() - began
+        store(file, found.fit, found.values, found.motions, "")
+        (gap,) = gaps(paths[-1:], str(file))
+    return {**_errors(truth, found), **_prediction(gap), "cpu_s": cost, "data_s": sum(m.seconds for m in found.motions)}
+
+
+def _recorded(
+    truth: Mapping[str, Any], item: Mapping[str, Any], pose: str, seconds: float, folder: Path, number: int
+) -> Path:
+    own = {**truth, "drive": {**truth["drive"], "seed": number}}
+    backend = {
+        "kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.05,
+        "scene": {"kind": "sim", "timestep": 0.0005, "truth": own},
+    }  # fmt: skip
+    blocks = {"hand": {"side": item["side"]}, "backend": backend, "controller": {"kind": "torque"}}
+    config = RunConfig.model_validate(blocks)
+    todo = task_of(config, pose, HELD_OUT if pose == UNSEEN else seconds, 100 * item["seed"] + number, folder)
+    assert todo is not None  # The folder is new.
+    play(laid(config, todo.pose), todo, lambda t: None)
+    return todo.file
+
+
+def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
+    constant = np.array(truth["wire"]["torque_constant"])
+    true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
+    true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
+    true["delay"] = np.array([truth["drive"]["delay"]])
+    result: dict[str, Any] = {}
+    for name, value in found.values.items():
+        error = value.value - true[name]
+        relative = name in ("torque_constant", "armature", "damping")
+        result[name] = _text(error / true[name] if relative else error)
+        result[f"{name}_inside"] = _text(np.abs(error) <= value.half)
+        result[f"{name}_determined"] = _text(value.determined)
+    result["friction_share"] = _text((found.values["frictionloss"].value - true["frictionloss"]) / true["frictionloss"])
+    return result | {"residual": _text(found.fit.spread.residual)}
+
+
+def _prediction(gap: Gap) -> dict[str, Any]:
+    return {"nominal_mrad": _text(1000 * gap.before.joint[-1]), "open_loop_mrad": _text(1000 * gap.after.joint[-1])}
+
+
+def _text(row: Array | np.ndarray[Any, Any]) -> str:
+    return json.dumps([float(f"{float(value):.4g}") for value in row])

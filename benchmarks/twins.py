@@ -1,0 +1,93 @@
+"""`python -m benchmarks.twins`: hidden hands identified, against the bars of docs/twin.md; goes on where it stopped."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from allegro_twin.sweep import Local, Store, Sweep, run
+from allegro_twin.types import Array
+
+
+class Bar(NamedTuple):
+    """A figure over all joints of all hands, beside its bar."""
+
+    what: str
+    figure: float
+    bar: float
+    unit: str
+
+
+BARS = {  # Matched, mismatched; median and 90th percentile.
+    "torque_constant": ((0.5, 2.0), (3.0, 10.0), "%", 100.0),
+    "damping": ((1.0, 5.0), (5.0, 15.0), "%", 100.0),
+    "armature": ((2.0, 5.0), (15.0, 15.0), "%", 100.0),
+    "frictionloss": ((0.5, 0.5), (1.0, 1.0), "mN·m", 1000.0),
+    "offset": ((2.0, 2.0), (2.0, 2.0), "mrad", 1000.0),
+    "delay": ((0.3, 0.3), (0.5, 0.5), "ms", 1000.0),
+}
+_KINDS = ("matched", "mismatched")
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--kind", choices=_KINDS, default="matched")
+    options.add_argument("--masses", choices=("known", "assumed"), default="known")
+    options.add_argument("--hands", type=int, default=20)
+    options.add_argument("--first", type=int, default=0, help="seed of the first")
+    options.add_argument("--seconds", type=float, default=20.0, help="in each of three poses")
+    options.add_argument("--out", type=Path, default=Path("out/twins"))
+    chosen = options.parse_args()
+    seeds = range(chosen.first, chosen.first + chosen.hands)
+    items = [
+        {"seed": seed, "kind": chosen.kind, "masses": chosen.masses, "side": ("right", "left")[seed // 2 % 2]}
+        for seed in seeds
+    ]
+    sweep = Sweep("benchmarks.hidden_hands:rows", items, {"seconds": chosen.seconds}, unit=1)
+    table = run(sweep, Store(chosen.out), Local(1), lambda done, total: print(f"{done} of {total}", flush=True))
+    rows = [row for row in table.to_pylist() if not row["error"]]
+    for row in table.to_pylist():
+        if row["error"]:
+            print(f"not computed: {row['error']}")
+    for bar in figures(rows, chosen.kind):
+        print(f"{bar.what:<64}{bar.figure:>10.2f} {bar.unit:<6}{bar.bar:>8.2f}")
+
+
+def figures(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[Bar]:
+    """Of determined values only; how many those are is a figure of its own."""
+    for name, (*bars, unit, by) in BARS.items():
+        median, tail = bars[_KINDS.index(kind)]
+        errors, inside, determined = (_all(rows, f"{name}{end}") for end in ("", "_inside", "_determined"))
+        chosen = determined > 0
+        yield Bar(f"{name}: determined", 100 * float(determined.mean()), 100.0, "%")
+        if chosen.any():
+            size = by * np.abs(errors[chosen])
+            yield Bar(f"{name}: median error", float(np.median(size)), median, unit)
+            yield Bar(f"{name}: 90th percentile", float(np.percentile(size, 90)), tail, unit)
+            yield Bar(f"{name}: worst", float(size.max()), float("nan"), unit)
+            yield Bar(f"{name}: intervals that hold the truth", 100 * float(inside[chosen].mean()), 95.0, "%")
+    after, before = (
+        np.sqrt(np.square(np.array([json.loads(row[name]) for row in rows])).mean(axis=1))
+        for name in ("open_loop_mrad", "nominal_mrad")
+    )
+    bar = 2.0 if kind == "matched" else 15.0
+    yield Bar("open loop 5 s, unseen pose and motion: median hand", float(np.median(after)), bar, "mrad")
+    yield Bar("open loop 5 s: worst hand", float(after.max()), bar, "mrad")
+    yield Bar("open loop 5 s: nominal, median hand", float(np.median(before)), float("nan"), "mrad")
+    yield Bar("open loop 5 s: better than nominal, worst hand", float((before / after).min()), 10.0, "x")
+    cost = np.array([60.0 * row["cpu_s"] / row["data_s"] for row in rows])
+    yield Bar("CPU for 60 s of data, median", float(np.median(cost)), 60.0 if kind == "matched" else 180.0, "s")
+    yield Bar("residual, median joint", float(np.median(_all(rows, "residual"))), float("nan"), "noise")
+
+
+def _all(rows: Sequence[dict[str, Any]], name: str) -> Array:
+    return np.concatenate([np.array(json.loads(row[name]), dtype=float) for row in rows])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""The model that is fitted moves as the simulation does, late commands and friction that breaks away included."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.drive import Drive
+from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, TorqueCommand
+from tests.conftest import MakeSim
+
+K = 100
+MIDDLE = (load_spec().lower + load_spec().upper) / 2.0
+
+
+def duties() -> Array:
+    """Changing torques, (K, n), N·m."""
+    t = np.arange(K)[:, None] * 0.003
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * rng.uniform(2, 8, 16) * t + rng.uniform(0, 6, 16)
+    return np.asarray(0.12 * np.sin(phase))
+
+
+def simulated(make_sim: MakeSim, spec: HandSpec, duty: Array) -> Array:
+    backend = make_sim(spec, posture=MIDDLE)
+    backend.reset()
+    found = []
+    for row in duty:
+        backend.write(TorqueCommand(row))
+        found.append(backend.read().position)
+    return np.array(found)
+
+
+def parameters(spec: HandSpec, **changed: Any) -> Parameters:
+    own, one = spec.actuation, np.ones(16)
+    values: dict[str, Any] = {
+        "torque_constant": one, "armature": own.armature, "damping": own.damping, "frictionloss": own.frictionloss,
+        "offset": 0 * one, "delay": 0 * one, "mass_scale": one, "stiction": one, "stribeck_speed": one, "bristle": one,
+    }  # fmt: skip
+    return Parameters(**values | changed)
+
+
+def played(spec: HandSpec, drive: Parameters, duty: Array, *, bristly: bool = False) -> Array:
+    before = np.zeros((BEFORE, 16))
+    pieces = Pieces(np.concatenate([before, duty])[None], np.array([[0.0, 0.0, -9.81]]), np.zeros((1, 16)))
+    player = Player(spec, 0.003, bristly=bristly)
+    found: Array = player.play(drive, MIDDLE[None] + drive.offset, np.zeros((1, 16)), pieces)[0]
+    return found
+
+
+def test_a_piece_is_the_simulation_to_a_few_encoder_counts(spec: HandSpec, make_sim: MakeSim) -> None:
+    np.testing.assert_allclose(played(spec, parameters(spec), duties()), simulated(make_sim, spec, duties()), atol=4e-4)
+
+
+def test_half_the_command_at_twice_the_constant_is_the_same(spec: HandSpec) -> None:
+    twice = parameters(spec, torque_constant=np.full(16, 2.0))
+    np.testing.assert_allclose(played(spec, twice, duties() / 2), played(spec, parameters(spec), duties()), atol=1e-12)
+
+
+def test_a_delay_of_a_whole_period_is_the_motion_a_period_later(spec: HandSpec, make_sim: MakeSim) -> None:
+    late = parameters(spec, delay=np.full(16, 0.004))
+    truth = simulated(make_sim, replace(spec, drive=Drive.made({"delay": 0.004}, 16)), duties())
+    np.testing.assert_allclose(played(spec, late, duties()), truth, atol=4e-4)
+    assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 5e-3
+
+
+def test_an_offset_is_reported_and_the_weight_acts_at_the_true_place(spec: HandSpec) -> None:
+    off = parameters(spec, offset=np.full(16, 0.05))
+    np.testing.assert_allclose(played(spec, off, duties()), played(spec, parameters(spec), duties()) + 0.05, atol=1e-9)
+
+
+def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
+    shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3}
+    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape, 16)), duties())
+    drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
+    np.testing.assert_allclose(played(spec, drive, duties(), bristly=True), truth, atol=4e-4)
+    assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 2e-3
+
+
+def test_a_joint_gives_a_little_before_it_breaks_away(spec: HandSpec, make_sim: MakeSim) -> None:
+    drive = Drive.made({"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}, 16)
+    own = replace(spec, drive=drive)
+    breakaway = 1.5 * spec.actuation.frictionloss[4]  # The middle finger's spread, which gravity does not pull upright.
+    travel = []
+    for share in (0.8, 1.4):
+        duty = np.zeros((K, 16))
+        duty[:, 4] = share * breakaway
+        travel.append(np.ptp(simulated(make_sim, own, duty)[:, 4]))
+    assert travel[0] == pytest.approx(-2e-3 * np.log(1.0 - 0.8), rel=0.25)  # ż = v (1 − z / bristle), slowly.
+    assert travel[1] > 0.02
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.05])
+def test_a_weight_at_a_tip_pulls(spec: HandSpec, weight: float) -> None:
+    pieces = Pieces(np.zeros((1, BEFORE + K, 16)), np.array([[-9.81, 0.0, 0.0]]), np.zeros((1, 16)))
+    pieces.weight[0, 3] = weight
+    start = MIDDLE[None], np.zeros((1, 16))
+    moved = Player(spec, 0.003).play(parameters(spec), *start, pieces)[0][-1]
+    without = Player(spec, 0.003).play(parameters(spec), *start, pieces._replace(weight=np.zeros((1, 16))))[0][-1]
+    assert (np.abs(moved - without)[1] > 0.01) == (weight > 0)
+    np.testing.assert_allclose(moved[4:], without[4:], atol=1e-12)
