@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import CommandError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
 from allegro_twin.gym.sensing import Sensing
@@ -36,6 +36,7 @@ class Engine:
         """Actions an episode."""
         gains = self.task.interface.gains
         self._gains = np.stack([gains.kp, gains.kd])[:, None]
+        self._begun = False
         self.count = np.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
@@ -43,6 +44,11 @@ class Engine:
         self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
     ) -> dict[str, Any]:
         """New episodes of some simulations. What was drawn, one value for each of them."""
+        if not self._begun and len(rows) < self.n:
+            raise ConfigError(
+                f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
+            )
+        self._begun = True
         task = self.task
         chosen = read_options(options, task.options, task.name)
         draws = Draws([generators[row] for row in rows])
@@ -134,6 +140,8 @@ class Engine:
             own[rows] = new
 
     def _check(self, action: NDArray[np.floating[Any]]) -> None:
+        if not self._begun:
+            raise CommandError("a step before the first reset: call reset() first")
         wanted = (self.n, self.task.spec.n_joints)
         if action.shape != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {action.shape}")

@@ -27,7 +27,7 @@ class EnvSettings(Settings):
     side: Side = "right"
     control: Mode = "delta"
     """What an action means: `delta` or `absolute` joint positions, or `torque`."""
-    objects: tuple[str, ...] | None = None
+    objects: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     """Of the catalogue; each episode draws one. None: the task's own."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
     """An object is off by up to so much along each axis, m. None: the task's own."""
@@ -90,8 +90,12 @@ class Options(Settings):
 
 
 def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
-    """Raises ConfigError with the nearest keyword."""
-    return parse(EnvSettings, kwargs, "environment")
+    """`of_side` is what an id says of the side. Raises ConfigError with the nearest keyword."""
+    given = dict(kwargs)
+    side = given.pop("of_side", None)
+    if side is not None and given.setdefault("side", side) != side:
+        raise ConfigError(f"this id is the {side} hand's, and side is {given['side']!r}: take the id without a side")
+    return parse(EnvSettings, given, "environment")
 
 
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> Options:

@@ -95,7 +95,7 @@ def test_an_environment_without_action_is_the_scripted_player(task: str) -> None
 def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
     worlds = env.engine.worlds
     if sim.model.nmocap:
-        place, holds = worlds.presenter()
+        place, _, holds = worlds.presenter()
         sim.data.mocap_pos[0], sim.data.eq_active[0] = place[0], holds[0]
         thing = env.engine.task.thing
         assert thing is not None

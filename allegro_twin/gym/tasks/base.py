@@ -67,6 +67,12 @@ class Task(ABC):
         for name in OWN:
             if name in settings.model_fields_set and name not in self.own:
                 raise ConfigError(f"{self.name} has no {name} to choose")
+        action = settings.period * settings.decimation
+        if action > self.seconds / 2:
+            raise ConfigError(
+                f"an action of {settings.decimation} periods of {settings.period:g} s takes {action:g} s, and an "
+                f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
+            )
         self.spec = load_spec(side=settings.side)
         self.gains = load_gains(settings.gains, self.spec)
 

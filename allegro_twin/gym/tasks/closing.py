@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
-from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.settings import EnvSettings, Level, Options
 from allegro_twin.gym.tasks.base import Task
+from allegro_twin.gym.tasks.levels import EASY, HARD, Variation
 from allegro_twin.gym.tasks.scenes import THING, Scene, worlds
+from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
@@ -35,11 +37,12 @@ class Closing(Task):
     """s from closed to squeezed."""
     after: ClassVar[float] = 0.0
     """s that an episode needs from there to its verdict."""
-    noise: ClassVar[float] = 0.010
-    """m, where the settings name no other."""
+    levels: ClassVar[dict[Level, Variation]] = {"easy": EASY, "default": HARD}
+    own: ClassVar[tuple[str, ...]] = ("level",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
+        self.variation = self.levels[settings.level]
         self.periods = round(self.seconds / settings.period)
         self.scenes: list[Scene] = []
         self._numbers: dict[tuple[str, str | None], int] = {}
@@ -79,18 +82,23 @@ class Closing(Task):
         names = [options.object or self.names()[number] for number in drawn]
         return np.array([self._number(name, options.grasp) for name in names], np.int64)
 
+    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        self.variation.draw(draws, values)
+
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         self._fitting(variant, options)
         width = self.settings.position_noise if options.position_noise is None else options.position_noise
-        width = self.noise if width is None else width
+        width = self.variation.noise if width is None else width
         self.offset[rows] = draws.within(-width, width, 3)
+        yaw = draws.within(-self.variation.yaw, self.variation.yaw) * (0.0, 0.0, 1.0)
         self.script[rows] = variant
         start = self._starts[variant]
         if options.posture is not None:
             start = np.broadcast_to(load_posture(options.posture, self.spec), start.shape)
         self.worlds.position[rows] = start
         assert self.thing is not None
-        self.thing.pose[rows] = self._poses[variant]
+        self.thing.pose[rows, :3] = self._poses[variant, :3]
+        self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -118,10 +126,16 @@ class Closing(Task):
 
     def _learn(self, scene: Scene, grasp: str | None) -> None:
         end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
-        if end > self.seconds - self.settings.period * self.settings.decimation:
+        action = self.settings.period * self.settings.decimation
+        if end > self.seconds:
             raise ConfigError(
                 f"{self.name}: {scene.grasp.name} closes too slowly: its verdict would come after {end:.2f} s, and an "
                 f"episode takes {self.seconds:g} s"
+            )
+        if end > self.seconds - action:
+            raise ConfigError(
+                f"{self.name}: actions of {action:g} s (decimation {self.settings.decimation}) are too long: the "
+                f"verdict comes after {end:.2f} s, and the last action begins after {self.seconds - action:.2f} s"
             )
         if self.scenes:
             self.worlds.add(scene.model)

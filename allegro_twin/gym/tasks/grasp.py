@@ -43,7 +43,7 @@ class Grasp(Closing):
         """N, world."""
         self.place = np.zeros((n, 3))
         """Where the object was at the first observation after it was let go, m, world."""
-        self._hand, self._holds = self.worlds.presenter()
+        self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = np.arange(settings.decimation)[:, None]
 
     def names(self) -> tuple[str, ...]:
@@ -67,6 +67,7 @@ class Grasp(Closing):
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, np.zeros(len(rows), np.int64))
+        self._way[rows] = self.thing.pose[rows, 3:]
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
         self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]

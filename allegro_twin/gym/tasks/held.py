@@ -61,7 +61,7 @@ class Held:
 def held(thing: Thing, side: str) -> Held:
     """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
     ConfigError where there is no cache."""
-    name = f"{_key(thing)}.npz"
+    name = file_name(thing)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
@@ -173,9 +173,10 @@ def _mirrored(right: Held) -> Held:
     return Held(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
 
 
-def _key(thing: Thing) -> str:
+def file_name(thing: Thing) -> str:
+    """Another search, or another object, has another."""
     content = repr((VERSION, thing.shape, thing.size, thing.mass, str(thing.file or ""), COUNT, SIZES, FRICTION, SEED))
-    return hashlib.sha256(content.encode()).hexdigest()[:16]
+    return f"{hashlib.sha256(content.encode()).hexdigest()[:16]}.npz"
 
 
 def _read(path: Path) -> Held:

@@ -37,7 +37,7 @@ class Lift(Closing):
         _, self._wish = self.worlds.joint("wrist_z")
 
     def names(self) -> tuple[str, ...]:
-        return self.settings.objects or from_above()[:10]
+        return self.settings.objects or from_above()[: 10 if self.settings.level == "easy" else None]
 
     def scene(self, name: str, grasp: str | None) -> Scene:
         return on_table(name, self.spec, self.settings, grasp)
