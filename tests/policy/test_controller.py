@@ -95,8 +95,8 @@ def test_an_environment_without_action_is_the_scripted_player(task: str) -> None
 def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
     worlds = env.engine.worlds
     if sim.model.nmocap:
-        place, _, holds = worlds.presenter()
-        sim.data.mocap_pos[0], sim.data.eq_active[0] = place[0], holds[0]
+        place, way, holds = worlds.presenter()
+        sim.data.mocap_pos[0], sim.data.mocap_quat[0], sim.data.eq_active[0] = place[0], way[0], holds[0]
         thing = env.engine.task.thing
         assert thing is not None
         sim.data.xfrc_applied[thing.id, :3] = thing.force[0]
