@@ -15,7 +15,8 @@ from allegro_twin.gym.sensing import Sensing
 from allegro_twin.gym.settings import EnvSettings, read_options
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tasks.base import Flags, Outcome
-from allegro_twin.policy.interface import BOUND, Memory, Observation
+from allegro_twin.policy.interface import BOUND, Observation
+from allegro_twin.policy.memory import Memory
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -135,7 +136,7 @@ class Engine:
     def _remember(self, rows: Rows) -> None:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
         targets = self.task.targets(rows)
-        fresh = self.task.interface.start(position[rows] if targets is None else targets, self.task.scripts(rows))
+        fresh = self.task.interface.start(position[rows], self.task.scripts(rows), targets)
         for own, new in zip(self.memory, fresh, strict=True):
             own[rows] = new
 

@@ -8,7 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.policy.interface import Course, Floats, Interface, Memory, Observation
+from allegro_twin.policy.interface import Floats, Interface, Observation
+from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 

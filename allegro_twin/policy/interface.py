@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.tips import Fingertips
+from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.policy.script import Scripts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -32,30 +33,6 @@ Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
 SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
-
-
-class Memory(NamedTuple):
-    """What the interface remembers between two decisions."""
-
-    begin: Array
-    """Offset from the base when the running action was taken, shape (..., n), rad."""
-    end: Array
-    """Offset to be reached when the next is taken, shape (..., n), rad."""
-    push: Array
-    """Torque of the running action, shape (..., n), N·m; only in the mode `torque`."""
-    tick: NDArray[np.int64]
-    """Control periods since the beginning when the running action was taken, shape (...)."""
-    script: NDArray[np.int64]
-    """Which motion is followed, shape (...)."""
-
-
-class Course(NamedTuple):
-    """Set-points of every control period from one decision to the next."""
-
-    wish: Array | None
-    """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
-    push: Array | None
-    """Torque on top, shape (..., n), N·m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +107,13 @@ class Interface:
         """Between two decisions."""
         return self.period * self.decimation
 
-    def start(self, position: Array, script: NDArray[np.int64] | int = 0) -> Memory:
-        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad."""
+    def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
+        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
+        the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
         shape = position.shape[:-1]
-        offset = np.zeros_like(position) if self.scripts is not None else position - self.middle
+        base = self.middle if self.scripts is None else self.scripts.position[script, 0]
+        drawn = (position if self.scripts is None else base) if target is None else target
+        offset = np.zeros_like(position) + _within(drawn - base, -self.span, self.span)
         number = np.broadcast_to(np.asarray(script, dtype=np.int64), shape).copy()
         return Memory(offset, offset.copy(), np.zeros_like(position), np.zeros(shape, np.int64), number)
 

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
-from allegro_twin.policy.card import Card, Closed
+from allegro_twin.policy.card import Card, Closed, Swung
 from allegro_twin.policy.interface import Interface, Observation
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -150,6 +150,6 @@ class Task(ABC):
             privileged=self.extra,
         )
 
-    def closed_scripts(self) -> tuple[Closed, ...]:
+    def closed_scripts(self) -> tuple[Closed | Swung, ...]:
         """What the scripts are made of, one each."""
         return ()

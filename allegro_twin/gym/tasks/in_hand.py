@@ -14,6 +14,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Flags, Task
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
+from allegro_twin.gym.tasks.search import Anywhere, Search
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.sim import objects
 from allegro_twin.sim.batch import Rows
@@ -84,6 +85,10 @@ class InHand(Task):
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self.camera.begin(rows, values, draws)
 
+    def search(self) -> Search:
+        """Where the states to begin in are searched for."""
+        return Anywhere()
+
     def targets(self, rows: Rows) -> Array:
         return self.start[rows]
 
@@ -111,7 +116,7 @@ class InHand(Task):
                     f"{name} is too large for {self.name}: {extents.max() * 1000:.0f} mm long; "
                     f"at most {LARGEST * 1000:.0f} mm can be"
                 )
-            self._held.append(held(thing, self.settings.side))
+            self._held.append(held(thing, self.settings.side, self.search()))
             model = upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings)
             self._add(model, n, threads)
             self._names.append(name)
