@@ -37,7 +37,7 @@ class Engine:
         """Actions an episode."""
         gains = self.task.interface.gains
         self._gains = np.stack([gains.kp, gains.kd])[:, None]
-        self._begun = False
+        self._begun, self._seen = False, np.zeros((n, self.task.interface.frame), np.float32)
         self.count = np.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
@@ -71,7 +71,7 @@ class Engine:
         """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
         self._check(action)
         interface = self.task.interface
-        memory = interface.act(action, self.memory)
+        memory = interface.act(action, self.memory, self._seen)
         course = interface.course(memory)
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
@@ -105,6 +105,7 @@ class Engine:
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         achieved, goal = self.task.achieved(self.memory.tick), self.task.goal()
         seen = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
+        self._seen = seen["observation"] if isinstance(seen, dict) else seen
         extra = self.task.seen(self.memory.tick)
         if extra is not None:
             assert not isinstance(seen, dict)
@@ -137,8 +138,8 @@ class Engine:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
         targets = self.task.targets(rows)
         fresh = self.task.interface.start(position[rows], self.task.scripts(rows), targets)
-        for own, new in zip(self.memory, fresh, strict=True):
-            own[rows] = new
+        for name in Memory._fields:
+            getattr(self.memory, name)[rows] = getattr(fresh, name)
 
     def _check(self, action: NDArray[np.floating[Any]]) -> None:
         if not self._begun:

@@ -57,6 +57,8 @@ class EnvSettings(Settings):
     reach: Positive = 0.3
     """How far an action may lead from the scripted motion, rad, where a task has one."""
 
+    history: Annotated[int, Field(ge=1, le=20)] = 1
+    """How many decisions an observation shows of the hand, this one and those before."""
     observation: Literal["full", "hand"] = "full"
     """Of tasks with an object in the hand: `hand` leaves out what no hand measures."""
     goals: Literal["any", "yaw"] = "any"

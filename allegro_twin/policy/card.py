@@ -75,6 +75,8 @@ class Card(Settings):
     """Numbers that the policy sees, without goals."""
     action: int
     """Numbers that it gives."""
+    history: Annotated[int, Field(ge=1)] = 1
+    """How many decisions the policy sees."""
     privileged: int = 0
     """How many of the former no real hand has."""
     algorithm: str = "PPO"
@@ -98,7 +100,16 @@ class Card(Settings):
         scripts = table(rows) if rows else None
         gains = load_gains(self.gains, spec)
         made = Interface(
-            spec, gains, self.mode, self.period, self.decimation, self.step, scripts, self.reach, self.goal
+            spec,
+            gains,
+            self.mode,
+            self.period,
+            self.decimation,
+            self.step,
+            scripts,
+            self.reach,
+            self.goal,
+            self.history,
         )
         if (made.n_observation, spec.n_joints) != (self.observation, self.action):
             raise ConfigError(

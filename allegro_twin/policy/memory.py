@@ -23,6 +23,8 @@ class Memory(NamedTuple):
     """Control periods since the beginning when the running action was taken, shape (...)."""
     script: NDArray[np.int64]
     """Which motion is followed, shape (...)."""
+    past: NDArray[np.float32]
+    """What was seen at the decisions before, the last one first; zeros where there were none. Shape (..., k)."""
 
 
 class Course(NamedTuple):

@@ -42,9 +42,9 @@ def hand_of(env: HandEnv) -> SimBackend:
     return SimBackend(snapshot.spec, snapshot.model, period=env.engine.settings.period, posture=posture)
 
 
-@pytest.mark.parametrize("control", ["delta", "absolute", "torque"])
-def test_a_policy_on_a_backend_repeats_its_episode_in_the_environment(control: str) -> None:
-    env, policy = HandEnv("Reach", control=control), Swinging()
+@pytest.mark.parametrize(("control", "history"), [("delta", 1), ("delta", 3), ("absolute", 1), ("torque", 1)])
+def test_a_policy_on_a_backend_repeats_its_episode_in_the_environment(control: str, history: int) -> None:
+    env, policy = HandEnv("Reach", control=control, history=history), Swinging()
     observation, _ = env.reset(seed=2)
     assert isinstance(observation, dict)
     goal = observation["desired_goal"].astype(np.float64)

@@ -127,7 +127,8 @@ class Task(ABC):
     def _interface(self, **given: object) -> Interface:
         settings = self.settings
         chosen = {} if settings.step is None else {"step": settings.step}
-        common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation}
+        common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation,
+                  "history": settings.history}  # fmt: skip
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
 
     def card(self) -> Card:
@@ -147,6 +148,7 @@ class Task(ABC):
             periods=0 if interface.scripts is None else interface.scripts.periods,
             observation=interface.n_observation + self.extra,
             action=self.spec.n_joints,
+            history=interface.history,
             privileged=self.extra,
         )
 
