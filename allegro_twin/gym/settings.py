@@ -8,6 +8,7 @@ from pydantic import Field, field_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.randomise import Randomise, preset
 from allegro_twin.policy.interface import Mode
 from allegro_twin.sim.warp import Device
@@ -27,8 +28,8 @@ class EnvSettings(Settings):
     side: Side = "right"
     control: Mode = "delta"
     """What an action means: `delta` or `absolute` joint positions, or `torque`."""
-    objects: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
-    """Of the catalogue; each episode draws one. None: the task's own."""
+    objects: Annotated[tuple[Given, ...], Field(min_length=1)] | None = None
+    """Of the catalogue, of scenarios, or one's own (docs/your_task.md); each episode draws one. None: the task's."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
     """An object is off by up to so much along each axis, m. None: the task's own."""
     randomise: Randomise = Randomise()

@@ -131,11 +131,18 @@ class Task(ABC):
                   "history": settings.history}  # fmt: skip
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
 
+    @property
+    def id(self) -> str:
+        """Of the environment, for cards."""
+        kind = type(self)
+        own = kind.__module__.startswith("allegro_twin.")
+        return f"AllegroTwin/{self.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
+
     def card(self) -> Card:
         """What a policy that was trained here should say of itself."""
         interface, settings = self.interface, self.settings
         return Card(
-            task=f"AllegroTwin/{self.name}-v0",
+            task=self.id,
             side=self.spec.side,
             mode=interface.mode,
             period=interface.period,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Level, Options
 from allegro_twin.gym.tasks.base import Task
@@ -45,20 +46,21 @@ class Closing(Task):
         self.variation = self.levels[settings.level]
         self.periods = round(self.seconds / settings.period)
         self.scenes: list[Scene] = []
-        self._numbers: dict[tuple[str, str | None], int] = {}
+        self._numbers: dict[tuple[Given, str | None], int] = {}
         self._scripts: list[Script] = []
-        for index, name in enumerate(self.names()):
-            scene = self.scene(name, None)
+        self._named = {name_of(given): given for given in self.things()}
+        for index, given in enumerate(self.things()):
+            scene = self.scene(given, None)
             if index == 0:
                 self.worlds = worlds(self.spec, scene.model, n, threads, settings)
-            self._learn(scene, None)
+            self._learn(scene, given, None)
         self.thing = self.worlds.free(THING)
         self.offset = np.zeros((n, 3))
         """By how much each object is off, m, world."""
         self.script = np.zeros(n, np.int64)
 
     @abstractmethod
-    def scene(self, name: str, grasp: str | None) -> Scene:
+    def scene(self, given: Given, grasp: str | None) -> Scene:
         """The scene of an object."""
 
     def overlap(self, scene: Scene, size: float) -> float:
@@ -72,15 +74,16 @@ class Closing(Task):
         """From where the scene's model has the object to where the hand at rest in that model would grasp it, m."""
 
     @abstractmethod
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         """The objects that are drawn from."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
-        drawn = draws.number(len(self.names()))
+        drawn = draws.number(len(self.things()))
         if options.object is None and options.grasp is None:
             return drawn
-        names = [options.object or self.names()[number] for number in drawn]
-        return np.array([self._number(name, options.grasp) for name in names], np.int64)
+        chosen = None if options.object is None else self._named.get(options.object, options.object)
+        things = [chosen or self.things()[number] for number in drawn]
+        return np.array([self._number(given, options.grasp) for given in things], np.int64)
 
     def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         self.variation.draw(draws, values)
@@ -118,13 +121,13 @@ class Closing(Task):
         """When the scripted player has squeezed, in control periods."""
         return round(closed_after(scene.grasp, self.wait, self.squeeze) / self.settings.period)
 
-    def _number(self, name: str, grasp: str | None) -> int:
+    def _number(self, given: Given, grasp: str | None) -> int:
         """The variant of an object with its own grasp or another; compiled when it is asked for the first time."""
-        if (name, grasp) not in self._numbers:
-            self._learn(self.scene(name, grasp), grasp)
-        return self._numbers[name, grasp]
+        if (given, grasp) not in self._numbers:
+            self._learn(self.scene(given, grasp), given, grasp)
+        return self._numbers[given, grasp]
 
-    def _learn(self, scene: Scene, grasp: str | None) -> None:
+    def _learn(self, scene: Scene, given: Given, grasp: str | None) -> None:
         end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
         action = self.settings.period * self.settings.decimation
         if end > self.seconds:
@@ -139,7 +142,7 @@ class Closing(Task):
             )
         if self.scenes:
             self.worlds.add(scene.model)
-        self._numbers[scene.thing, grasp] = len(self.scenes)
+        self._numbers[given, grasp] = len(self.scenes)
         self.scenes.append(scene)
         moves, period = closing(scene.grasp, self.wait, self.squeeze), self.settings.period
         self._scripts.append(sampled(moves, scene.grasp.preshape, self.periods, period))

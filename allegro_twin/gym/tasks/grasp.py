@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
-from allegro_twin.gym.tasks.scenes import Scene, presented, scenarios
+from allegro_twin.gym.tasks.scenes import Scene, known, presented
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
@@ -46,11 +47,11 @@ class Grasp(Closing):
         self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = np.arange(settings.decimation)[:, None]
 
-    def names(self) -> tuple[str, ...]:
-        return self.settings.objects or tuple(scenarios())[:12]
+    def things(self) -> tuple[Given, ...]:
+        return self.settings.objects or tuple(known())[:12]
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return presented(name, self.spec, self.settings, grasp)
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return presented(given, self.spec, self.settings, grasp)
 
     def apart(self, scene: Scene, size: float) -> Vector:
         return np.zeros(3)

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.settings import EnvSettings, Level, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
@@ -51,11 +52,11 @@ class HoldDisturbed(Grasp):
         self._caught = 0
         self._catch()
 
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         return self.settings.objects or _OBJECTS
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return super().scene(name, grasp or _GRASPS.get(name))
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return super().scene(given, grasp or _GRASPS.get(name_of(given)))
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         assert self.thing is not None
@@ -87,8 +88,8 @@ class HoldDisturbed(Grasp):
     def closed_scripts(self) -> tuple[Closed, ...]:
         return tuple(closed.model_copy(update={"holds": True}) for closed in super().closed_scripts())
 
-    def _number(self, name: str, grasp: str | None) -> int:
-        number = super()._number(name, grasp)
+    def _number(self, given: Given, grasp: str | None) -> int:
+        number = super()._number(given, grasp)
         self._catch()
         return number
 

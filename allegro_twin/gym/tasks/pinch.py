@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.settings import Level
 from allegro_twin.gym.tasks.grasp import Grasp
 from allegro_twin.gym.tasks.levels import EASY, HARD, Variation
@@ -24,8 +25,8 @@ class Pinch(Grasp):
         "default": replace(HARD, noise=0.013),
     }
 
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         return self.settings.objects or tuple(_SCENARIOS)
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return presented(name, self.spec, self.settings, grasp, _SCENARIOS.get(name))
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return presented(given, self.spec, self.settings, grasp, _SCENARIOS.get(name_of(given)))
