@@ -48,7 +48,7 @@ def _deciding(
     from allegro_twin.policy.loading import load_policy
 
     path = find(settings.file, "policy", "conf/policies", ".onnx")
-    loaded = load_policy(path)
+    loaded = load_policy(path, trust=settings.trust)
     interface = loaded.card.interface(spec)
     if abs(interface.period - config.period) > 1e-9:
         raise ConfigError(f"{path} decides for a period of {interface.period} s; the config says {config.period} s")

@@ -45,3 +45,5 @@ class PolicySettings(Settings):
     kind: Literal["policy"]
     file: str
     """.onnx or .zip, by path or by its name in conf/policies."""
+    trust: bool = False
+    """Load a .zip too, which can run any program: its maker is trusted."""

@@ -17,9 +17,10 @@ def ids() -> dict[str, tuple[str, str]]:
 
 
 for _id, (_task, _side) in ids().items():
+    _named = _side.capitalize() in _id  # The side is the id's, not a keyword's.
     gymnasium.register(
         _id,
         entry_point="allegro_twin.gym.env:HandEnv",
         vector_entry_point="allegro_twin.gym.vector:HandVectorEnv",
-        kwargs={"task": _task, "side": _side},
+        kwargs={"task": _task} | ({"of_side": _side} if _named else {}),
     )

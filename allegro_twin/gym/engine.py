@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import CommandError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
 from allegro_twin.gym.sensing import Sensing
 from allegro_twin.gym.settings import EnvSettings, read_options
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tasks.base import Flags, Outcome
-from allegro_twin.policy.interface import BOUND, Memory, Observation
+from allegro_twin.policy.interface import BOUND, Observation
+from allegro_twin.policy.memory import Memory
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -36,6 +37,7 @@ class Engine:
         """Actions an episode."""
         gains = self.task.interface.gains
         self._gains = np.stack([gains.kp, gains.kd])[:, None]
+        self._begun, self._seen = False, np.zeros((n, self.task.interface.frame), np.float32)
         self.count = np.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
@@ -43,6 +45,11 @@ class Engine:
         self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
     ) -> dict[str, Any]:
         """New episodes of some simulations. What was drawn, one value for each of them."""
+        if not self._begun and len(rows) < self.n:
+            raise ConfigError(
+                f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
+            )
+        self._begun = True
         task = self.task
         chosen = read_options(options, task.options, task.name)
         draws = Draws([generators[row] for row in rows])
@@ -64,7 +71,7 @@ class Engine:
         """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
         self._check(action)
         interface = self.task.interface
-        memory = interface.act(action, self.memory)
+        memory = interface.act(action, self.memory, self._seen)
         course = interface.course(memory)
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
@@ -98,6 +105,7 @@ class Engine:
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         achieved, goal = self.task.achieved(self.memory.tick), self.task.goal()
         seen = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
+        self._seen = seen["observation"] if isinstance(seen, dict) else seen
         extra = self.task.seen(self.memory.tick)
         if extra is not None:
             assert not isinstance(seen, dict)
@@ -129,11 +137,13 @@ class Engine:
     def _remember(self, rows: Rows) -> None:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
         targets = self.task.targets(rows)
-        fresh = self.task.interface.start(position[rows] if targets is None else targets, self.task.scripts(rows))
-        for own, new in zip(self.memory, fresh, strict=True):
-            own[rows] = new
+        fresh = self.task.interface.start(position[rows], self.task.scripts(rows), targets)
+        for name in Memory._fields:
+            getattr(self.memory, name)[rows] = getattr(fresh, name)
 
     def _check(self, action: NDArray[np.floating[Any]]) -> None:
+        if not self._begun:
+            raise CommandError("a step before the first reset: call reset() first")
         wanted = (self.n, self.task.spec.n_joints)
         if action.shape != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {action.shape}")

@@ -22,17 +22,30 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
-Periods = Annotated[tuple[int, int], AfterValidator(_ordered)]
+def _positive(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] <= 0.0:
+        raise ValueError("both must be greater than 0: a factor")
+    return value
+
+
+def _short(value: tuple[int, int]) -> tuple[int, int]:
+    if value[1] > LONGEST_DELAY:
+        raise ValueError(f"at most {LONGEST_DELAY}")
+    return value
+
+
 LONGEST_DELAY = 4  # Periods: 12 ms, twice what the default draws. Nobody has published a measured one.
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Factor = Annotated[tuple[float, float], AfterValidator(_ordered), AfterValidator(_positive)]
+Periods = Annotated[tuple[int, int], AfterValidator(_ordered), AfterValidator(_short)]
 
 
 class Randomise(Settings):
     """Smallest and largest of each; None: as in the model. `Randomise.default()` has a sane range for all."""
 
-    mass: Range | None = None
+    mass: Factor | None = None
     """Factor on the object's mass."""
-    size: Range | None = None
+    size: Factor | None = None
     """Factor on the object's size."""
     friction: Range | None = None
     """Sliding friction of every contact."""

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.randomise import Randomise, preset
 from allegro_twin.policy.interface import Mode
 from allegro_twin.sim.warp import Device
@@ -27,8 +28,8 @@ class EnvSettings(Settings):
     side: Side = "right"
     control: Mode = "delta"
     """What an action means: `delta` or `absolute` joint positions, or `torque`."""
-    objects: tuple[str, ...] | None = None
-    """Of the catalogue; each episode draws one. None: the task's own."""
+    objects: Annotated[tuple[Given, ...], Field(min_length=1)] | None = None
+    """Of the catalogue, of scenarios, or one's own (docs/your_task.md); each episode draws one. None: the task's."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
     """An object is off by up to so much along each axis, m. None: the task's own."""
     randomise: Randomise = Randomise()
@@ -57,6 +58,8 @@ class EnvSettings(Settings):
     reach: Positive = 0.3
     """How far an action may lead from the scripted motion, rad, where a task has one."""
 
+    history: Annotated[int, Field(ge=1, le=20)] = 1
+    """How many decisions an observation shows of the hand, this one and those before."""
     observation: Literal["full", "hand"] = "full"
     """Of tasks with an object in the hand: `hand` leaves out what no hand measures."""
     goals: Literal["any", "yaw"] = "any"
@@ -90,8 +93,12 @@ class Options(Settings):
 
 
 def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
-    """Raises ConfigError with the nearest keyword."""
-    return parse(EnvSettings, kwargs, "environment")
+    """`of_side` is what an id says of the side. Raises ConfigError with the nearest keyword."""
+    given = dict(kwargs)
+    side = given.pop("of_side", None)
+    if side is not None and given.setdefault("side", side) != side:
+        raise ConfigError(f"this id is the {side} hand's, and side is {given['side']!r}: take the id without a side")
+    return parse(EnvSettings, given, "environment")
 
 
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> Options:

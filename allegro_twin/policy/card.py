@@ -13,6 +13,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
+from allegro_twin.policy.gait import load_gait
 from allegro_twin.policy.interface import VERSION, Interface, Mode
 from allegro_twin.policy.onnx_file import session
 from allegro_twin.policy.script import Script, closing, holding, sampled, table
@@ -42,6 +43,16 @@ class Closed(Settings):
         return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
+class Swung(Settings):
+    """A script that is a gait."""
+
+    gait: str
+    """In conf/gaits."""
+
+    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
+        return load_gait(self.gait).sampled(spec, periods, period)
+
+
 class Card(Settings):
     """What a policy file says of itself."""
 
@@ -57,13 +68,15 @@ class Card(Settings):
     reach: Positive
     gains: str
     goal: Literal["none", "fingertips"]
-    scripts: tuple[Closed, ...] = ()
+    scripts: tuple[Closed | Swung, ...] = ()
     periods: int = 0
     """Length of the scripts, in control periods."""
     observation: int
     """Numbers that the policy sees, without goals."""
     action: int
     """Numbers that it gives."""
+    history: Annotated[int, Field(ge=1)] = 1
+    """How many decisions the policy sees."""
     privileged: int = 0
     """How many of the former no real hand has."""
     algorithm: str = "PPO"
@@ -87,7 +100,16 @@ class Card(Settings):
         scripts = table(rows) if rows else None
         gains = load_gains(self.gains, spec)
         made = Interface(
-            spec, gains, self.mode, self.period, self.decimation, self.step, scripts, self.reach, self.goal
+            spec,
+            gains,
+            self.mode,
+            self.period,
+            self.decimation,
+            self.step,
+            scripts,
+            self.reach,
+            self.goal,
+            self.history,
         )
         if (made.n_observation, spec.n_joints) != (self.observation, self.action):
             raise ConfigError(
@@ -98,7 +120,7 @@ class Card(Settings):
 
     def script(self, grasp: str) -> int:
         """The number of a grasp's script. Raises ConfigError with the nearest names."""
-        names = [closed.grasp for closed in self.scripts]
+        names = [script.grasp if isinstance(script, Closed) else script.gait for script in self.scripts]
         if grasp not in names:
             raise ConfigError(unknown("grasp of this policy", grasp, names))
         return names.index(grasp)

@@ -8,7 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.policy.interface import Course, Floats, Interface, Memory, Observation
+from allegro_twin.policy.interface import Floats, Interface, Observation
+from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 
@@ -72,8 +73,10 @@ class PolicyController:
         return TorqueCommand(torque), memory
 
     def _decided(self, state: HandState, memory: Memory, age: int) -> Deciding:
-        action = self.policy(self.interface.observe(state.position, state.velocity, memory, self.goal))
+        observation = self.interface.observe(state.position, state.velocity, memory, self.goal)
+        action = self.policy(observation)
         if not np.isfinite(action).all():
             raise CommandError(f"the policy's action at {state.t:.3f} s is not finite: {action}")
-        memory = self.interface.act(action, memory)
+        seen = observation["observation"] if isinstance(observation, dict) else observation
+        memory = self.interface.act(action, memory, seen)
         return Deciding(memory, self.interface.course(memory), age, state.tick)

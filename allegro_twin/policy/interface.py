@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.tips import Fingertips
+from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.policy.script import Scripts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -32,30 +33,6 @@ Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
 SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
-
-
-class Memory(NamedTuple):
-    """What the interface remembers between two decisions."""
-
-    begin: Array
-    """Offset from the base when the running action was taken, shape (..., n), rad."""
-    end: Array
-    """Offset to be reached when the next is taken, shape (..., n), rad."""
-    push: Array
-    """Torque of the running action, shape (..., n), N·m; only in the mode `torque`."""
-    tick: NDArray[np.int64]
-    """Control periods since the beginning when the running action was taken, shape (...)."""
-    script: NDArray[np.int64]
-    """Which motion is followed, shape (...)."""
-
-
-class Course(NamedTuple):
-    """Set-points of every control period from one decision to the next."""
-
-    wish: Array | None
-    """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
-    push: Array | None
-    """Torque on top, shape (..., n), N·m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +59,9 @@ class Interface:
     """With a script: the farthest that a policy may go from it, rad."""
     goal: Literal["none", "fingertips"] = "none"
     """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
+
+    history: int = 1
+    """How many decisions an observation shows, this one and those before."""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -118,8 +98,13 @@ class Interface:
         return np.arange(1, self.decimation + 1) / self.decimation
 
     @property
-    def n_observation(self) -> int:
+    def frame(self) -> int:
+        """Numbers of one decision in an observation."""
         return 4 * self.spec.n_joints + (0 if self.scripts is None else 1)
+
+    @property
+    def n_observation(self) -> int:
+        return self.frame * self.history
 
     @property
     def n_goal(self) -> int:
@@ -130,24 +115,32 @@ class Interface:
         """Between two decisions."""
         return self.period * self.decimation
 
-    def start(self, position: Array, script: NDArray[np.int64] | int = 0) -> Memory:
-        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad."""
+    def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
+        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
+        the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
         shape = position.shape[:-1]
-        offset = np.zeros_like(position) if self.scripts is not None else position - self.middle
+        base = self.middle if self.scripts is None else self.scripts.position[script, 0]
+        drawn = (position if self.scripts is None else base) if target is None else target
+        offset = np.zeros_like(position) + _within(drawn - base, -self.span, self.span)
         number = np.broadcast_to(np.asarray(script, dtype=np.int64), shape).copy()
-        return Memory(offset, offset.copy(), np.zeros_like(position), np.zeros(shape, np.int64), number)
+        past = np.zeros((*shape, self.frame * (self.history - 1)), np.float32)
+        return Memory(offset, offset.copy(), np.zeros_like(position), np.zeros(shape, np.int64), number, past)
 
-    def act(self, action: NDArray[np.floating[Any]], memory: Memory) -> Memory:
-        """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n)."""
+    def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
+        """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
+        `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
         wish = _within(action.astype(np.float64), -1.0, 1.0)
-        begin, end, push, tick, script = memory
+        begin, end, push, tick, script, past = memory
+        if self.history > 1:
+            assert seen is not None
+            past = np.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
-                return Memory(begin, end, wish * self.spec.actuation.torque_limit, tick, script)
+                return Memory(begin, end, wish * self.spec.actuation.torque_limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(end + self.step * wish, -self.span, self.span), push, tick, script)
+                return Memory(end, _within(end + self.step * wish, -self.span, self.span), push, tick, script, past)
             case _:
-                return Memory(end, wish * self.span, push, tick, script)
+                return Memory(end, wish * self.span, push, tick, script, past)
 
     def course(self, memory: Memory) -> Course:
         """The set-points from a decision to the next."""
@@ -193,8 +186,7 @@ class Interface:
 
     def elapsed(self, memory: Memory) -> Memory:
         """The memory when the set-points of a decision have run out and the next is due."""
-        begin, end, push, tick, script = memory
-        return Memory(begin, end, push, tick + self.decimation, script)
+        return memory._replace(tick=memory.tick + self.decimation)
 
     def observe(
         self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
@@ -202,7 +194,7 @@ class Interface:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
         n = self.spec.n_joints
-        seen = np.empty((*position.shape[:-1], self.n_observation))
+        seen = np.empty((*position.shape[:-1], self.frame))
         np.subtract(position, self.middle, out=seen[..., :n])
         seen[..., n : 2 * n] = velocity
         lead = seen[..., 2 * n : 3 * n]
@@ -218,6 +210,8 @@ class Interface:
         np.maximum(seen, -BOUND, out=seen)
         np.minimum(seen, BOUND, out=seen)
         joints = seen.astype(np.float32)
+        if self.history > 1:
+            joints = np.concatenate([joints, memory.past], axis=-1)
         if goal is None:
             return joints
         achieved = self.fingertips(position).astype(np.float32)

@@ -24,14 +24,21 @@ class Loaded:
     card: Card
 
 
-def load_policy(path: str | Path) -> Loaded:
-    """From `.onnx` or `.zip`. Raises ConfigError for a missing file or library, no card, or spaces that do not fit."""
+def load_policy(path: str | Path, *, trust: bool = False) -> Loaded:
+    """From `.onnx`, or from `.zip` where `trust` says that its maker is trusted: what is pickled in it is run.
+
+    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted."""
     file = Path(path)
     if file.suffix not in (".onnx", ".zip"):
         raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
     card = read_card(file)
     if file.suffix == ".onnx":
         return Loaded(_Onnx(file, card), card)
+    if not trust:
+        raise ConfigError(
+            f"{path}: a zip of Stable-Baselines3 can run any program when it is loaded: take the policy's .onnx, or, "
+            "if you trust who made it, load_policy(…, trust=True), in a config trust: true"
+        )
     return Loaded(_Baselines(file, card), card)
 
 

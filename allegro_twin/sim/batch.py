@@ -103,9 +103,11 @@ class Worlds:
         joint = self.model.joint(name)
         return self._qpos[:, joint.qposadr[0]], self._ctrl[:, self.model.actuator(name).id]
 
-    def presenter(self) -> tuple[Array, Array]:
-        """Where the presenter's hand is, (n, 3), m, and whether it holds, (n,), 1 or 0; live."""
-        return self._batch.bind("mocap_pos")[:, 0], self._batch.bind("eq_active")[:, 0]
+    def presenter(self) -> tuple[Array, Array, Array]:
+        """Where the presenter's hand is, (n, 3), m, its quaternion, (n, 4), and whether it holds, (n,), 1 or 0;
+        live."""
+        place, turn = self._batch.bind("mocap_pos"), self._batch.bind("mocap_quat")
+        return place[:, 0], turn[:, 0], self._batch.bind("eq_active")[:, 0]
 
     def state(self, row: int) -> Array:
         """A copy of everything that decides how a simulation goes on."""

@@ -56,7 +56,7 @@ class Recipe(Settings):
     @field_validator("task")
     @classmethod
     def _known(cls, value: str) -> str:
-        if value not in TASKS:
+        if value not in TASKS and ":" not in value:
             raise ValueError(unknown("task", value, TASKS))
         return value
 
@@ -81,7 +81,7 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     None are left out. Raises ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
-    if name in TASKS and name.lower() not in shipped:
+    if ":" in name or (name in TASKS and name.lower() not in shipped):
         return parse(Recipe, {"task": name} | given, "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))

@@ -27,6 +27,13 @@ LEMON: dict[str, Any] = {"objects": ("lemon",)}
         ("Lift", {"randomise": {"mass": (2.0, 1.0)}}, "the smallest comes first"),
         ("Lift", {"period": 0.0025}, "period 0.0025 s is not a whole number of physics steps of 0.001 s"),
         ("Reach", {"objects": ("lemon",)}, "Reach has no objects to choose"),
+        ("Lift", {"objects": ()}, "objects: tuple should have at least 1 item"),
+        ("Lift", {"randomise": {"mass": (0.0, 0.0)}}, "both must be greater than 0: a factor"),
+        ("Lift", {"randomise": {"sensor_delay": (0, 9)}}, "at most 4"),
+        ("Grasp", {"decimation": 2000}, r"2000 periods of 0\.003 s takes 6 s, and an episode of Grasp 4\.3 s"),
+        ("Grasp", {"period": 0.05}, r"actions of 0\.65 s \(decimation 13\) are too long"),
+        ("Lift", {"goals": "yaw"}, "Lift has no goals to choose"),
+        ("Reach", {"level": "easy"}, "Reach has no level to choose"),
         ("Reach", {"render_mode": "rgb"}, "render_mode 'rgb' is none of rgb_array"),
     ],
 )
@@ -118,7 +125,7 @@ def test_what_an_option_chooses_is_what_the_episode_has(options: dict[str, Any],
 
 
 def test_size_and_friction_reach_the_physics_and_are_gone_with_the_next_reset() -> None:
-    env = HandEnv("Lift", **LEMON)
+    env = HandEnv("Lift", level="easy", **LEMON)
     env.reset(seed=0)
     thing = env.engine.task.thing
     assert thing is not None
@@ -136,3 +143,25 @@ def test_size_and_friction_reach_the_physics_and_are_gone_with_the_next_reset() 
     np.testing.assert_allclose(np.divide(changed, before), [1.1, 0.5 / 0.8, 1.21, 1 / 1.21], rtol=1e-9)
     env.reset(seed=0)
     assert physics() == before
+
+
+def test_an_id_of_one_side_refuses_the_other() -> None:
+    import gymnasium
+
+    with pytest.raises(ConfigError, match="is the left hand's, and side is 'right': take the id without"):
+        gymnasium.make("allegro_twin.gym:AllegroTwin/ReachLeft-v0", side="right")
+    env = gymnasium.make("AllegroTwin/ReachLeft-v0", side="left")
+    assert env.unwrapped.engine.task.spec.side == "left"  # type: ignore[attr-defined]  # Ours.
+
+
+def test_nobody_steps_before_the_first_reset_of_all() -> None:
+    envs = HandVectorEnv("Reach", 3, autoreset="disabled")
+    with pytest.raises(CommandError, match=r"a step before the first reset: call reset\(\) first"):
+        envs.step(np.zeros((3, 16), np.float32))
+    with pytest.raises(ConfigError, match="the first reset is of all 3 simulations, not of 2"):
+        envs.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
+
+
+def test_only_tasks_with_goals_compute_rewards() -> None:
+    assert hasattr(HandEnv("Reach"), "compute_reward")
+    assert not hasattr(HandEnv("Lift", **LEMON), "compute_reward")

@@ -15,7 +15,7 @@ EASY: dict[str, dict[str, Any]] = {
     "Grasp": {"objects": ("tennis_ball", "mug")},
     "Lift": {"objects": ("lemon", "apple")},
     "Pinch": {"objects": ("ball_30", "golf_ball")},
-    "HoldDisturbed": {"objects": ("lemon", "apple")},
+    "HoldDisturbed": {"objects": ("lemon", "apple"), "level": "easy"},
 }
 
 

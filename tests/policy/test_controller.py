@@ -42,9 +42,9 @@ def hand_of(env: HandEnv) -> SimBackend:
     return SimBackend(snapshot.spec, snapshot.model, period=env.engine.settings.period, posture=posture)
 
 
-@pytest.mark.parametrize("control", ["delta", "absolute", "torque"])
-def test_a_policy_on_a_backend_repeats_its_episode_in_the_environment(control: str) -> None:
-    env, policy = HandEnv("Reach", control=control), Swinging()
+@pytest.mark.parametrize(("control", "history"), [("delta", 1), ("delta", 3), ("absolute", 1), ("torque", 1)])
+def test_a_policy_on_a_backend_repeats_its_episode_in_the_environment(control: str, history: int) -> None:
+    env, policy = HandEnv("Reach", control=control, history=history), Swinging()
     observation, _ = env.reset(seed=2)
     assert isinstance(observation, dict)
     goal = observation["desired_goal"].astype(np.float64)
@@ -95,8 +95,8 @@ def test_an_environment_without_action_is_the_scripted_player(task: str) -> None
 def _copy_surroundings(env: HandEnv, sim: SimBackend) -> None:
     worlds = env.engine.worlds
     if sim.model.nmocap:
-        place, holds = worlds.presenter()
-        sim.data.mocap_pos[0], sim.data.eq_active[0] = place[0], holds[0]
+        place, way, holds = worlds.presenter()
+        sim.data.mocap_pos[0], sim.data.mocap_quat[0], sim.data.eq_active[0] = place[0], way[0], holds[0]
         thing = env.engine.task.thing
         assert thing is not None
         sim.data.xfrc_applied[thing.id, :3] = thing.force[0]

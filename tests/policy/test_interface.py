@@ -8,7 +8,8 @@ import pytest
 from allegro_twin.description.hands import load_spec
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
-from allegro_twin.policy.interface import Course, Interface, Memory, Mode
+from allegro_twin.policy.interface import Interface, Mode
+from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.policy.script import closing, sampled, table
 
 

@@ -77,7 +77,9 @@ def test_a_model_of_stable_baselines3_is_a_policy_once_it_has_a_card(tmp_path: P
     with pytest.raises(ConfigError, match="no card inside"):
         load_policy(path)
     write_card(path, card)
-    loaded = load_policy(path)
+    with pytest.raises(ConfigError, match="can run any program when it is loaded: take the policy's .onnx"):
+        load_policy(path)
+    loaded = load_policy(path, trust=True)
     seen = np.random.default_rng(1).normal(size=65).astype(np.float32)
     np.testing.assert_array_equal(loaded.policy(seen), model.predict(seen, deterministic=True)[0])
     assert loaded.card == card
@@ -112,7 +114,7 @@ def test_a_missing_library_is_an_error_that_names_the_extra(
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(ConfigError, match=r"needs stable-baselines3: pip install 'allegro-twin\[rl\]'"):
-        load_policy(path)
+        load_policy(path, trust=True)
     other = tmp_path / "policy.onnx"
     other.write_bytes(b"x")
     with pytest.raises(ConfigError, match=r"needs onnxruntime: pip install 'allegro-twin\[policy\]'"):

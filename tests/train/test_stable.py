@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.gym.env import HandEnv
+from allegro_twin.gym.tasks import TASKS
 from allegro_twin.gym.vector import HandVectorEnv
+from tests.gym.test_batch import kwargs_of
 
 pytest.importorskip("stable_baselines3", reason="the adapter is for Stable-Baselines3: extra rl")
 from allegro_twin.train.stable import StableEnv
@@ -124,3 +126,11 @@ def test_stable_baselines3_finds_nothing_wrong_with_it() -> None:
     with pytest.raises(AttributeError, match="all simulations are one environment"):
         env.set_attr("limit", 3)
     env.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.filterwarnings("ignore:We detected your env to be a GoalEnv")
+def test_every_task_passes_the_checker_of_stable_baselines3(task: str) -> None:
+    from stable_baselines3.common.env_checker import check_env
+
+    check_env(HandEnv(task, **kwargs_of(task)), warn=True)

@@ -21,10 +21,23 @@ TASKS = {
 
 
 def task_type(name: str) -> type[Task]:
-    """Raises ConfigError with the nearest names."""
+    """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
+    if ":" in name:
+        return _foreign(name)
     if name not in TASKS:
         raise ConfigError(unknown("task", name, TASKS))
     found: type[Task] = getattr(import_module(f"allegro_twin.gym.tasks.{TASKS[name]}"), name)
+    return found
+
+
+def _foreign(name: str) -> type[Task]:
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(import_module(module), attribute, None)
+    except ImportError as error:
+        raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, Task)):
+        raise ConfigError(f"task {name!r}: {attribute!r} in {module} is no class of allegro_twin.gym.tasks.base.Task")
     return found
 
 

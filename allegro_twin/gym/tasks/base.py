@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
-from allegro_twin.policy.card import Card, Closed
+from allegro_twin.policy.card import Card, Closed, Swung
 from allegro_twin.policy.interface import Interface, Observation
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -67,6 +67,12 @@ class Task(ABC):
         for name in OWN:
             if name in settings.model_fields_set and name not in self.own:
                 raise ConfigError(f"{self.name} has no {name} to choose")
+        action = settings.period * settings.decimation
+        if action > self.seconds / 2:
+            raise ConfigError(
+                f"an action of {settings.decimation} periods of {settings.period:g} s takes {action:g} s, and an "
+                f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
+            )
         self.spec = load_spec(side=settings.side)
         self.gains = load_gains(settings.gains, self.spec)
 
@@ -121,14 +127,22 @@ class Task(ABC):
     def _interface(self, **given: object) -> Interface:
         settings = self.settings
         chosen = {} if settings.step is None else {"step": settings.step}
-        common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation}
+        common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation,
+                  "history": settings.history}  # fmt: skip
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
+
+    @property
+    def id(self) -> str:
+        """Of the environment, for cards."""
+        kind = type(self)
+        own = kind.__module__.startswith("allegro_twin.")
+        return f"AllegroTwin/{self.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
 
     def card(self) -> Card:
         """What a policy that was trained here should say of itself."""
         interface, settings = self.interface, self.settings
         return Card(
-            task=f"AllegroTwin/{self.name}-v0",
+            task=self.id,
             side=self.spec.side,
             mode=interface.mode,
             period=interface.period,
@@ -141,9 +155,10 @@ class Task(ABC):
             periods=0 if interface.scripts is None else interface.scripts.periods,
             observation=interface.n_observation + self.extra,
             action=self.spec.n_joints,
+            history=interface.history,
             privileged=self.extra,
         )
 
-    def closed_scripts(self) -> tuple[Closed, ...]:
+    def closed_scripts(self) -> tuple[Closed | Swung, ...]:
         """What the scripts are made of, one each."""
         return ()

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws
-from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.settings import EnvSettings, Level, Options
 from allegro_twin.gym.tasks.base import Task
+from allegro_twin.gym.tasks.levels import EASY, HARD, Variation
 from allegro_twin.gym.tasks.scenes import THING, Scene, worlds
+from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
@@ -35,27 +38,29 @@ class Closing(Task):
     """s from closed to squeezed."""
     after: ClassVar[float] = 0.0
     """s that an episode needs from there to its verdict."""
-    noise: ClassVar[float] = 0.010
-    """m, where the settings name no other."""
+    levels: ClassVar[dict[Level, Variation]] = {"easy": EASY, "default": HARD}
+    own: ClassVar[tuple[str, ...]] = ("level",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
+        self.variation = self.levels[settings.level]
         self.periods = round(self.seconds / settings.period)
         self.scenes: list[Scene] = []
-        self._numbers: dict[tuple[str, str | None], int] = {}
+        self._numbers: dict[tuple[Given, str | None], int] = {}
         self._scripts: list[Script] = []
-        for index, name in enumerate(self.names()):
-            scene = self.scene(name, None)
+        self._named = {name_of(given): given for given in self.things()}
+        for index, given in enumerate(self.things()):
+            scene = self.scene(given, None)
             if index == 0:
                 self.worlds = worlds(self.spec, scene.model, n, threads, settings)
-            self._learn(scene, None)
+            self._learn(scene, given, None)
         self.thing = self.worlds.free(THING)
         self.offset = np.zeros((n, 3))
         """By how much each object is off, m, world."""
         self.script = np.zeros(n, np.int64)
 
     @abstractmethod
-    def scene(self, name: str, grasp: str | None) -> Scene:
+    def scene(self, given: Given, grasp: str | None) -> Scene:
         """The scene of an object."""
 
     def overlap(self, scene: Scene, size: float) -> float:
@@ -69,28 +74,34 @@ class Closing(Task):
         """From where the scene's model has the object to where the hand at rest in that model would grasp it, m."""
 
     @abstractmethod
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         """The objects that are drawn from."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
-        drawn = draws.number(len(self.names()))
+        drawn = draws.number(len(self.things()))
         if options.object is None and options.grasp is None:
             return drawn
-        names = [options.object or self.names()[number] for number in drawn]
-        return np.array([self._number(name, options.grasp) for name in names], np.int64)
+        chosen = None if options.object is None else self._named.get(options.object, options.object)
+        things = [chosen or self.things()[number] for number in drawn]
+        return np.array([self._number(given, options.grasp) for given in things], np.int64)
+
+    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        self.variation.draw(draws, values)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         self._fitting(variant, options)
         width = self.settings.position_noise if options.position_noise is None else options.position_noise
-        width = self.noise if width is None else width
+        width = self.variation.noise if width is None else width
         self.offset[rows] = draws.within(-width, width, 3)
+        yaw = draws.within(-self.variation.yaw, self.variation.yaw) * (0.0, 0.0, 1.0)
         self.script[rows] = variant
         start = self._starts[variant]
         if options.posture is not None:
             start = np.broadcast_to(load_posture(options.posture, self.spec), start.shape)
         self.worlds.position[rows] = start
         assert self.thing is not None
-        self.thing.pose[rows] = self._poses[variant]
+        self.thing.pose[rows, :3] = self._poses[variant, :3]
+        self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
 
     def scripts(self, rows: Rows) -> Rows:
         return self.script[rows]
@@ -110,22 +121,28 @@ class Closing(Task):
         """When the scripted player has squeezed, in control periods."""
         return round(closed_after(scene.grasp, self.wait, self.squeeze) / self.settings.period)
 
-    def _number(self, name: str, grasp: str | None) -> int:
+    def _number(self, given: Given, grasp: str | None) -> int:
         """The variant of an object with its own grasp or another; compiled when it is asked for the first time."""
-        if (name, grasp) not in self._numbers:
-            self._learn(self.scene(name, grasp), grasp)
-        return self._numbers[name, grasp]
+        if (given, grasp) not in self._numbers:
+            self._learn(self.scene(given, grasp), given, grasp)
+        return self._numbers[given, grasp]
 
-    def _learn(self, scene: Scene, grasp: str | None) -> None:
+    def _learn(self, scene: Scene, given: Given, grasp: str | None) -> None:
         end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
-        if end > self.seconds - self.settings.period * self.settings.decimation:
+        action = self.settings.period * self.settings.decimation
+        if end > self.seconds:
             raise ConfigError(
                 f"{self.name}: {scene.grasp.name} closes too slowly: its verdict would come after {end:.2f} s, and an "
                 f"episode takes {self.seconds:g} s"
             )
+        if end > self.seconds - action:
+            raise ConfigError(
+                f"{self.name}: actions of {action:g} s (decimation {self.settings.decimation}) are too long: the "
+                f"verdict comes after {end:.2f} s, and the last action begins after {self.seconds - action:.2f} s"
+            )
         if self.scenes:
             self.worlds.add(scene.model)
-        self._numbers[scene.thing, grasp] = len(self.scenes)
+        self._numbers[given, grasp] = len(self.scenes)
         self.scenes.append(scene)
         moves, period = closing(scene.grasp, self.wait, self.squeeze), self.settings.period
         self._scripts.append(sampled(moves, scene.grasp.preshape, self.periods, period))

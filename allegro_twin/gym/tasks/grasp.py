@@ -6,11 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
-from allegro_twin.gym.tasks.scenes import Scene, presented, scenarios
+from allegro_twin.gym.tasks.scenes import Scene, known, presented
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
@@ -43,14 +44,14 @@ class Grasp(Closing):
         """N, world."""
         self.place = np.zeros((n, 3))
         """Where the object was at the first observation after it was let go, m, world."""
-        self._hand, self._holds = self.worlds.presenter()
+        self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = np.arange(settings.decimation)[:, None]
 
-    def names(self) -> tuple[str, ...]:
-        return self.settings.objects or tuple(scenarios())[:12]
+    def things(self) -> tuple[Given, ...]:
+        return self.settings.objects or tuple(known())[:12]
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return presented(name, self.spec, self.settings, grasp)
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return presented(given, self.spec, self.settings, grasp)
 
     def apart(self, scene: Scene, size: float) -> Vector:
         return np.zeros(3)
@@ -67,6 +68,7 @@ class Grasp(Closing):
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, np.zeros(len(rows), np.int64))
+        self._way[rows] = self.thing.pose[rows, 3:]
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
         self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]

@@ -6,10 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws, jitter
-from allegro_twin.gym.settings import EnvSettings, Options
+from allegro_twin.gym.settings import EnvSettings, Level, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.grasp import HELD, LOST, WIDTH, Grasp
+from allegro_twin.gym.tasks.levels import Variation
 from allegro_twin.gym.tasks.scenes import THING, Scene
 from allegro_twin.gym.tasks.starts import played
 from allegro_twin.gym.tasks.vectors import effort_of, length
@@ -37,7 +39,10 @@ class HoldDisturbed(Grasp):
     purpose = "keep a grasped object in the hand while it is pushed at random"
     seconds = 4.0
     options: ClassVar[tuple[str, ...]] = ("object", "friction", "grasp")
-    noise = 0.0
+    levels: ClassVar[dict[Level, Variation]] = {
+        "easy": Variation(noise=0.0),
+        "default": Variation(noise=0.0, friction=(0.4, 1.0), mass=(0.5, 2.0), push=1.5),
+    }
     after = 0.0
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
@@ -47,11 +52,11 @@ class HoldDisturbed(Grasp):
         self._caught = 0
         self._catch()
 
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         return self.settings.objects or _OBJECTS
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return super().scene(name, grasp or _GRASPS.get(name))
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return super().scene(given, grasp or _GRASPS.get(name_of(given)))
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         assert self.thing is not None
@@ -66,7 +71,7 @@ class HoldDisturbed(Grasp):
         ticks = tick + np.arange(self.settings.decimation)[:, None]
         into = ticks * period % EVERY
         number = np.asarray(ticks[-1] * period // EVERY, np.int64)
-        self._force = jitter(self._key, number, 7, 3) * (STRONGEST * self._weight)[:, None]
+        self._force = jitter(self._key, number, 7, 3) * (STRONGEST * self.variation.push * self._weight)[:, None]
         self._pushing = into >= EVERY - LASTS
 
     def drive(self, k: int) -> None:
@@ -83,8 +88,8 @@ class HoldDisturbed(Grasp):
     def closed_scripts(self) -> tuple[Closed, ...]:
         return tuple(closed.model_copy(update={"holds": True}) for closed in super().closed_scripts())
 
-    def _number(self, name: str, grasp: str | None) -> int:
-        number = super()._number(name, grasp)
+    def _number(self, given: Given, grasp: str | None) -> int:
+        number = super()._number(given, grasp)
         self._catch()
         return number
 
@@ -96,7 +101,7 @@ class HoldDisturbed(Grasp):
             path = scene.pose[:3] - self._left[:, None] * scene.retreat
 
             def around(worlds: Worlds, k: int, path: Array = path, release: int = int(self._release[number])) -> None:
-                hand, holds = worlds.presenter()
+                hand, _, holds = worlds.presenter()
                 if k == 0:
                     worlds.free(THING).pose[0, :3] = path[0]
                 hand[0], holds[0] = path[min(k, len(path) - 1)], k < release

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.camera import Camera, Seen
+from allegro_twin.gym.given import thing_of
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Flags, Task
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
+from allegro_twin.gym.tasks.search import Anywhere, Search
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.sim import objects
 from allegro_twin.sim.batch import Rows
@@ -45,8 +47,8 @@ class InHand(Task):
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
         self._names: list[str] = []
-        for name in settings.objects or ("rubiks_cube",):
-            self._number(name, n, threads)
+        for given in settings.objects or ("rubiks_cube",):
+            self._learn(thing_of(given), n, threads)
         self.thing = self.worlds.free(THING)
         self.camera = Camera(settings.randomise, self.thing, settings.decimation)
         self.place = np.zeros((n, 3))
@@ -57,7 +59,11 @@ class InHand(Task):
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
         drawn = draws.number(len(self.settings.objects or (1,)))
-        return drawn if options.object is None else np.full(len(rows), self._number(options.object, self.n, 1))
+        if options.object is None:
+            return drawn
+        if options.object not in self._names:
+            self._learn(thing_of(options.object), self.n, 1)
+        return np.full(len(rows), self._names.index(options.object))
 
     def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         """The state to begin in, and with it the object's size; the friction."""
@@ -84,6 +90,10 @@ class InHand(Task):
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self.camera.begin(rows, values, draws)
 
+    def search(self) -> Search:
+        """Where the states to begin in are searched for."""
+        return Anywhere()
+
     def targets(self, rows: Rows) -> Array:
         return self.start[rows]
 
@@ -102,20 +112,17 @@ class InHand(Task):
         assert self.thing is not None
         return length(self.thing.pose[:, :3] - self.place) > ASIDE
 
-    def _number(self, name: str, n: int, threads: int) -> int:
-        if name not in self._names:
-            thing = objects.named(name)
-            extents = 2 * thing.half_extents()
-            if extents.max() > LARGEST:
-                raise ConfigError(
-                    f"{name} is too large for {self.name}: {extents.max() * 1000:.0f} mm long; "
-                    f"at most {LARGEST * 1000:.0f} mm can be"
-                )
-            self._held.append(held(thing, self.settings.side))
-            model = upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings)
-            self._add(model, n, threads)
-            self._names.append(name)
-        return self._names.index(name)
+    def _learn(self, thing: objects.Thing, n: int, threads: int) -> None:
+        """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
+        longest = 2 * thing.half_extents().max()
+        if longest > LARGEST:
+            raise ConfigError(
+                f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
+                f"at most {LARGEST * 1000:.0f} mm can be"
+            )
+        self._held.append(held(thing, self.settings.side, self.search()))
+        self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
+        self._names.append(thing.name)
 
     def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
         if self._names:

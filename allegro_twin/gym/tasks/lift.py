@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
@@ -36,11 +37,11 @@ class Lift(Closing):
         """Where the object stood, m, world."""
         _, self._wish = self.worlds.joint("wrist_z")
 
-    def names(self) -> tuple[str, ...]:
-        return self.settings.objects or from_above()[:10]
+    def things(self) -> tuple[Given, ...]:
+        return self.settings.objects or from_above()[: 10 if self.settings.level == "easy" else None]
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return on_table(name, self.spec, self.settings, grasp)
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return on_table(given, self.spec, self.settings, grasp)
 
     def apart(self, scene: Scene, size: float) -> Vector:
         # As the object stands higher by its greater size, and the palm would come down to it.

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
+from allegro_twin.gym.given import Given, name_of
+from allegro_twin.gym.settings import Level
 from allegro_twin.gym.tasks.grasp import Grasp
+from allegro_twin.gym.tasks.levels import EASY, HARD, Variation
 from allegro_twin.gym.tasks.scenes import Scene, presented
 
 # A scenario of the taxonomy for each: where the palm goes, and the grasp.
@@ -16,10 +20,13 @@ class Pinch(Grasp):
 
     name = "Pinch"
     purpose = "pinch a small presented object with the fingertips and hold it through a push"
-    noise: ClassVar[float] = 0.005
+    levels: ClassVar[dict[Level, Variation]] = {
+        "easy": replace(EASY, noise=0.005),
+        "default": replace(HARD, noise=0.013),
+    }
 
-    def names(self) -> tuple[str, ...]:
+    def things(self) -> tuple[Given, ...]:
         return self.settings.objects or tuple(_SCENARIOS)
 
-    def scene(self, name: str, grasp: str | None) -> Scene:
-        return presented(name, self.spec, self.settings, grasp, _SCENARIOS.get(name))
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        return presented(given, self.spec, self.settings, grasp, _SCENARIOS.get(name_of(given)))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import Scenario, load_protocol, load_scenario
 from allegro_twin.evaluate.timeline import stage
-from allegro_twin.files.assets import data_root
+from allegro_twin.gym.given import Given, name_of, scenario_of, scenarios
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.grasps import Grasp
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 THING = "object"
 """What every object is called in these scenes, so that they have the same layout."""
 _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
-FOLDERS = ("demo", "more")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,45 +45,39 @@ class Scene:
 
 
 @cache
-def scenarios() -> dict[str, str]:
-    """For every object that the package knows how to grasp, the scenario that says where the palm goes."""
-    files = [file for folder in FOLDERS for file in sorted((data_root() / "scenarios" / folder).glob("*.yaml"))]
-    return {load_scenario(file)[0].objects[0].name: str(file) for file in files}
+def known() -> dict[str, str]:
+    """The scenarios of the catalogue's objects, read once."""
+    return scenarios()
 
 
 def from_above() -> tuple[str, ...]:
     """The objects that are grasped from above."""
-    return tuple(name for name in scenarios() if load_scenario(scenarios()[name])[0].wrist.retreat[2] > 0)
+    return tuple(name for name, path in known().items() if load_scenario(path)[0].wrist.retreat[2] > 0)
 
 
 def presented(
-    name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
+    given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
 ) -> Scene:
     """An object in somebody's fingers before a hand that stands still."""
-    found, around, retreat = _found(name, spec, scenario)
+    found, around, retreat = _found(given if scenario is None else str(load_scenario(scenario)[1]), spec)
     position = np.asarray(around.position) - retreat
     around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(name, around, retreat, spec, settings, grasp or found.grasp)
+    return _built(name_of(given), around, retreat, spec, settings, grasp or found.grasp)
 
 
-def on_table(name: str, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> Scene:
+def on_table(given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> Scene:
     """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
-    found, around, retreat = _found(name, spec, None)
+    found, around, retreat = _found(given, spec)
     if retreat[2] <= 0:
-        raise ConfigError(f"{name} is grasped from its side; the slide serves {', '.join(from_above())}")
-    return _built(name, replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
+        raise ConfigError(f"{name_of(given)} is grasped from its side; the slide serves {', '.join(from_above())}")
+    return _built(name_of(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
 
 
-def _found(name: str, spec: HandSpec, scenario: str | None) -> tuple[Scenario, Stage, Vector]:
-    if scenario is None and name not in scenarios():
-        raise ConfigError(unknown("object", name, scenarios()))
-    settings, path = load_scenario(scenario or scenarios()[name])
+def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
+    settings, folder = scenario_of(given, known())
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    return (
-        settings,
-        stage(settings, load_protocol(settings.protocol), spec.side, path.parent),
-        mirror * settings.wrist.retreat,
-    )
+    around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
+    return settings, around, mirror * settings.wrist.retreat
 
 
 def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:

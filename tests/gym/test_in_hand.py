@@ -1,0 +1,177 @@
+"""Rotate and Reorient pay for what they ask for, and for nothing else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.gym.env import HandEnv
+from allegro_twin.gym.tasks.held import Held, file_name, held
+from allegro_twin.gym.tasks.reorient import NEAREST, REACHED
+from allegro_twin.gym.tasks.search import Anywhere
+from allegro_twin.gym.tasks.vectors import tilt
+from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, turned_by
+from allegro_twin.policy.interface import Observation
+from allegro_twin.sim import objects
+
+N = 8
+ALOFT = (0.0, 0.0, 0.4)  # m: nothing touches an object there while an action lasts.
+STILL = np.zeros((N, 16), np.float32)
+
+
+def batch(task: str, **more: Any) -> HandVectorEnv:
+    env = HandVectorEnv(task, N, autoreset="disabled", timestep=0.003, **more)
+    env.reset(seed=3)
+    return env
+
+
+def told(observation: Observation) -> np.ndarray[Any, Any]:
+    """What no hand measures."""
+    assert not isinstance(observation, dict)
+    return observation[:, 65:]
+
+
+def played(env: HandVectorEnv, steps: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Returns until each episode ends or the steps are over, and who failed."""
+    total, going = np.zeros(N), np.ones(N, bool)
+    for _ in range(steps):
+        _, reward, failed, _, _ = env.step(STILL)
+        total += np.where(going, reward, 0.0)
+        going &= ~failed
+    return total, ~going
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_an_object_stays_in_the_fingertips_where_nobody_acts(side: str) -> None:
+    env = batch("Reorient", side=side)
+    _, lost = played(env, 50)
+    assert not lost.any()
+    assert len(np.unique(env.engine.worlds.position[:, 0])) == N
+
+
+@pytest.mark.parametrize("task", ["Rotate", "Reorient"])
+def test_a_throw_never_scores_above_staying(task: str) -> None:
+    stays, _ = played(batch(task), 50)
+    thrown = batch(task)
+    thing = thrown.engine.task.thing
+    assert thing is not None
+    thing.pose[:, 2] += 0.055  # Out of the fingers, which would catch it.
+    thing.velocity[:] = 0.5, 0.0, 2.0
+    thing.spin[:, 2] = 15.0  # As it should turn.
+    scored, lost = played(thrown, 50)
+    assert lost.all()
+    assert (scored < stays - 1.0).all()
+
+
+def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() -> None:
+    env = HandEnv("Rotate", timestep=0.003)
+    env.reset(seed=0)
+    thing = env.engine.task.thing
+    assert thing is not None
+    paid, success, turned = [], [], 0.0
+    env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
+    for step in range(1, 33):
+        lean = np.radians(28.0) if 10 < step <= 20 else 0.0
+        thing.pose[0, :3] = ALOFT
+        thing.pose[0, 3:] = turned_by(quaternion_from_vector((0.0, lean, 0.0)), (0.0, 0.0, step * 0.21))
+        thing.velocity[0] = thing.spin[0] = 0.0
+        _, _, failed, _, info = env.step(np.zeros(16, np.float32))
+        assert not failed
+        paid.append(info["speed"])
+        success.append(info["is_success"])
+        turned = info["turned"]
+    assert min(paid[1:9]) > 0.5
+    assert max(np.abs(paid[11:18])) == 0.0
+    assert turned == pytest.approx(32 * 0.21, abs=0.5)
+    assert success[-1]
+    assert not any(success[:20])
+
+
+def test_a_toppled_object_ends_the_episode_as_a_failure() -> None:
+    env = HandEnv("Rotate", timestep=0.003)
+    env.reset(seed=0)
+    thing = env.engine.task.thing
+    assert thing is not None
+    thing.pose[0, 3:] = quaternion_from_vector((np.radians(80.0), 0.0, 0.0))
+    _, reward, failed, _, info = env.step(np.zeros(16, np.float32))
+    assert failed
+    assert not info["is_success"]
+    assert reward < -15.0
+
+
+@pytest.mark.parametrize("goals", ["any", "yaw"])
+def test_no_goal_is_reached_at_the_beginning_and_each_that_is_brings_another(goals: str) -> None:
+    env = batch("Reorient", goals=goals)
+    seen, _ = env.reset(seed=0)
+    assert isinstance(seen, dict)
+    first = np.array(seen["desired_goal"], float)
+    assert (angle_between_quaternions(first, np.array(seen["achieved_goal"], float)) > NEAREST - 0.01).all()
+    thing = env.engine.task.thing
+    assert thing is not None
+    env.engine.task.place[:] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
+    thing.pose[:, :3], thing.pose[:, 3:] = ALOFT, first
+    thing.velocity[:] = thing.spin[:] = 0.0
+    seen, reward, _, _, info = env.step(STILL)
+    assert isinstance(seen, dict)
+    np.testing.assert_array_equal(seen["desired_goal"], first.astype(np.float32))
+    apart = angle_between_quaternions(first, np.array(seen["achieved_goal"], float))
+    assert (info["reached"] == 1).all()
+    assert (apart < REACHED).all()
+    assert (reward > 10.0).all()
+    now = np.array(thing.pose[:, 3:])
+    seen, _, _, _, _ = env.step(STILL)
+    assert isinstance(seen, dict)
+    other = angle_between_quaternions(np.array(seen["desired_goal"], float), first)
+    assert (other > 0.2).all()
+    if goals == "yaw":
+        turn = angle_between_quaternions(now, np.array(seen["desired_goal"], float))
+        assert (turn < np.pi / 2 + 1e-6).all()
+        assert np.abs(tilt(np.array(seen["desired_goal"], float)) - tilt(now)).max() < 1e-6
+
+
+def test_goals_are_no_farther_than_they_are_asked_to_be() -> None:
+    seen, _ = batch("Reorient", farthest=0.5).reset(seed=5)
+    assert isinstance(seen, dict)
+    apart = angle_between_quaternions(*(np.array(seen[f"{what}_goal"], float) for what in ("achieved", "desired")))
+    assert apart.max() < 0.5 + 1e-5
+
+
+def test_a_camera_sees_an_object_late_and_with_noise() -> None:
+    exact = batch("Rotate")
+    late = batch("Rotate", randomise={"camera_delay": (1, 1)})
+    noisy = batch("Rotate", randomise={"camera_shift": (0.004, 0.004)})
+    rows = [[told(env.reset(seed=9)[0])] + [told(env.step(STILL)[0]) for _ in range(3)] for env in (exact, late, noisy)]
+    for k in range(3):
+        np.testing.assert_array_equal(rows[1][k + 1], rows[0][k])
+        off = rows[2][k][:, :3] - rows[0][k][:, :3]
+        assert 0.0 < np.abs(off).max() <= 0.004 / 0.05 + 1e-6
+
+
+def test_a_hand_alone_sees_no_object() -> None:
+    env = batch("Rotate", observation="hand")
+    assert told(env.reset(seed=0)[0]).shape == (N, 0)
+    assert env.engine.task.card().privileged == 0
+    assert batch("Rotate").engine.task.card().privileged == 13
+
+
+def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() -> None:
+    env = HandEnv("Rotate")
+    _, info = env.reset(seed=0, options={"size": 1.06})
+    assert info["randomised"]["size"] == pytest.approx(1.06, abs=0.01)
+    with pytest.raises(ConfigError, match=r"hold this object at 0\.90 to 1\.10 times its size, not 1\.4"):
+        env.reset(seed=0, options={"size": 1.4})
+
+
+def test_the_package_brings_the_states_that_its_search_would_find() -> None:
+    cube = objects.named("rubiks_cube")
+    assert (data_root() / "conf" / "starts" / file_name(cube, Anywhere())).is_file()
+    right, left = (held(cube, side, Anywhere()) for side in ("right", "left"))
+    assert isinstance(right, Held)
+    assert len(right.size) >= 1000
+    assert tilt(right.pose[:, 3:]).max() < np.radians(8.0)
+    np.testing.assert_array_equal(right.pose[:, 1], -left.pose[:, 1])
