@@ -160,3 +160,10 @@ def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) ->
     t, disturbance, error = estimates(each, moving(off, hand))
     assert np.abs(error[t > 1.0]).max() < 1e-4
     assert np.abs(disturbance[t > 1.0]).max() < 0.005
+    observer = Observer(spec, drive, 0.003)
+    for sample in moving(off, hand):
+        if sample.state.tick == 0:
+            observer.reset(sample.state.position)
+        else:
+            where = observer.step(sample.state.torque, sample.state.gravity, sample.state.position).position
+            np.testing.assert_allclose(where, hand.data.qpos[:N], atol=1e-4)
