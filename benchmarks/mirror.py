@@ -1,8 +1,8 @@
 """What the mirror costs a period, and `python -m benchmarks.mirror`: touches noticed, forces told, false alarms.
 
 The hand is simulated at half the mirror's time step, with encoder noise and counts; the mirror has its true drive
-(matched). A force acts on a fingertip from its pad side, ± 40° about it, while the finger moves or rests; thresholds are
-learned on other motions than those that are judged.
+(matched). A force acts on a fingertip from its pad side, ± 40° about it, while the finger moves or rests; thresholds
+are learned on other motions than those that are judged.
 """
 
 from __future__ import annotations
