@@ -65,7 +65,9 @@ def hand(seed: int) -> HandSpec:
 def simulated(spec: HandSpec, seed: int) -> SimBackend:
     facing, fingers = POSES[seed % len(POSES)]
     stage = Stage(np.zeros(3), quaternion_facing(facing, fingers), physics=Physics(timestep=0.0005))
-    return SimBackend(spec, compile_scene(spec, stage), posture=(spec.lower + spec.upper) / 2.0)
+    model = compile_scene(spec, stage)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # Its fingers are not to touch each other.
+    return SimBackend(spec, model, posture=(spec.lower + spec.upper) / 2.0)
 
 
 def moves(spec: HandSpec, seed: int, seconds: float) -> Reference:
