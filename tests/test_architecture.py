@@ -19,7 +19,7 @@ LAYERS = [
     {"description", "control", "loop", "safety"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
-    {"config", "look", "evaluate", "identify", "grasping"},
+    {"config", "look", "evaluate", "identify", "mirror", "grasping"},
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
     {"hand"},

@@ -28,7 +28,7 @@ Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of o
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    for command in (excite, identify, gap):
+    for command in (excite, identify, gap, mirror):
         app.command()(command)
 
 
@@ -129,6 +129,45 @@ def gap(
         console.errors.print(f"[yellow]{doubt}[/]", soft_wrap=True)
     for each in gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
+
+
+def mirror(
+    target: Annotated[str, typer.Argument(help="A recording (.arrow), or the config of a hand on a bus, which runs.")],
+    hand: Annotated[
+        str | None,
+        typer.Option(help="The hand's own file; default: the one it was recorded with.", autocompletion=complete.hands),
+    ] = None,
+    free: Annotated[
+        Path | None, typer.Option(help="A recording that touched nothing: it says from where on a push is a touch.")
+    ] = None,
+    stop: Annotated[bool, typer.Option("--stop-on-contact", help="Leave the hand limp at a touch.")] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="Record a run, with `predicted` and `disturbance`.", callback=options.file(".arrow")),
+    ] = None,
+) -> None:
+    """Run the model beside a hand: what it expects, and what pushes the fingers; a recording plays past it faster."""
+    from allegro_twin.cli import console, mirroring
+
+    if Path(target).suffix == ".arrow":
+        from allegro_twin.build.mirroring import mirrored
+        from allegro_twin.replay.recording import load
+
+        if stop or record is not None:
+            raise ConfigError(f"{target} is a recording: --stop-on-contact and --record are for a hand that runs")
+        found, spec = mirrored(Path(target), hand or "", free), load(Path(target)).spec
+    else:
+        from allegro_twin.build.wired import spec_of
+        from allegro_twin.config import load_config
+
+        config = load_config(target)
+        with console.progress() as bar:
+            job = bar.add_task("beside the model", total=config.seconds)
+            found = mirroring.live(config, hand or "", free, stop, record, lambda t: bar.update(job, completed=t))
+        spec = spec_of(config)
+    console.console.print(mirroring.table(found, spec.aliases or spec.joints))
+    for line in mirroring.lines(found):
+        console.console.print(line, highlight=False)
 
 
 def weight_of(text: str) -> Weight:

@@ -20,6 +20,8 @@ FEW = 40
 """Pieces to begin with."""
 COARSELY, BRISTLY, FINELY = 5, 30, 7
 """Evaluations at most: roughly, the same where friction breaks away, and in the end, when derivatives are held."""
+EXPLAINED, AGAIN = 1.3, 2
+"""Times the noise: with more left over it is tried again, at most so often, as long as that helps."""
 LARGE = 5.0
 """Times the noise: residuals of friction that breaks away count less from here on, for who starts in the wrong place
 sticks when the hand slips."""
@@ -67,6 +69,13 @@ def fit(
         rough = other if bristly else rough
     whole = problem(bristly, 1)
     last = _solved(whole, rough.drive, hold=True)
+    for _ in range(AGAIN):
+        if last.left < EXPLAINED:
+            break
+        more = _solved(whole, last.drive, hold=True)  # With derivatives and starts of where it is now.
+        last, gained = (more, last.left - more.left) if more.left < last.left else (last, 0.0)
+        if gained < 0.05 * last.left:
+            break
     spreads = spread(whole, last.drive, last.jacobian, last.residuals, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)

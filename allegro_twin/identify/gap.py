@@ -49,9 +49,8 @@ class Gap:
     """The hand's own file."""
 
 
-def drive_of(spec: HandSpec, motion: Motion, torque_constant: Vector, offset: Vector) -> Parameters:
-    """What a hand's file says, for a recording that was made with another calibration, perhaps: `offset` is what the
-    recording's positions are too high by, (n,), rad, as the file has it."""
+def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
+    """What a hand's file says. `offset`: what reported positions are too high by, (n,), rad, as the file has it."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
     return Parameters(

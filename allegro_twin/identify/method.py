@@ -69,7 +69,7 @@ def identify(
     tell("one line through everything")
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
-    base = drive_of(nominal, motions[0], np.ones(spec.n_joints), np.zeros(spec.n_joints))
+    base = drive_of(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
     tell("the motion as the model would make it")
     found = fit(motions, start, base, masses, friction)
     return Identified(tuple(motions), looked, found, values(found, looked))
@@ -92,8 +92,8 @@ def _gap(motion: Motion, hand: str) -> Gap:
     player = Player(nominal, motion.period)
     bristly = mine.drive is not None and bool(mine.drive.bristle.any())
     own = Player(nominal, motion.period, bristly=True) if bristly else player
-    after = drive_of(mine, motion, constant, shift(motion, wiring.calibration.encoder_offset))
-    return gap(motion, (player, drive_of(nominal, motion, ones, zero)), (own, after))
+    after = drive_of(mine, constant, shift(motion.version, motion.calibration, wiring.calibration.encoder_offset))
+    return gap(motion, (player, drive_of(nominal, ones, zero)), (own, after))
 
 
 def _motions(paths: Sequence[Path], weights: Sequence[Weight]) -> list[Motion]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -78,7 +79,7 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
     if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
-    calibration = Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+    calibration = calibration_of(table)
     rows, missing = _filled(columns["tick"])
     duty = torque[rows] / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
@@ -89,6 +90,11 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
         path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
         good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
     )  # fmt: skip
+
+
+def calibration_of(table: Mapping[str, Any]) -> Calibration:
+    """What a recording's metadata say of how counts became rad and N·m."""
+    return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
 def same_hand(motions: list[Motion]) -> None:

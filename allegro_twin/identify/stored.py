@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.description.calibration import Calibration
+from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
@@ -129,24 +129,21 @@ def doubtful(path: Path) -> str:
     return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
-def shift(motion: Motion, encoder_offset: tuple[int, ...]) -> Vector:
-    """What a recording's positions are too high by, (n,), rad, when other encoder offsets, counts, are right."""
-    return _position(motion, motion.calibration) - _position(
-        motion, replace(motion.calibration, encoder_offset=encoder_offset)
-    )
+def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
+    """What positions are too high by, (n,), rad, that were read with one calibration when other encoder offsets,
+    counts, are right."""
+    right = replace(used, encoder_offset=encoder_offset)
+    one, other = (make_codec(version, each).positions.values(bytes(32)) for each in (used, right))
+    return one - other
 
 
 def _offsets(motion: Motion, offset: Value) -> list[int]:
     """Encoder offsets, counts, with which the positions are right; as they were where nothing was determined."""
     old = motion.calibration
     # What one more count of offset does to a position, rad; each version has its own.
-    step = -shift(motion, tuple(count + 1 for count in old.encoder_offset))
+    step = -shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
     counts = np.where(offset.determined, np.rint(-offset.value / step), 0.0)
     return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
-
-
-def _position(motion: Motion, calibration: Calibration) -> Vector:
-    return make_codec(motion.version, calibration).positions.values(bytes(32))
 
 
 def _joint(spec: HandSpec, number: int) -> str:

@@ -73,9 +73,9 @@ class Player:
         self._model = _bare(spec, timestep, bristly)
         model = self._model
         joints = [model.joint(name) for name in spec.joints]
-        self._qpos = span([joint.qposadr[0] for joint in joints])
-        self._dofs = span([joint.dofadr[0] for joint in joints])
-        self._motors = span([model.actuator(name).id for name in spec.joints])
+        self.qpos = span([joint.qposadr[0] for joint in joints])
+        self.dofs = span([joint.dofadr[0] for joint in joints])
+        self.motors = span([model.actuator(name).id for name in spec.joints])
         self._links = [int(joint.bodyid[0]) for joint in joints]
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
         names = [bristles.name_of(name) for name in spec.joints] if bristly else []
@@ -96,13 +96,23 @@ class Player:
             found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
 
+    def prepared(self, drive: Parameters) -> mujoco.MjModel:
+        """This player's model with a drive, no weight at its tips."""
+        self._set(drive, np.zeros(self.spec.n_joints))
+        return self._model
+
+    def late(self, delay: Vector) -> Array:
+        """What each of the last BEFORE + 1 commands has of every time step of a period, (steps, BEFORE + 1, n)."""
+        impulses = np.eye(BEFORE + 1)[:, :, None] * np.ones(len(delay))
+        return self._late(impulses, delay)  # (steps, which command, n)
+
     def link_torque(self, position: Vector, velocity: Vector, acceleration: Vector, gravity: Vector) -> Vector:
         """Of the links alone, as they are set, (n,), N·m."""
         data = self._scratch
-        data.qpos[self._qpos], data.qvel[self._dofs], data.qacc[self._dofs] = position, velocity, acceleration
+        data.qpos[self.qpos], data.qvel[self.dofs], data.qacc[self.dofs] = position, velocity, acceleration
         self._model.opt.gravity[:] = gravity
         mujoco.mj_inverse(self._model, data)
-        return np.array(data.qfrc_inverse[self._dofs])
+        return np.array(data.qfrc_inverse[self.dofs])
 
     def links_only(self, mass_scale: Vector, weight: Vector) -> None:
         """Prepare for `link_torque`: no motors."""
@@ -112,13 +122,13 @@ class Player:
 
     def _set(self, drive: Parameters, weight: Vector) -> None:
         model = self._model
-        model.dof_armature[self._dofs] = drive.armature
-        model.dof_damping[self._dofs] = drive.damping
-        model.dof_frictionloss[self._dofs] = 0.0 if self.bristly else drive.frictionloss
+        model.dof_armature[self.dofs] = drive.armature
+        model.dof_damping[self.dofs] = drive.damping
+        model.dof_frictionloss[self.dofs] = 0.0 if self.bristly else drive.frictionloss
         if self.bristly:
             shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
             bristles.tune(model, self._friction, drive.frictionloss, *shape, drive.armature)
-        model.actuator_gainprm[self._motors, 0] = drive.torque_constant
+        model.actuator_gainprm[self.motors, 0] = drive.torque_constant
         model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
         model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
         for body, finger in zip(self._weights, self.spec.fingers, strict=True):
@@ -128,8 +138,8 @@ class Player:
     def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, more: Array) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
         sims.expand("opt.gravity")[:] = pieces.gravity
-        sims.bind("qpos")[:, self._qpos] = position - drive.offset
-        sims.bind("qvel")[:, self._dofs] = velocity
+        sims.bind("qpos")[:, self.qpos] = position - drive.offset
+        sims.bind("qvel")[:, self.dofs] = velocity
         if self.bristly:
             steady = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
             sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = steady + more
@@ -138,9 +148,9 @@ class Player:
         found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
         for k in range(len(found)):
             for step in range(self._steps):
-                ctrl[:, self._motors] = control[k * self._steps + step]
+                ctrl[:, self.motors] = control[k * self._steps + step]
                 sims.step()
-            found[k] = qpos[:, self._qpos]
+            found[k] = qpos[:, self.qpos]
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
 
     def _late(self, duty: Array, delay: Vector) -> Array:

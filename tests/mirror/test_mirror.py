@@ -1,0 +1,169 @@
+"""The mirror expects what a free hand does, tells what pushes it, and does both the same again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.hands import load_spec
+from allegro_twin.drive import Drive
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.identify.gap import drive_of
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, until
+from allegro_twin.mirror.events import contacts, thresholds, touched
+from allegro_twin.mirror.mirror import Mirror
+from allegro_twin.replay.recording import load
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.observer import Observer, gains
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Sample, Vector
+from tests.conftest import MakeSim
+
+N = 16
+ONE = np.ones(N)
+
+
+def mirror(spec: HandSpec, above: Vector | None = None) -> Mirror:
+    return Mirror(spec, Observer(spec, drive_of(spec, ONE, np.zeros(N)), 0.003), ONE, above)
+
+
+def moving(spec: HandSpec, backend: SimBackend, push: Vector | None = None, at: float = 2.0) -> Iterator[Sample]:
+    """4 s to and fro, pushed from `at` on."""
+    middle = (spec.lower + spec.upper) / 2.0
+    moves = Moves([Waypoint(middle + d, seconds=1.0) for d in (0.2, -0.2, 0.15, -0.1)])
+    for sample in until(4.0, run(backend, PD(moves, load_gains("v4", spec)))):
+        if push is not None and sample.state.t >= at:
+            backend.push(push)
+        yield sample
+
+
+def estimates(each: Mirror, samples: Iterator[Sample]) -> tuple[Vector, Array, Array]:
+    """Times, disturbances, and how far what was expected was off."""
+    t, disturbance, off = [], [], []
+    for sample in each.watched(samples):
+        latest = each.latest()
+        t.append(sample.state.t)
+        disturbance.append(latest["disturbance"])
+        off.append(sample.state.position - latest["predicted"])
+    return np.array(t[1:]), np.array(disturbance[1:]), np.array(off[1:])
+
+
+@pytest.fixture
+def hand(spec: HandSpec, make_sim: MakeSim) -> SimBackend:
+    return make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+
+
+def test_a_free_hand_moves_as_expected_and_nothing_pushes_it(spec: HandSpec, hand: SimBackend) -> None:
+    t, disturbance, off = estimates(mirror(spec), moving(spec, hand))
+    settled = t > 1.0
+    assert np.abs(off[settled]).max() < 1e-4
+    assert np.abs(disturbance[settled]).max() < 0.004
+    assert not contacts(t, disturbance, thresholds(disturbance, 0.003), spec)
+
+
+def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBackend) -> None:
+    push = np.zeros(N)
+    push[[5, 6]] = 0.05, -0.03
+    t, disturbance, _ = estimates(mirror(spec), moving(spec, hand, push))
+    late = t > 2.3
+    np.testing.assert_allclose(disturbance[late][:, [5, 6]].mean(axis=0), [0.05, -0.03], rtol=0.1)
+    assert np.abs(disturbance[late][:, 8:]).max() < 0.006
+    found = contacts(t, disturbance, np.full(N, 0.01), spec)
+    assert [contact.finger for contact in found] == ["middle"]
+    assert 2.0 < found[0].begin < 2.04
+    assert found[0].torque == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_mirror_over_the_same_samples_is_the_same_to_the_last_bit(spec: HandSpec, hand: SimBackend) -> None:
+    samples = list(moving(spec, hand))
+    first, again = (estimates(mirror(spec), iter(samples)) for _ in range(2))
+    np.testing.assert_array_equal(first[1], again[1])
+    np.testing.assert_array_equal(first[2], again[2])
+
+
+def test_a_touch_can_stop_the_hand(spec: HandSpec, hand: SimBackend) -> None:
+    push = np.zeros(N)
+    push[9] = 0.06
+    with pytest.raises(HandFault, match=r"joint_9\.0 is pushed by \+\d+ mN·m at 2\.0\d\d s, more than 20"):
+        estimates(mirror(spec, np.full(N, 0.02)), moving(spec, hand, push))
+
+
+def test_one_period_above_is_no_touch_and_a_short_pause_no_end(spec: HandSpec) -> None:
+    disturbance = np.zeros((1000, N))
+    disturbance[400, 2] = 1.0
+    disturbance[600:640, 13] = -0.5
+    disturbance[650:700, 13] = 0.7
+    above = np.full(N, 0.1)
+    assert not touched(disturbance, above, spec)[400].any()
+    (only,) = contacts(np.linspace(0.0, 2.997, 1000), disturbance, above, spec)
+    assert (only.finger, only.torque) == ("thumb", 0.7)
+    assert only.begin == pytest.approx(1.803)
+    assert only.end == pytest.approx(2.097)
+
+
+def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_no_mirror(
+    spec: HandSpec, hand: SimBackend
+) -> None:
+    with pytest.raises(ConfigError, match="a free motion of 0.3 s says too little: at least 4 s"):
+        thresholds(np.zeros((100, N)), 0.003)
+    state, command = next(moving(spec, hand))
+    lost = Sample(replace(state, gravity=np.full(3, np.nan)), command)
+    with pytest.raises(ConfigError, match="must know where down is"):
+        list(mirror(spec).watched([lost]))
+
+
+def test_heavier_joints_are_corrected_no_faster() -> None:
+    light, heavy = gains(0.003, 0.07, 0.003), gains(0.006, 0.07, 0.003)
+    assert 0.0 < heavy[0] < light[0] < 1.0
+    assert (light > 0).all()
+
+
+def test_the_left_hand_has_a_mirror_too(make_sim: MakeSim, tmp_path: Path) -> None:
+    left = load_spec(side="left")
+    backend = make_sim(left, posture=(left.lower + left.upper) / 2.0)
+    t, disturbance, _ = estimates(mirror(left), moving(left, backend))
+    assert np.abs(disturbance[t > 1.0]).max() < 0.004
+
+
+def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tests.cli import conftest
+
+    command = conftest.command.__wrapped__(capsys, monkeypatch)  # type: ignore[attr-defined]
+    code, out, _ = command("mirror", "can_virtual", "--record", tmp_path / "run.arrow")
+    assert (code, "Nothing touched it." in out) == (0, True)
+    columns = load(tmp_path / "run.arrow").columns
+    assert columns["predicted"].shape == columns["disturbance"].shape == (1001, N)
+    np.testing.assert_allclose(columns["predicted"][400:], columns["position"][400:], atol=5e-4)
+    code, out, _ = command("mirror", tmp_path / "run.arrow")
+    assert code == 0
+    mirrored_again = [line for line in out.splitlines() if "index_1" in line]
+    assert len(mirrored_again) == 1
+    code, _, error = command("mirror", "sim_right")
+    assert code == 2
+    assert "a sim hand is its own twin" in error
+
+
+def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
+    off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
+    drive = drive_of(off, ONE, np.full(N, 0.05))
+    each = Mirror(spec, Observer(spec, drive, 0.003), ONE)
+    hand = make_sim(off, posture=(spec.lower + spec.upper) / 2.0)
+    t, disturbance, error = estimates(each, moving(off, hand))
+    assert np.abs(error[t > 1.0]).max() < 1e-4
+    assert np.abs(disturbance[t > 1.0]).max() < 0.005
+    observer = Observer(spec, drive, 0.003)
+    for sample in moving(off, hand):
+        if sample.state.tick == 0:
+            observer.reset(sample.state.position)
+        else:
+            where = observer.step(sample.state.torque, sample.state.gravity, sample.state.position).position
+            np.testing.assert_allclose(where, hand.data.qpos[:N], atol=1e-4)
