@@ -104,9 +104,16 @@ def _model(recipe: Recipe, env: StableEnv) -> Any:
     )
 
 
+def _far(farthest: tuple[float, float], number: int, rounds: int) -> float:
+    """Of the goals in a round, rad."""
+    return farthest[0] + (farthest[1] - farthest[0]) * number / max(rounds - 1, 1)
+
+
 def _round(model: Any, env: StableEnv, recipe: Recipe, number: int, watching: Watching) -> None:
     """One round. Everything random in it follows from the recipe's seed and its number, so that a training that was
     continued cannot be told from one that was not."""
+    if recipe.farthest is not None:
+        env.env.engine.task.farthest = _far(recipe.farthest, number, recipe.rounds)
     part = number / recipe.rounds
     model.lr_schedule = ConstantSchedule(recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * part))
     seed = (recipe.seed + number * ROUND_SEEDS) % 2**31

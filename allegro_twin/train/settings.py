@@ -49,6 +49,8 @@ class Recipe(Settings):
     log_spread: float = -1.0
     """Logarithm of the standard deviation with which actions are tried out at the beginning."""
     reward_scale: Positive = 1.0
+    farthest: tuple[Positive, Positive] | None = None
+    """Of Reorient: how far goals are in the first round and in the last, rad; between them in a straight line."""
     seed: Annotated[int, Field(ge=0)] = 0
     trials: Count = 100
     """Episodes of the evaluation after every round, without noise on the actions."""

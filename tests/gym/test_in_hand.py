@@ -92,6 +92,29 @@ def test_turning_counts_upright_only_and_a_full_turn_in_the_hand_is_success() ->
     assert not any(success[:20])
 
 
+def test_rocking_to_and_fro_earns_nothing() -> None:
+    """Forth while upright, and back while it leans so far that turning is not paid: an evolved gait found that."""
+    env = HandEnv("Rotate", timestep=0.003)
+    env.reset(seed=0)
+    thing = env.engine.task.thing
+    assert thing is not None
+    env.engine.task.place[0] = ALOFT  # type: ignore[attr-defined]  # Of tasks in the hand.
+    paid, turned = 0.0, 0.0
+    for step in range(40):
+        forth = step % 10 < 5
+        part = step % 5 / 5.0
+        yaw = 0.1 * part if forth else 0.1 * (1.0 - part)
+        thing.pose[0, :3] = ALOFT
+        lean = quaternion_from_vector((0.0, 0.0 if forth else np.radians(28.0), 0.0))
+        thing.pose[0, 3:] = turned_by(lean, (0.0, 0.0, yaw))
+        thing.velocity[0] = thing.spin[0] = 0.0
+        _, _, _, _, info = env.step(np.zeros(16, np.float32))
+        paid += info["speed"]
+        turned = info["turned"]
+    assert abs(turned) < 0.3
+    assert paid < 1.0
+
+
 def test_a_toppled_object_ends_the_episode_as_a_failure() -> None:
     env = HandEnv("Rotate", timestep=0.003)
     env.reset(seed=0)

@@ -182,6 +182,25 @@ def test_rounds_are_whole_updates() -> None:
     assert (recipe(steps=1).rounds, recipe(steps=1).round_steps) == (1, 128)
 
 
+def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_path: Path) -> None:
+    from allegro_twin.train import learning
+
+    assert [learning._far((0.5, 1.5), number, 3) for number in range(3)] == [0.5, 1.0, 1.5]
+    few = recipe(task="Reorient", environment={"timestep": 0.003}, envs=2, rollout=4, steps=16, round=8, batch=8,
+                 trials=1, farthest=(0.4, 0.8))  # fmt: skip
+    seen: list[float] = []
+    original = learning._round
+
+    def watched(model: Any, env: Any, *rest: Any) -> None:
+        original(model, env, *rest)
+        seen.append(env.env.engine.task.farthest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learning, "_round", watched)
+        train(few, tmp_path)
+    assert seen == [0.4, 0.8]
+
+
 def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() -> None:
     grasp = load_recipe("Grasp")
     assert grasp.environment.position_noise == 0.015

@@ -59,6 +59,8 @@ class Task(ABC):
     settings: EnvSettings
     interface: Interface
     worlds: Worlds
+    farthest: float = 0.0
+    """How far new goals are at most, rad, where a task has such."""
     thing: Body | None = None
     """The object, where there is one."""
 

@@ -35,7 +35,6 @@ class Reorient(InHand):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self.farthest = settings.farthest or FARTHEST[settings.goals]
-        """How far new goals are at most, rad."""
         self._goal = np.zeros((n, 4), np.float32)
         self._key = np.zeros(n, np.uint64)
         self._renewed = np.zeros(n, bool)

@@ -10,8 +10,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import DROPPED, FAST, SPINS, InHand
 from allegro_twin.gym.tasks.search import Around, Search
-from allegro_twin.gym.tasks.vectors import length, tilt
-from allegro_twin.kinematics.orientation import turn_about_z
+from allegro_twin.gym.tasks.vectors import length, tilt, twist
 from allegro_twin.policy.card import Swung
 from allegro_twin.policy.gait import load_gait
 from allegro_twin.policy.interface import Observation
@@ -20,12 +19,12 @@ from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
 
 GAIT = "rotate"
-FASTEST = 0.8  # rad/s. Turning faster than this earns no more.
+FASTEST = 0.6  # rad/s. Turning faster than this earns no more.
 UPRIGHT, ENOUGH_UPRIGHT = np.radians(25.0), np.radians(30.0)  # Tilts up to which turning is paid, and success can be.
 TOPPLED = np.radians(50.0)  # From there a box goes over on its side.
 ENOUGH = 2.0 * np.pi  # rad in an episode, net.
 # Weights of what a step costs, after hora (Qi et al. 2022): its ratios, with our units.
-_SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.05, 0.05, 0.02
+_SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
 class Rotate(InHand):
@@ -43,7 +42,7 @@ class Rotate(InHand):
         swung = self._gait.sampled(self.spec, round(self.seconds / settings.period), settings.period)
         self.interface = self._interface(step=self.step, scripts=table([swung]), reach=settings.reach)
         self._sign = 1.0 if settings.side == "right" else -1.0
-        self._before = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+        self._before = np.zeros(n)
         self._limit = self.spec.actuation.torque_limit
         self.turned = np.zeros(n)
         """Net since the reset, rad."""
@@ -58,16 +57,19 @@ class Rotate(InHand):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
-        self._before[rows], self.turned[rows] = self.thing.pose[rows, 3:], 0.0
+        self._before[rows], self.turned[rows] = twist(self.thing.pose[rows, 3:]), 0.0
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
         now = np.array(self.thing.pose[:, 3:])
-        turn = self._sign * turn_about_z(self._before, now)
+        # Where it looks, not its spin about z: a rocking object turns without one.
+        heading = twist(now)
+        turn = self._sign * ((heading - self._before + np.pi) % (2.0 * np.pi) - np.pi)
         leaning = tilt(now)
-        self._before, self.turned = now, self.turned + turn
+        self._before, self.turned = heading, self.turned + turn
         lost = self.lost() | (leaning > TOPPLED)
-        paid = np.where(leaning < UPRIGHT, np.clip(turn / self.interface.seconds / FASTEST, -1.0, 1.0), 0.0)
+        # Turning back costs at any tilt, or else rocking pays: forth while upright, and back while leaning.
+        paid = np.clip(turn / self.interface.seconds / FASTEST, -1.0, np.where(leaning < UPRIGHT, 1.0, 0.0))
         away = self.worlds.position - self.start
         torque = np.clip(self.worlds.torque, -self._limit, self._limit)
         terms = {

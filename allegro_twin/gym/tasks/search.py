@@ -109,8 +109,8 @@ class Around:
     size: float
     place: tuple[float, float, float]
     yaw: float
-    width: float = 0.05
-    """rad about it, each joint; of the object 3 mm and 0.15 rad."""
+    width: float = 0.015
+    """rad about it, each joint; of the object 2 mm and 0.1 rad."""
     squeeze: float = 0.25
     press: float = 0.2
     opening: tuple[float, ...] = (0.425, 0.425, 0.425, 0.25, 0.25)
@@ -119,15 +119,15 @@ class Around:
     def tries(self, spec: HandSpec, size: Array, height: Array, rng: np.random.Generator) -> Tries:
         n = len(size)
         wider, tighter = np.zeros((n, 16)), np.zeros((n, 16))
-        wider[:, _FLEXION] = np.array(self.opening) * (size[:, None] - self.size) * rng.uniform(0.5, 1.2, (n, 1))
-        tighter[:, _FLEXION] = rng.uniform(-0.05, 0.1, (n, 1))
+        wider[:, _FLEXION] = np.array(self.opening) * (size[:, None] - self.size) * rng.uniform(0.7, 1.1, (n, 1))
+        tighter[:, _FLEXION] = rng.uniform(-0.02, 0.03, (n, 1))
         target = np.array(self.target) - wider + tighter + rng.uniform(-self.width, self.width, (n, 16))
         target = np.clip(target, spec.lower, spec.upper)
         back = np.zeros(16)
         back[_FLEXION] = [self.squeeze] * 3 + [self.press] * 2
         posture = np.clip(target - back * rng.uniform(0.5, 1.0, (n, 1)), spec.lower, spec.upper)
-        place = np.array(self.place) + rng.uniform(-0.003, 0.003, (n, 3))
-        return Tries(posture, target, place, self.yaw + rng.uniform(-0.15, 0.15, n))
+        place = np.array(self.place) + rng.uniform(-0.002, 0.002, (n, 3))
+        return Tries(posture, target, place, self.yaw + rng.uniform(-0.1, 0.1, n))
 
 
 def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:

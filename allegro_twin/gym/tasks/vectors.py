@@ -30,3 +30,9 @@ def tilt(quaternion: Array) -> Array:
     """Between a body's own z axis and the vertical, its orientation (..., 4), shape (...), rad."""
     x, y = quaternion[..., 1], quaternion[..., 2]
     return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
+
+
+def twist(quaternion: Array) -> Array:
+    """How far bodies (..., 4) are turned about the vertical, their tilt left out, shape (...), rad in [-π, π]."""
+    turn = 2.0 * np.arctan2(quaternion[..., 3], quaternion[..., 0])
+    return np.asarray((turn + np.pi) % (2.0 * np.pi) - np.pi)
