@@ -35,12 +35,12 @@ def test_a_scenario_is_one_row_with_its_margin_and_the_exit_code_says_whether_it
     assert (code, errors) == (0, "")
     assert "1 of 1 held under short_10 7" in shown
     assert "tripod_lemon" in shown
-    code, shown, _ = command("evaluate", mine, "--protocol", short(tmp_path, push=400), "--jobs", 1)
+    code, shown, _ = command("evaluate", mine, "--protocol", short(tmp_path, push=4000), "--jobs", 1)
     assert code == 5
     assert "lemon, tripod_lemon, right:" in shown
     assert "it is pushed with" in shown
     assert "it weighs" not in shown, "the protocol is without gravity"
-    words = ("--protocol", short(tmp_path, push=400), "--uncertainty", 1, "--jobs", 1)
+    words = ("--protocol", short(tmp_path, push=4000), "--uncertainty", 1, "--jobs", 1)
     code, shown, _ = command("evaluate", mine, *words)
     assert code == 0, "a rate is no failure"
     assert "0 of 1 (0–79 %)" in shown

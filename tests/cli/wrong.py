@@ -84,7 +84,7 @@ TABLE = [
         ("posture nope", 2, "no posture named 'nope'"),
         ("posture grasp_3", 2, "'grasp_3' is a grasp, not a posture"),
         ("posture nope.yaml", 2, "nope.yaml: no such posture file"),
-        ("posture home -c nope", 2, "no config named 'nope'; there are: can_pty"),
+        ("posture home -c nope", 2, "no config named 'nope'; there are: can_hidden, can_pty"),
         ("posture home -c sim_rigth", 2, "did you mean 'sim_right' or 'sim_left'?"),
         ("posture home -c lemon", 2, "('lemon' is a scenario)"),
         ("posture home -c home", 2, "('home' is a posture)"),
