@@ -28,7 +28,7 @@ Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of o
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    for command in (excite, identify, gap, mirror):
+    for command in (excite, identify, gap, mirror, branch):
         app.command()(command)
 
 
@@ -168,6 +168,29 @@ def mirror(
     console.console.print(mirroring.table(found, spec.aliases or spec.joints))
     for line in mirroring.lines(found):
         console.console.print(line, highlight=False)
+
+
+def branch(
+    recording: Annotated[Path, typer.Argument(help="A recording (.arrow) of a simulated or virtual hand.")],
+    at: Annotated[float, typer.Option(help="From when on it goes on otherwise, s.")],
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="friction=0.5, damping=…, frictionloss=… (of contacts; of all joints), or controller.gains=v4.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Record it to this .arrow.", callback=options.file(".arrow"))
+    ] = None,
+) -> None:
+    """What if: let a recorded simulation go on otherwise from some instant, and compare both futures."""
+    from allegro_twin.cli import branching, console
+
+    found = branching.branched(recording, at, change or [], record)
+    console.console.print(branching.table(recording, found, at))
+    for line in branching.lines(found, at):
+        console.console.print(line, highlight=False, soft_wrap=True)
 
 
 def weight_of(text: str) -> Weight:
