@@ -121,6 +121,8 @@ def gap(
 ) -> None:
     """How good the twin is: the recorded commands played into the model, open loop, against what the hand did."""
     from allegro_twin.cli import console, identifying
+
+    identifying.check_scipy()
     from allegro_twin.identify.method import gaps
     from allegro_twin.identify.stored import doubtful
 
@@ -147,8 +149,9 @@ def mirror(
     ] = None,
 ) -> None:
     """Run the model beside a hand: what it expects, and what pushes the fingers; a recording plays past it faster."""
-    from allegro_twin.cli import console, mirroring
+    from allegro_twin.cli import console, identifying, mirroring
 
+    identifying.check_scipy()
     if Path(target).suffix == ".arrow":
         from allegro_twin.build.mirroring import mirrored
         from allegro_twin.replay.recording import load
