@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,11 +44,9 @@ def identified(
     friction: Friction,
     tell: Callable[[str], None],
 ) -> Identified:
-    """Raises HandError; of a missing SciPy, with the way out. A file of another hand is refused before the work."""
-    try:
-        from allegro_twin.identify.method import identify
-    except ImportError as error:
-        raise ConfigError(f"identification needs SciPy: pip install 'allegro-twin[twin]' ({error})") from error
+    """Raises HandError. A file of another hand is refused before the work."""
+    check_scipy()
+    from allegro_twin.identify.method import identify
     from allegro_twin.identify.motion import read_motion
     from allegro_twin.identify.stored import check
 
@@ -55,6 +54,12 @@ def identified(
         text = read_text(path)
         check(path, parse_yaml(text, str(path)) if holds_anything(text) else {}, [read_motion(recordings[0])])
     return identify(recordings, weights, masses_known=known, hand=str(path or ""), friction=friction, tell=tell)
+
+
+def check_scipy() -> None:
+    """Raise ConfigError where SciPy is not installed."""
+    if find_spec("scipy") is None:
+        raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'")
 
 
 def keep(path: Path, found: Identified) -> None:

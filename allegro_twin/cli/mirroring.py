@@ -43,7 +43,8 @@ def live(
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
         if record is not None and rig.wire is not None:
-            meta = {"calibration": rig.wire.calibration, "config": config.model_dump(mode="json")}
+            meta: dict[str, object] = {"calibration": rig.wire.calibration, "config": config.model_dump(mode="json")}
+            meta |= rig.sim.meta() if rig.sim is not None else {}
             samples = recorded(samples, record, rig.spec, config.period, meta=meta, extras=each.latest)
         for sample in samples:
             latest = each.latest()

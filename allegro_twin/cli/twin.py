@@ -28,7 +28,7 @@ Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of o
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    for command in (excite, identify, gap, mirror):
+    for command in (excite, identify, gap, mirror, branch):
         app.command()(command)
 
 
@@ -121,6 +121,8 @@ def gap(
 ) -> None:
     """How good the twin is: the recorded commands played into the model, open loop, against what the hand did."""
     from allegro_twin.cli import console, identifying
+
+    identifying.check_scipy()
     from allegro_twin.identify.method import gaps
     from allegro_twin.identify.stored import doubtful
 
@@ -147,8 +149,9 @@ def mirror(
     ] = None,
 ) -> None:
     """Run the model beside a hand: what it expects, and what pushes the fingers; a recording plays past it faster."""
-    from allegro_twin.cli import console, mirroring
+    from allegro_twin.cli import console, identifying, mirroring
 
+    identifying.check_scipy()
     if Path(target).suffix == ".arrow":
         from allegro_twin.build.mirroring import mirrored
         from allegro_twin.replay.recording import load
@@ -168,6 +171,29 @@ def mirror(
     console.console.print(mirroring.table(found, spec.aliases or spec.joints))
     for line in mirroring.lines(found):
         console.console.print(line, highlight=False)
+
+
+def branch(
+    recording: Annotated[Path, typer.Argument(help="A recording (.arrow) of a simulated or virtual hand.")],
+    at: Annotated[float, typer.Option(help="From when on it goes on otherwise, s.")],
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="friction=0.5, damping=…, frictionloss=… (of contacts; of all joints), or controller.gains=v4.",
+        ),
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Record it to this .arrow.", callback=options.file(".arrow"))
+    ] = None,
+) -> None:
+    """What if: let a recorded simulation go on otherwise from some instant, and compare both futures."""
+    from allegro_twin.cli import branching, console
+
+    found = branching.branched(recording, at, change or [], record)
+    console.console.print(branching.table(recording, found, at))
+    for line in branching.lines(found, at):
+        console.console.print(line, highlight=False, soft_wrap=True)
 
 
 def weight_of(text: str) -> Weight:

@@ -86,6 +86,17 @@ def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_pat
     assert "record it again through the hand's bus" in error
 
 
+def test_a_missing_scipy_is_named_with_the_extra_that_brings_it(
+    command: Run, monkeypatch: pytest.MonkeyPatch, recording_path: Path
+) -> None:
+    from allegro_twin.cli import identifying
+
+    monkeypatch.setattr(identifying, "find_spec", lambda name: None)
+    for name in ("identify", "gap", "mirror"):
+        code, _, error = command(name, recording_path)
+        assert (code, "pip install 'allegro-twin[twin]'" in error) == (2, True)
+
+
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
     from tests.cli import conftest
