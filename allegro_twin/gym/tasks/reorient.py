@@ -21,7 +21,7 @@ REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.
 NEAREST = 0.3  # rad that a new goal is away at least: never reached already.
 FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name nothing else.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
-BESIDE = (-0.11, 0.0, 0.07)  # m, of the goal in pictures from where the object began.
+BESIDE = (-0.07, 0.0, 0.08)  # m, of the goal in pictures from where the object began.
 BONUS = 10.0  # For a goal.
 
 
