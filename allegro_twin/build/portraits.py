@@ -1,34 +1,50 @@
-"""A picture of a trial at the end of its first check, for the best and the worst of many."""
+"""Trials of an evaluation once more, to be looked at: which of many are worth it, and a picture of one."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from allegro_twin.build.campaign import Target, spec_of
-from allegro_twin.build.rig import limits_of
-from allegro_twin.build.trials import PERIOD, Bench
+from allegro_twin.build.rig import Rig, limits_of
+from allegro_twin.build.trials import AXES, PERIOD, Bench
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
+Row = Mapping[str, Any]
 MOST = 12
 """Pictures in all: half of them of the best."""
 SIZE = (360, 360)
 
 
-def worth_showing(rows: Sequence[Mapping[str, Any]], most: int = MOST) -> list[int]:
+def worth_showing(rows: Sequence[Row], most: int = MOST) -> list[int]:
     """Numbers of the best and of the worst rows, best first: by their rate, whether they held, and their margin."""
-
-    def good(number: int) -> tuple[float, bool, float]:
-        row = rows[number]
-        margin = row.get("margin")
-        return row.get("success", 0.0), row["held"], -10.0 if margin is None or margin != margin else margin
-
-    order = sorted(range(len(rows)), key=good, reverse=True)
+    order = _best_first(rows, range(len(rows)))
     return order if len(order) <= most else order[: most // 2] + order[len(order) - most // 2 :]
+
+
+def ends_of_objects(rows: Sequence[Row]) -> list[int]:
+    """Numbers of the best and the worst row of every object, in their order."""
+    groups: dict[str, list[int]] = {}
+    for number, row in enumerate(rows):
+        groups.setdefault(str(row["object"]), []).append(number)
+    ordered = [_best_first(rows, members) for members in groups.values()]
+    return sorted({order[end] for order in ordered for end in (0, -1)})
+
+
+def staged(target: Target, row: Row | None = None) -> Rig:
+    """The trial without a draw, ready to be performed: where it has six directions the one with the least margin in
+    the target's row of results, without one the first. Raises ConfigError."""
+    case = target.case.directions()[0 if row is None else _hardest(row)]
+    spec, rules = spec_of(target), case.ruled
+    bench = Bench(spec, rules.gains or "default", rules.period or PERIOD)
+    trial = bench.trial(case)
+    hand = Guard(trial.backend, limits_of(LimitSettings(), spec))
+    return Rig(spec, hand, bench.controller(trial), trial.seconds, trial, trial.backend)
 
 
 def portrait(target: Target, path: Path) -> None:
@@ -37,13 +53,29 @@ def portrait(target: Target, path: Path) -> None:
     guard stops the hand."""
     from allegro_twin.look.strips import photographed
 
-    case = target.case.directions()[0]
-    spec, rules = spec_of(target), case.ruled
-    bench = Bench(spec, rules.gains or "default", rules.period or PERIOD)
-    trial = bench.trial(case)
-    moment = next((window.end for window in trial.windows if window.check), trial.seconds)
-    hand = Guard(trial.backend, limits_of(LimitSettings(), spec))
+    rig = staged(target)
+    assert rig.trial is not None
+    assert rig.sim is not None
+    moment = next((window.end for window in rig.trial.windows if window.check), rig.trial.seconds)
     with ExitStack() as stack:
-        samples = until(moment, run(hand, bench.controller(trial)))
-        for _ in photographed(samples, trial.backend, None, path, [moment], SIZE, "side", stack):
+        samples = until(moment, run(rig.backend, rig.controller))
+        for _ in photographed(samples, rig.sim, None, path, [moment], SIZE, "side", stack):
             pass
+
+
+def _best_first(rows: Sequence[Row], members: Sequence[int]) -> list[int]:
+    def good(number: int) -> tuple[float, bool, float]:
+        row = rows[number]
+        return row.get("success", 0.0), row["held"], _left(row.get("margin"))
+
+    return sorted(members, key=good, reverse=True)
+
+
+def _hardest(row: Row) -> int:
+    margins = [_left(row.get(f"margin_{axis}")) for axis in AXES]
+    return margins.index(min(margins))
+
+
+def _left(margin: float | None) -> float:
+    """Nothing at all where the trial could not go on."""
+    return -math.inf if margin is None or margin != margin else margin

@@ -71,16 +71,19 @@ class Bench:
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_model(spec)
-        self._gains = load_gains(gains, spec)
+        self.gains = load_gains(gains, spec)
         self._gravity = Gravity(self._model.gravity_torque)
         self.limits = limits_of(LimitSettings(), spec)
 
-    def verdicts(self, cases: Sequence[Case], measure: Measure | None = None) -> Iterator[Verdict]:
-        """One a case, in order. Raises ConfigError for a scene that cannot be built."""
+    def verdicts(
+        self, cases: Sequence[Case], measure: Measure | None = None, *, hasty: bool = False
+    ) -> Iterator[Verdict]:
+        """One a case, in order. `hasty`: what is lost has no report. Raises ConfigError for a scene that cannot be
+        built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
             controllers = [self.controller(trial) for trial in trials]
-            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure)
+            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure, hasty=hasty)
 
     def trial(self, case: Case) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""
@@ -92,9 +95,9 @@ class Bench:
     def controller(self, trial: Trial) -> Any:
         """What performs a trial's grasp."""
         if trial.grasp.grip is None:
-            return PD(trial.reference, self._gains, self._gravity)
+            return PD(trial.reference, self.gains, self._gravity)
         timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
-        return performer(trial.grasp, timed, self.spec, self._gains, self._gravity, self._model)
+        return performer(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
     from allegro_twin.hand.grasps import Grasped
     from allegro_twin.identify.limits import FoundLimits
-    from allegro_twin.plan.search import Planned
+    from allegro_twin.plan.prove import Planned
     from allegro_twin.spec import HandSpec
     from allegro_twin.types import HandState
 
@@ -56,9 +56,22 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
             _stalls(report),
         )
     failed = [f"{scenario}, {side}: {r.reason}" for (scenario, side), r in reports.items() if not r.held]
-    table.caption = "\n".join(failed)
+    table.caption = "\n".join([_counted(reports), *failed])
     table.caption_justify = "left"
     return table
+
+
+def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
+    """How much so many trials say: a mirror image is no trial of its own."""
+    from allegro_twin.evaluate.statistics import wilson
+
+    own = {key: report for key, report in reports.items() if key[1] == "right" or (key[0], "right") not in reports}
+    held = sum(report.held for report in own.values())
+    low, high = wilson(held, len(own))
+    said = f"{held} of {len(own)} is {100 * low:.0f}–{100 * high:.0f} % (95 % Wilson interval)"
+    return (
+        said if len(own) == len(reports) else f"right hand: {said}; the left hand's trials mirror them: n = {len(own)}"
+    )
 
 
 def planned(name: str, found: Sequence[Planned]) -> Table:
@@ -69,7 +82,7 @@ def planned(name: str, found: Sequence[Planned]) -> Table:
     for number, each in enumerate(found, 1):
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, each.grasp.taxonomy.name,
-            f"{each.success:.0%}", f"{each.margin:.0%}", f"{each.stall:.0%}",
+            f"{each.held} of {each.tried}" if each.tried else "", f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 

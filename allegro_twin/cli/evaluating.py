@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.cli import complete, options
+from allegro_twin.cli import complete, options, recordings
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,6 +68,10 @@ def evaluate(
         Path | None,
         typer.Option(help="Folder for results and a report; what is there goes on.", callback=options.folder),
     ] = None,
+    rrd: Annotated[
+        recordings.Recorded | None,
+        typer.Option(help="Rerun recordings beside the report: of the ends, best and worst of each object, or of all."),
+    ] = None,
     engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
     address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
     count: Count = None,
@@ -83,10 +87,12 @@ def evaluate(
 
     if address is not None and engine is not Engines.ray:
         raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
+    if rrd is not None:
+        recordings.check(out)
     noise = _noise(uncertainty, vary, seed)
     found = targets_of(_paths(targets), Asked(protocol, _sides(side), grasp, thing))
     trials = verdicts.tried(found, noise, verdicts.engine_of(engine.value, address, count), out)
-    rows = verdicts.told(found, noise, trials, out)
+    rows = verdicts.told(found, noise, trials, out, rrd)
     if uncertainty is None and not all(row["held"] for row in rows):
         raise typer.Exit(5)
 

@@ -43,6 +43,9 @@ def plan(
         float | None, typer.Option(help="kg; of the catalogue, or 500 kg/m³.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    by: Annotated[
+        str | None, typer.Option("--by", metavar="REGION", help="Hold it there, m in its own frame: x>0.045,z<0.03.")
+    ] = None,
     protocol: Annotated[
         str, typer.Option(help="table_pick; or fc: free in the air, pushed along six axes.")
     ] = "table_pick",
@@ -56,13 +59,14 @@ def plan(
     from allegro_twin.description.hands import load_spec
     from allegro_twin.evaluate.scenario import load_protocol
     from allegro_twin.plan.keep import in_words, stored, written
+    from allegro_twin.plan.region import region
     from allegro_twin.plan.search import Search
     from allegro_twin.plan.templates import templates
 
     spec = load_spec()
     scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol})
     load_protocol(protocol)
-    search = Search(scenario, spec, templates(spec, kind), seed=seed)
+    search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
     name = scenario.objects[0].name
     with console.progress() as bar:
         task = bar.add_task(f"{name}: 0 of {n}", total=seconds)

@@ -49,6 +49,7 @@ def envs(
 
 def gallery(
     folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.", callback=options.folder)],
+    draws: Annotated[int, typer.Option(help="Trials of each under uncertainty.", callback=options.positive)] = 20,
 ) -> None:
     """Render every grasp of the library and write the page that shows them."""
     from allegro_twin.cli import console
@@ -60,5 +61,5 @@ def gallery(
 
     with console.progress() as bar:
         task = bar.add_task("grasps", total=None)
-        count = make(folder, lambda name: bar.update(task, description=name, advance=1))
+        count = make(folder, draws, lambda name: bar.update(task, description=name, advance=1))
     console.console.print(f"{count} grasps in {folder}/grasps.md")

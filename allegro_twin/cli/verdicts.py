@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from allegro_twin.cli import console
+from allegro_twin.cli.recordings import Recorded, record
 from allegro_twin.errors import ConfigError, HandError
 
 if TYPE_CHECKING:
@@ -69,7 +70,9 @@ def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | N
     return Tried(sweep, table, table.to_pylist())
 
 
-def told(targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None) -> list[dict[str, Any]]:
+def told(
+    targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None, rrd: Recorded | None = None
+) -> list[dict[str, Any]]:
     """Show the table and write the files; the rows, one a target. Raises HandError."""
     from rich.markup import escape
 
@@ -90,6 +93,8 @@ def told(targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | Non
     if out is not None:
         write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
                       with_draws(targets, trials.sweep.items))  # fmt: skip
+        if rrd is not None:
+            record(targets, rows, rrd, out / "recordings")
         _report(targets, rows, trials.sweep, out)
         console.console.print(f"In {out}/: report.html, results.parquet with a row a trial", soft_wrap=True)
     return rows

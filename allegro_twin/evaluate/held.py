@@ -124,7 +124,7 @@ def judge(
     `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
     rose as the wrist did."""
     start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
-    position, angle = relative_motion(seen, start)
+    position, angle = relative_motion(seen.palm, seen.thing, start)
     phases = []
     begun = False
     for window in windows:
@@ -146,12 +146,24 @@ def judge(
     )  # fmt: skip
 
 
-def relative_motion(seen: Observations, start: int) -> tuple[Array, Array]:
-    """Distance (k,) in m and angle (k,) in degrees of the object in the palm's frame, from row `start`."""
-    palm = matrix_from_quaternion(seen.palm[:, 3:])
-    position = np.einsum("kji,kj->ki", palm, seen.thing[:, :3] - seen.palm[:, :3])
-    turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(seen.thing[:, 3:]))
-    return np.linalg.norm(position - position[start], axis=1), np.degrees(angle_between(turn, turn[start]))
+def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
+    """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
+    in the world, (k, 7)."""
+    return moved(palm[start], thing[start], palm, thing)
+
+
+def moved(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+    """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
+    the world, (..., 7)."""
+    (first, turn), (then, turned) = _in_palm(palm, thing), _in_palm(palm_then, thing_then)
+    return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
+
+
+def _in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+    """Position (..., 3) and rotation (..., 3, 3)."""
+    turned = matrix_from_quaternion(palm[..., 3:])
+    position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
+    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
 
 
 def _phase(

@@ -8,17 +8,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from allegro_twin.control import laws
-from allegro_twin.control.controllers import PD
-from allegro_twin.control.trajectory import Path
-from allegro_twin.evaluate.held import Observations, Report
+from allegro_twin.evaluate.held import Observations, Report, moved
+from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Limits, clamp, violation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.many import Rows, Simulations, layout
 from allegro_twin.sim.probe import Probe
-from allegro_twin.types import Array, HandState, Vector, frozen
+from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10
 """Periods from one look at the contacts to the next; also at the end of every phase."""
@@ -53,15 +51,17 @@ def together(
     *,
     threads: int = 0,
     measure: Measure | None = None,
+    hasty: bool = False,
 ) -> list[Verdict]:
     """The verdicts of trials under a controller each, in their order. Motions are those of a trial alone, bit for bit;
-    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits."""
+    contacts are looked at every `LOOK` periods, so that mean forces differ in their last digits. `hasty`: a trial ends
+    where its object has left the limits at a check, and has no report; for those who only want what holds."""
     groups: dict[tuple[int, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         groups.setdefault(layout(trial.backend.model), []).append(index)
     found: dict[int, Verdict] = {}
     for indices in groups.values():
-        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure)
+        group = _Group([trials[i] for i in indices], [controllers[i] for i in indices], limits, threads, measure, hasty)
         found |= dict(zip(indices, group.run(), strict=True))
     return [found[index] for index in range(len(trials))]
 
@@ -76,6 +76,7 @@ class _Group:
         limits: Limits,
         threads: int,
         measure: Measure | None,
+        hasty: bool,
     ) -> None:
         backends = [trial.backend for trial in trials]
         self.trials, self.limits, self.n = trials, limits, len(trials)
@@ -83,22 +84,27 @@ class _Group:
         self.steps = substeps(self.period, backends[0].model.opt.timestep)
         self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads)
         self.periods = np.array([round(trial.seconds / self.period) for trial in trials])
-        self._drive = [backend.drive for backend in backends]
-        self._pushing = [None if (p := b.pushing) is None or not p.force.any() else p for b in backends]
+        most = int(self.periods.max()) + 1
+        self._drive = _lasting([backend.drive for backend in backends], most * self.steps)
+        self._push = np.zeros((self.n, most, 3))
+        for row, backend in enumerate(backends):
+            if backend.pushing is not None:
+                self._push[row, : len(backend.pushing.force)] = backend.pushing.force
         self._bodies = np.array([t.backend.model.body(t.scenario.objects[0].name).id for t in trials])
         self._palm = backends[0].model.body("palm_link").id
         sims.position[:] = [backend.posture for backend in backends]
-        sims.begin(np.array([drive[0] for drive in self._drive]))
-        self._torques = _Torques(controllers, [self._state(row, 0) for row in range(self.n)])
+        sims.begin(self._drive[:, 0])
+        self._torques = Torques(controllers, [self._state(row, 0) for row in range(self.n)])
         self._scratch = backends[0].data
         self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
-        ends = [{round(w.end / self.period) for w in trial.windows} for trial in trials]
-        self._looks = ends
+        self._looks = [{last, *(round(w.end / self.period) for w in trial.windows)}
+                       for last, trial in zip(self.periods.tolist(), trials, strict=True)]  # fmt: skip
         checks = [next((w.end for w in trial.windows if w.check), trial.seconds) for trial in trials]
         self._moment = [round(end / self.period) for end in checks]
+        self._begin = np.array([round(trial.begin / self.period) for trial in trials])
+        self._judged = [_checked(trial, self.period) if hasty else frozenset[int]() for trial in trials]
         self._measure, self._measured = measure, [dict[str, float]() for _ in trials]
-        most = int(self.periods.max()) + 1
         self.palm, self.thing = np.empty((self.n, most, 7)), np.empty((self.n, most, 7))
         self.torque = np.empty((self.n, most, self.spec.n_joints))
         self.seen: list[list[dict[str, Array]]] = [[] for _ in trials]
@@ -109,15 +115,17 @@ class _Group:
         tick = 0
         while True:
             self._keep(alive, tick)
-            alive = alive[self.periods[alive] > tick]
+            alive = self._going_on(alive, tick, stopped)
             if not len(alive):
                 break
             torque = self._clamped(alive, tick)
             self._advance(alive, torque, tick)
             tick += 1
-            for row in self._wrong(alive).tolist():
-                stopped[row] = self._stopped(row)
-            alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
+            wrong = self._wrong(alive)
+            if len(wrong):
+                for row in wrong.tolist():
+                    stopped[row] = self._stopped(row)
+                alive = np.array([row for row in alive if not stopped[row]], dtype=np.int64)
         return [
             Verdict(
                 None if stopped[row] else self.trials[row].judged(self._observed(row)),
@@ -128,6 +136,16 @@ class _Group:
             for row in range(self.n)
         ]
 
+    def _going_on(self, rows: Rows, tick: int, stopped: list[str]) -> Rows:
+        """Those that are not at their end yet, and not lost where somebody asked for haste."""
+        rows = rows[self.periods[rows] > tick]
+        judged = [row for row in rows.tolist() if tick in self._judged[row]]
+        if judged:
+            for row, why in zip(judged, self._lost(np.array(judged), tick), strict=True):
+                stopped[row] = why
+            rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
+        return rows
+
     def _clamped(self, rows: Rows, tick: int) -> Array:
         sims = self.sims
         torque = self._torques(rows, tick * self.period, sims, lambda row: self._state(row, tick))
@@ -136,17 +154,14 @@ class _Group:
 
     def _advance(self, rows: Rows, torque: Array, tick: int) -> None:
         first = tick * self.steps
-        drive = np.stack([_from(self._drive[row], first, self.steps) for row in rows])
-        for row in rows:
-            pushing = self._pushing[row]
-            if pushing is not None:
-                body = self._bodies[row]
-                self.sims.push[row, body, :3] = pushing.force[tick] if tick < len(pushing.force) else 0.0
-        self.sims.advance(rows, torque, drive, self.steps)
+        self.sims.push[rows, self._bodies[rows], :3] = self._push[rows, tick]
+        self.sims.advance(rows, torque, self._drive[rows, first : first + self.steps], self.steps)
 
     def _wrong(self, rows: Rows) -> Rows:
         """Of some rows those that may have to stop."""
         position, velocity = self.sims.position[rows], self.sims.velocity[rows]
+        if np.isfinite(position.sum()) and (np.abs(velocity) <= self.limits.velocity).all():
+            return rows[:0]
         fine = np.isfinite(position).all(axis=1) & (np.abs(velocity) <= self.limits.velocity).all(axis=1)
         wrong: Rows = rows[~fine]
         return wrong
@@ -157,6 +172,16 @@ class _Group:
         if (np.abs(self.sims.velocity[row]) > self.limits.velocity).any():
             return violation(self._state(row, 0), self.limits, self.spec) or ""
         return ""
+
+    def _lost(self, rows: Rows, tick: int) -> list[str]:
+        """Why each of some trials cannot be held any more; empty where it may be."""
+        rules = [self.trials[row].rule for row in rows]
+        palm, thing, start = self.palm, self.thing, self._begin[rows]
+        drift, rotation = moved(palm[rows, start], thing[rows, start], palm[rows, tick], thing[rows, tick])
+        return [
+            f"moved {d * 1000:.1f} mm and {r:.1f}° in the hand" if d > rule.drift or r > rule.rotation else ""
+            for d, r, rule in zip(drift, rotation, rules, strict=True)
+        ]
 
     def _state(self, row: int, tick: int) -> HandState:
         sims = self.sims
@@ -173,12 +198,12 @@ class _Group:
         self.thing[rows, tick, :3] = sims.body_position[rows, self._bodies[rows]]
         self.thing[rows, tick, 3:] = sims.body_quaternion[rows, self._bodies[rows]]
         self.torque[rows, tick] = sims.torque[rows]
-        for row in rows.tolist():
-            if tick % LOOK == 0 or tick in self._looks[row] or tick == self.periods[row]:
-                sims.look(row, self._scratch)
-                self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
-                if self._measure is not None and tick == self._moment[row]:
-                    self._measured[row] |= self._measure(self.trials[row], self._scratch)
+        due = rows.tolist() if tick % LOOK == 0 else [row for row in rows.tolist() if tick in self._looks[row]]
+        for row in due:
+            sims.look(row, self._scratch)
+            self.seen[row].append(self._probes[row]() | {"tick": np.array([tick])})
+            if self._measure is not None and tick == self._moment[row]:
+                self._measured[row] |= self._measure(self.trials[row], self._scratch)
 
     def _observed(self, row: int) -> Observations:
         count = int(self.periods[row]) + 1
@@ -203,45 +228,16 @@ class _States:
     temperature: Array
 
 
-class _Torques:
-    """Controllers side by side: PD as arrays, any other one by one."""
-
-    def __init__(self, controllers: list[Controller[Any]], states: list[HandState]) -> None:
-        self._controllers = controllers
-        self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
-        self._plain = np.array([isinstance(each, PD) for each in controllers])
-        self._paths: list[Path | None] = [getattr(memory, "path", None) for memory in self._memory]
-        self._kp = np.array([_gain(each, "kp", len(states[0].position)) for each in controllers])
-        self._kd = np.array([_gain(each, "kd", len(states[0].position)) for each in controllers])
-
-    def __call__(self, rows: Rows, t: float, sims: Simulations, state_of: Any) -> Array:
-        target, rate = np.zeros((2, len(rows), sims.spec.n_joints))
-        feed, own = np.zeros_like(target), {}
-        gravity = sims.gravity
-        for place, row in enumerate(rows.tolist()):
-            if not self._plain[row]:
-                command, self._memory[row] = self._controllers[row](state_of(row), self._memory[row])
-                own[place] = command.torque
-                continue
-            point = self._memory[row].path(t)
-            target[place], rate[place] = point.position, point.velocity
-            compensation = self._controllers[row].gravity
-            if compensation is not None:
-                down = gravity[row] if compensation.vector is None else compensation.vector
-                feed[place] = compensation.torque_of(sims.position[row], down)
-        torque = laws.pd(
-            target - sims.position[rows], rate - sims.velocity[rows], self._kp[rows], self._kd[rows], feed
-        )  # fmt: skip
-        for place, wanted in own.items():
-            torque[place] = wanted
-        return torque
+def _lasting(drives: Sequence[Array], steps: int) -> Array:
+    """The set-points of so many steps, (n, steps, 6); after its last one each wrist stays."""
+    return np.stack([drive[np.minimum(np.arange(steps), len(drive) - 1)] for drive in drives])
 
 
-def _gain(controller: Controller[Any], name: str, n: int) -> Vector:
-    return np.asarray(getattr(controller.gains, name)) if isinstance(controller, PD) else np.zeros(n)
-
-
-def _from(drive: Array, first: int, steps: int) -> Array:
-    """The set-points of some steps; after the last one the wrist stays."""
-    rows = drive[first : first + steps]
-    return rows if len(rows) == steps else np.concatenate([rows, np.tile(drive[-1], (steps - len(rows), 1))])
+def _checked(trial: Trial, period: float) -> frozenset[int]:
+    """The periods at which a trial's limits hold: the ends of phases that check, or all along them."""
+    ends = {round(window.end / period) for window in trial.windows if window.check}
+    if trial.rule.throughout:
+        for window in trial.windows:
+            if window.check:
+                ends |= set(range(round(window.begin / period) + LOOK, round(window.end / period), LOOK))
+    return frozenset(ends)

@@ -25,8 +25,6 @@ from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 
-STANDARD_GRAVITY = 9.81  # m/s², as in every scene.
-
 
 class Trial:
     """A simulated hand at a scenario, and what is seen of it.
@@ -68,7 +66,8 @@ class Trial:
         self._probe = Probe(model, self.backend.data, spec, name)
         limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
-        self._too_heavy = too_heavy(self.mass, grasp, spec, scenario.friction * self.protocol.physics.friction)
+        self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
+        self._too_heavy = too_heavy(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
         self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
 
     @property
@@ -79,6 +78,11 @@ class Trial:
     def warnings(self) -> list[str]:
         """What speaks against a success, with its numbers."""
         return [] if self._too_heavy is None else [self._too_heavy]
+
+    @property
+    def begin(self) -> float:
+        """From when on motion in the hand counts, s."""
+        return next(window.end for window in self.windows if window.name == self.protocol.reference)
 
     def begin_of(self, stage: str) -> float:
         """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
@@ -129,17 +133,18 @@ class Trial:
             seen, self.windows, self.rule,
             parts=self._probe.parts, joints=spec.aliases, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
-        return report if report.held else replace(report, reason=f"{report.reason}; {self._load(seen)}")
+        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
 
-    def _load(self, seen: Observations) -> str:
+    def _loads(self, seen: Observations) -> list[str]:
         """What the hand had to carry, and which joints had no more to give up to the first check."""
         limit = self.backend.spec.actuation.torque_limit
-        begin = next(w.end for w in self.windows if w.name == self.protocol.reference)
+        begin = self.begin
         end = next((w.end for w in self.windows if w.check), self.seconds)
         share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
         full = [name for name, part in zip(self.backend.spec.aliases, share, strict=True) if part > 0.5]
-        weight = f"it weighs {self.mass * STANDARD_GRAVITY:.1f} N"
-        return f"{weight}, and {', '.join(full)} pushed at their torque limit" if full else weight
+        loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
+        said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
+        return [*said, f"{', '.join(full)} at their torque limit"] if full else said
 
     def meta(self) -> dict[str, object]:
         """What a recording should say of the scene."""
@@ -157,15 +162,14 @@ class Trial:
         }
 
 
-def too_heavy(mass: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
-    """A warning for an object that friction cannot carry: every finger presses it against the palm or another finger,
-    so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
+def too_heavy(weight: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
+    """A warning for an object whose weight, N, friction cannot carry: every finger presses it against the palm or
+    another finger, so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
     forces = hand_model(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
     bound = 2.0 * friction * sum(forces.values())
-    weight = mass * STANDARD_GRAVITY
     if weight <= bound:
         return None
     return (
-        f"the object weighs {weight:.1f} N ({mass:.2f} kg); friction {friction:g} and the torque limits hold at most "
+        f"the object weighs {weight:.1f} N; friction {friction:g} and the torque limits hold at most "
         f"{bound:.1f} N with {grasp.name} (fingertips press {', '.join(f'{n} {f:.1f} N' for n, f in forces.items())})"
     )

@@ -37,8 +37,10 @@ class HandModel:
     def gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
         """The torques that hold the hand still against gravity: g(q) = ∂V/∂q, shape (n,), N·m.
 
-        `gravity` is the acceleration in the palm frame, shape (3,), m/s².
+        `gravity` is the acceleration in the palm frame, shape (3,), m/s². Of many postures at once: (k, n) and (k, 3).
         """
+        if position.ndim == 2:
+            return np.array([self.gravity_torque(*each) for each in zip(position, gravity, strict=True)])
         if gravity is not self._gravity:
             self._model.gravity.linear = self._gravity = gravity
         torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, position[self._place])

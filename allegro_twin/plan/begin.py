@@ -39,7 +39,7 @@ def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed:
         raise ConfigError(f"{scenario.objects[0].name}: no palm was found from which fingers can close on it")
     best = max(found, key=lambda candidate: candidate.score)
     template = next(grasp for grasp in known if grasp.name == best.template)
-    close = grasp_of(best, template, bench)
+    close = grasp_of(best, template, spec)
     return scenario_of(best, bench, scenario), _squeezed(close, best.closing, spec, load_gains("default", spec))
 
 

@@ -27,6 +27,8 @@ class Candidate:
     """Where the fingers meet the object, (n,), rad."""
     squeeze: Vector
     """What they are told to do there, (n,), rad."""
+    rest: Vector
+    """Where they come to then, (n,), rad."""
     template: str
     """The library's grasp that it began as."""
     score: float = 0.0

@@ -11,10 +11,12 @@ import numpy as np
 from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.statistics import Paired, paired
+from allegro_twin.evaluate.together import Verdict
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.plan.confirm import DIGITS
+from allegro_twin.plan.confirm import rounded, row
+from allegro_twin.plan.ease import eased, resting
 from allegro_twin.plan.poses import closing_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -23,6 +25,8 @@ METRES, TURN, JOINT, SQUEEZE = 0.004, np.radians(4.0), 0.05, 0.35
 """How far the first round looks: m, rad, rad, and the logarithm of a factor (standard deviations)."""
 NARROWER = 0.7
 """Of that in each round after it."""
+ELITE, EASED = 4, 2
+"""How many the next round varies, and how many of them are tried with less squeeze, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,33 +67,50 @@ class Improvement:
     def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> Improved:
         """Search, and compare. `tell`: the round and the best share of draws held in it."""
         first = Version(self.scenario, self.grasp)
-        random, elite, scale = np.random.default_rng(self.seed), [first], 1.0
+        random, scale = np.random.default_rng(self.seed), 1.0
+        elite = [(float(self._score([first])[0]), first)]
         for number in range(self.rounds):
-            tried = [*elite, *(varied(elite[k % len(elite)], self.spec, scale, random) for k in range(self.population))]
-            score = self._score(tried)
-            order = np.argsort(-score, kind="stable")
-            elite = [tried[k] for k in order[:4]]
-            tell(number, float(np.floor(score[order[0]])) / self.draws)
+            parents = [version for _, version in elite]
+            new = [varied(parents[k % len(parents)], self.spec, scale, random) for k in range(self.population)]
+            tried = [*self._eased(parents[:EASED]), *new]
+            elite = sorted([*elite, *zip(self._score(tried).tolist(), tried, strict=True)], key=lambda e: -e[0])[:ELITE]
+            tell(number, float(np.floor(elite[0][0])) / self.draws)
             scale *= NARROWER
-        best = elite[0]
-        held = [self._held([version], "table_pick", self.unseen, 1_000_000) for version in (first, best)]
-        comparison = paired(*(list(each[0] > 0) for each in held))
+        best = elite[0][1]
+        before, after = self._tried([first, best], "table_pick", self.unseen, 1_000_000)
+        comparison = paired([verdict.held for verdict in before], [verdict.held for verdict in after])
         return Improved(first, best, comparison)
 
+    def _eased(self, versions: list[Version]) -> list[Version]:
+        """The same grasps with no more squeeze than they need where nothing is amiss."""
+        rules = load_protocol("quick")
+        bench = Bench(self.spec, period=rules.period or PERIOD, threads=self.threads)
+        cases = [Case(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
+        found = []
+        for version, verdict in zip(versions, bench.verdicts(cases, resting), strict=True):
+            if verdict.measured:
+                rest = np.array([verdict.measured[joint] for joint in self.spec.joints])
+                found.append(Version(version.scenario, eased(version.grasp, rest, bench.gains, self.spec)))
+        return found
+
     def _score(self, versions: list[Version]) -> Array:
-        """How many draws each holds; among equals the one whose margins are larger, as a part of one."""
-        margin = self._held(versions, "quick", self.draws, 0)
-        score: Array = (margin > 0).sum(axis=1) + 0.99 * np.clip(margin, 0.0, 1.0).mean(axis=1)
+        """How many draws each holds; among equals the one with larger margins and less time at a torque limit, as
+        parts of one."""
+        verdicts = self._tried(versions, "quick", self.draws, 0)
+        reports = [[v.report for v in row if v.held and v.report is not None] for row in verdicts]
+        held = np.array([len(row) for row in reports])
+        spare = [np.mean([r.margin for r in row] or 0.0) for row in reports]
+        free = [1.0 - np.mean([max(r.at_limit.values()) for r in row] or 1.0) for row in reports]
+        score: Array = held + 0.49 * np.array(spare) + 0.5 * np.array(free)
         return score
 
-    def _held(self, versions: list[Version], protocol: str, count: int, first: int) -> Array:
-        """What is left of the limits in each draw, (versions, draws); -1 where it was not held."""
+    def _tried(self, versions: list[Version], protocol: str, count: int, first: int) -> list[list[Verdict]]:
+        """The verdicts of some draws, a row for each version."""
         rules = load_protocol(protocol)
         bench = Bench(self.spec, period=rules.period or PERIOD, threads=self.threads)
         cases = draws(self.uncertainty, count, self.seed, first)
         verdicts = bench.verdicts([Case(v.scenario, v.grasp, d, rules, self.folder) for v in versions for d in cases])
-        found = [-1.0 if not v.held or v.report is None else max(v.report.margin, 1e-9) for v in verdicts]
-        return np.array(found).reshape(len(versions), count)
+        return [[next(verdicts) for _ in cases] for _ in versions]
 
 
 def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Generator) -> Version:
@@ -99,26 +120,15 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     rotation = turn @ facing(wrist.facing, wrist.fingers)
     moved = wrist.model_copy(
         update={
-            "position": _row(np.array(wrist.position) + scale * METRES * random.normal(size=3)),
-            "facing": _row(rotation[:, 0]), "fingers": _row(rotation[:, 2]),
+            "position": row(np.array(wrist.position) + scale * METRES * random.normal(size=3)),
+            "facing": row(rotation[:, 0]), "fingers": row(rotation[:, 2]),
         }
     )  # fmt: skip
     change = scale * JOINT * random.normal(size=spec.n_joints)
     told = (grasp.squeeze - grasp.close) * np.exp(scale * SQUEEZE * random.normal())
     told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp) != 0.0)
-    close = _inside(grasp.close + change, spec)
+    close = rounded(grasp.close + change, spec)
     better = replace(
-        grasp, preshape=_inside(grasp.preshape + change, spec), close=close, squeeze=_inside(close + told, spec)
+        grasp, preshape=rounded(grasp.preshape + change, spec), close=close, squeeze=rounded(close + told, spec)
     )
     return Version(version.scenario.model_copy(update={"wrist": moved}), better)
-
-
-def _inside(posture: Array, spec: HandSpec) -> Array:
-    low, high = np.ceil(spec.lower * 10**DIGITS) / 10**DIGITS, np.floor(spec.upper * 10**DIGITS) / 10**DIGITS
-    inside: Array = np.clip(np.round(posture, DIGITS), low, high)
-    return inside
-
-
-def _row(vector: Array) -> tuple[float, float, float]:
-    x, y, z = np.round(vector, DIGITS).tolist()
-    return x, y, z

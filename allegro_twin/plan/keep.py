@@ -12,7 +12,7 @@ from allegro_twin.files import edit
 from allegro_twin.library.entries import GraspFile, grasp_entry
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
-from allegro_twin.plan.search import Planned
+from allegro_twin.plan.prove import Planned
 from allegro_twin.spec import HandSpec
 
 _FROM = {"above": "from above", "side": "from its side", "oblique": "from above its side"}
@@ -50,11 +50,11 @@ def stored(grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str
 
 def in_words(planned: Planned) -> str:
     """What was shown of it."""
-    thing = planned.scenario.objects[0].name
-    return (
-        f"Planned for {thing}, {_FROM[planned.candidate.direction]}: held in {100 * planned.success:.0f} % of the "
-        f"search's draws, {100 * planned.margin:.0f} % of the limits left without noise"
+    thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the limits left"
+    drawn = (
+        f"held in {planned.held} of the search's {planned.tried} draws, {left} without noise" if planned.tried else left
     )
+    return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {drawn}"
 
 
 def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str) -> GraspFile:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.metrics.carrying import least_normal_force
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
@@ -14,7 +15,8 @@ from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.closing import COARSE, closed
 from allegro_twin.plan.poses import NOISE, Guesses, guesses
-from allegro_twin.plan.surface import Random, placed_surface
+from allegro_twin.plan.region import SHARE, Region, in_frame_of
+from allegro_twin.plan.surface import Random, Surface, placed_surface
 from allegro_twin.sim.workbench import Meetings, Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -42,6 +44,8 @@ class Proposer:
     random: Random
     step: float = COARSE
     """Of the closing fingers, rad."""
+    region: Region | None = None
+    """By which it is to be held."""
     centre: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -52,12 +56,23 @@ class Proposer:
         """Of so many guesses."""
         axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
         for _ in range(0, tries, BATCH):
-            on = placed_surface(self.bench.placed, BATCH, self.random)
+            on = self._looked_at()
             guessed = guesses(on, axes, self.templates, self.bench.spec, self.random)
-            for row in range(BATCH):
+            for row in range(len(on.points)):
                 candidate = self._grown(guessed, row)
                 if candidate is not None:
                     yield candidate
+
+    def _looked_at(self) -> Surface:
+        """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""
+        placed = self.bench.placed
+        if self.region is None:
+            return placed_surface(placed, BATCH, self.random)
+        on = placed_surface(placed, 40 * BATCH, self.random)
+        inside = np.flatnonzero(self.region.contains(in_frame_of(placed, on.points)))[:BATCH]
+        if not len(inside):
+            raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
+        return Surface(on.points[inside], on.normals[inside])
 
     def near(self, elite: Sequence[Candidate], count: int) -> list[Candidate]:
         """So many variations of candidates that came far, in turn; fewer where few of them fit."""
@@ -76,6 +91,10 @@ class Proposer:
         if candidate is None:
             return None
         candidate, touch = closed(self.bench, candidate, self.step)
+        if self.region is not None and len(touch.points):
+            inside = self.region.contains(in_frame_of(self.bench.placed, touch.points))
+            if not inside.mean() > SHARE:
+                return None
         score = promise(self.bench, candidate, touch, self.centre, self.friction, self.turns)
         return None if score is None else replace(candidate, score=score)
 
@@ -105,7 +124,15 @@ def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Can
         if all(_free(bench, position + far * way, rotation, preshape) for far in RETREAT):
             closing = guessed.closing[row]
             return Candidate(
-                position, rotation, RETREAT[-1] * way, preshape, closing, preshape, preshape, guessed.template[row]
+                position,
+                rotation,
+                RETREAT[-1] * way,
+                preshape,
+                closing,
+                preshape,
+                preshape,
+                preshape,
+                guessed.template[row],
             )
     return None
 

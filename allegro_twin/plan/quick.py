@@ -126,6 +126,8 @@ class _Run:
             part = min(1.0, 2.0 * (k + 1) / periods)
             self.target = rest + part * (wanted - rest)
             self._step(self._pd())
+        for row in self.alive.tolist():
+            self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
         self.began = self._in_palm()
 
     def move(self, segments: list[wrist.Segment], name: str) -> None:

@@ -79,7 +79,8 @@ class Simulations:
     def gravity(self) -> Array:
         """In the palm's frame, (n, 3), m/s²."""
         turns = self._frames[:, self._palm].reshape(-1, 3, 3)
-        return np.array([down @ turn for down, turn in zip(self._gravity, turns, strict=True)])
+        found: Array = (self._gravity[:, None] @ turns)[:, 0]
+        return found
 
     def advance(self, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
         """Let physics steps pass in some simulations under torques (rows, joints), N·m, with the wrist's set-points for

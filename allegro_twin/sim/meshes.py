@@ -16,6 +16,8 @@ LARGEST, SMALLEST = 1.0, 0.002
 """m; an object beyond these is no object for a hand, and its file probably has another unit."""
 TRIANGLES = 200_000
 """More than that is a scan: its detail is far below what a fingertip feels, and decomposing it takes hours."""
+_HEAD, _FACE = 84, 50
+"""Bytes of a binary .stl: 80 of anything and the number of its triangles, and for each of them."""
 SUFFIXES = (".obj", ".stl")
 
 
@@ -100,6 +102,7 @@ def _compiled(path: Path, scale: float) -> mujoco.MjModel:
         raise ConfigError(f"{path}: a mesh is {' or '.join(SUFFIXES)}")
     if not path.is_file():
         raise ConfigError(f"no mesh at {path}")
+    _refuse_scan(path, _triangles(path))  # Before MuJoCo reads it, which takes its time.
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="it", file=str(path.resolve()), scale=[scale] * 3)
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # Of anything, also of what is not closed.
@@ -108,9 +111,22 @@ def _compiled(path: Path, scale: float) -> mujoco.MjModel:
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f"{path}: not a readable mesh: {_first_line(error)}") from error
-    if int(model.mesh_facenum[0]) > TRIANGLES:
-        raise ConfigError(f"{path}: {int(model.mesh_facenum[0])} triangles; at most {TRIANGLES}: decimate it")
+    _refuse_scan(path, int(model.mesh_facenum[0]))
     return model
+
+
+def _triangles(path: Path) -> int:
+    """How many a file says that it has, at least."""
+    content = path.read_bytes()
+    if path.suffix.lower() == ".obj":
+        return content.count(b"\nf ")
+    stated = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    return stated if len(content) == _HEAD + _FACE * stated else 0
+
+
+def _refuse_scan(path: Path, triangles: int) -> None:
+    if triangles > TRIANGLES:
+        raise ConfigError(f"{path}: {triangles} triangles; at most {TRIANGLES}: decimate it")
 
 
 def _of_model(model: mujoco.MjModel) -> Mesh:

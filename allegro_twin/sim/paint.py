@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -34,8 +35,7 @@ def on(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
     if spec.material(material) is None:
         texture = spec.add_texture(name=material, type=mujoco.mjtTexture.mjTEXTURE_CUBE)
         texture.width, texture.height, texture.nchannel = _EDGE, 6 * _EDGE, 3
-        colors = np.concatenate([look.paint(_directions(*side)) for side in _SIDES])
-        texture.data = np.round(255 * colors).astype(np.uint8).tobytes()
+        texture.data = _texels(name)
         made = spec.add_material(name=material)
         made.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material
     return {"material": material}
@@ -54,6 +54,14 @@ def handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*first, *last], size=[shown.thick / 2, 0, 0],
             contype=0, conaffinity=0, mass=0.0, group=1, rgba=[*of_object(name).color, 1.0],
         )  # fmt: skip
+
+
+@cache
+def _texels(name: str) -> bytes:
+    """The six sides of the cube of an object's look, one after the other: the same in every scene."""
+    look = of_object(name)
+    colors = np.concatenate([look.paint(_directions(*side)) for side in _SIDES])
+    return np.round(255 * colors).astype(np.uint8).tobytes()
 
 
 def _directions(middle: tuple[int, ...], right: tuple[int, ...], down: tuple[int, ...]) -> Array:

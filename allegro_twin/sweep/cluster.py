@@ -37,6 +37,9 @@ class RayCluster:
             self._ray: Any = import_module("ray")
         except ImportError as error:
             raise ConfigError(f"a cluster needs Ray: pip install 'allegro-twin[ray]' ({error})") from error
+        if not hasattr(self._ray, "remote"):
+            place = getattr(self._ray, "__file__", None) or next(iter(self._ray.__path__))
+            raise ConfigError(f"a cluster needs Ray, and `import ray` finds {place}: start elsewhere, or rename it")
         self._cores = cores
         if not self._ray.is_initialized():
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Or Ray tells its makers of every start.

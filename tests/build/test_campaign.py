@@ -10,7 +10,7 @@ import pytest
 from allegro_twin.build.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
 from allegro_twin.build.foreign import foreign
 from allegro_twin.build.outcomes import outcomes, pairs, rates
-from allegro_twin.build.portraits import worth_showing
+from allegro_twin.build.portraits import ends_of_objects, staged, worth_showing
 from allegro_twin.build.rig import limits_of
 from allegro_twin.build.trials import Bench, judged
 from allegro_twin.config import LimitSettings
@@ -145,3 +145,25 @@ def test_pictures_are_of_the_best_and_the_worst() -> None:
     rows = [{"held": k > 2, "margin": float("nan") if k == 0 else 0.1 * k} for k in range(10)]
     assert worth_showing(rows, most=4) == [9, 8, 1, 0]
     assert worth_showing(rows[:3]) == [2, 1, 0]
+
+
+def test_recordings_are_of_the_best_and_the_worst_of_every_object_in_the_direction_that_was_hardest(
+    tmp_path: Path,
+) -> None:
+    rows = [
+        {"object": "mug" if k < 4 else "lemon", "held": True, "margin": [0.2, 0.9, 0.1, 0.3, 0.5][k]} for k in range(5)
+    ]
+    assert ends_of_objects(rows) == [1, 2, 4]
+    rules = short(tmp_path)
+    rules.write_text(rules.read_text().replace("floating: true", "floating: true\ndirections: 6"))
+    (target,) = targets_of([scenario(tmp_path)], Asked(str(rules)))
+
+    def pushed(row: dict[str, float] | None) -> tuple[float, ...]:
+        trial = staged(target, row).trial
+        assert trial is not None
+        return trial.protocol.phases[-1].push
+
+    margins = {f"margin_{axis}": 0.5 for axis in ("+x", "-x", "+y", "-y", "+z", "-z")}
+    assert pushed(None) == (10.0, 0.0, 0.0)
+    assert pushed(margins | {"margin_-y": 0.1}) == (0.0, -10.0, 0.0)
+    assert pushed(margins | {"margin_-y": 0.1, "margin_+z": float("nan")}) == (0.0, 0.0, 10.0)

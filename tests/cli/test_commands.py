@@ -129,6 +129,10 @@ def test_many_trials_end_with_one_table_their_notes_once_and_code_5_if_one_fails
     assert code == 5
     assert errors.count("no pictures") == 1
     assert "1 of 2 held (mujoco" in shown
+    assert (
+        "right hand: 1 of 1 is 21–100 % (95 % Wilson interval); the left hand's trials mirror them: n = 1"
+        in " ".join(shown.split())
+    )
     assert "lemon, left: it fell" in shown
     assert "12.3" in shown
     assert (tmp_path / "report.json").is_file()

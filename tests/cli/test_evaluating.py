@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -37,6 +38,8 @@ def test_a_scenario_is_one_row_with_its_margin_and_the_exit_code_says_whether_it
     code, shown, _ = command("evaluate", mine, "--protocol", short(tmp_path, push=400), "--jobs", 1)
     assert code == 5
     assert "lemon, tripod_lemon, right:" in shown
+    assert "it is pushed with" in shown
+    assert "it weighs" not in shown, "the protocol is without gravity"
     words = ("--protocol", short(tmp_path, push=400), "--uncertainty", 1, "--jobs", 1)
     code, shown, _ = command("evaluate", mine, *words)
     assert code == 0, "a rate is no failure"
@@ -93,6 +96,26 @@ def test_a_folder_made_with_another_file_is_refused_in_a_line(command: Run, tmp_
     assert errors.count("\n") == 1
 
 
+def test_recordings_of_the_best_and_the_worst_of_each_object_are_linked_from_the_report(
+    command: Run, tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun", reason="recordings need Rerun: extra view")
+    grasps(tmp_path / "others.npy", count=3)
+    words = ("evaluate", tmp_path / "others.npy", "--object", "lemon", "--protocol", short(tmp_path), "--jobs", 1)
+    code, shown, errors = command(*words, "--out", tmp_path / "out", "--rrd", "ends")
+    assert (code, errors) == (0, "")
+    made = sorted((tmp_path / "out" / "recordings").iterdir())
+    assert len(made) == 2
+    assert "2 recordings, " in shown
+    page = (tmp_path / "out" / "report.html").read_text()
+    links = re.findall(r'href="(recordings/[^"]+)">recording, \d\.\d MB', page)
+    assert {(tmp_path / "out" / link).resolve() for link in links} == {path.resolve() for path in made}
+    before = [path.stat().st_mtime_ns for path in made]
+    assert command(*words, "--out", tmp_path / "out", "--rrd", "all")[0] == 0
+    assert [path.stat().st_mtime_ns for path in made] == before
+    assert len(list((tmp_path / "out" / "recordings").iterdir())) == 3
+
+
 def test_grasps_of_a_file_are_rows_on_the_object_that_is_named(command: Run, tmp_path: Path) -> None:
     grasps(tmp_path / "others.npy", count=2)
     words = ("--object", "lemon", "--protocol", short(tmp_path), "--jobs", 1)
@@ -135,6 +158,7 @@ def test_what_varies_is_said_in_millimetres_degrees_and_per_cent() -> None:
     [
         (["evaluate", "lemno"], "did you mean 'lemon'"),
         (["evaluate", "lemon", "--protocol", "table_pik"], "did you mean 'table_pick'"),
+        (["evaluate", "lemon", "--rrd", "all"], "--rrd is kept beside the report: say --out FOLDER, too"),
         (["evaluate", "lemon", "--uncertainty", "0"], "--uncertainty must be positive and finite, not 0"),
         (["evaluate", "lemon", "--uncertainty", "2", "--vary", "weight=5"], "no variation named 'weight'"),
         (["evaluate", "lemon", "--uncertainty", "2", "--vary", "position"], "position=: must be a number"),
@@ -166,6 +190,18 @@ def test_what_cannot_be_evaluated_is_one_line(
     assert code == 2
     assert message in errors
     assert errors.count("\n") == 1
+
+
+def test_recordings_without_rerun_are_one_line_before_anything_is_tried(
+    command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.delitem(sys.modules, "allegro_twin.look.viewer", raising=False)
+    code, _, errors = command("evaluate", "lemon", "--rrd", "ends", "--out", tmp_path)
+    assert code == 2
+    assert "pip install 'allegro-twin[view]'" in errors
+    assert errors.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_cluster_without_ray_is_one_line(command: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -168,13 +168,19 @@ def test_the_page_of_grasps_is_in_the_order_of_the_taxonomy_with_a_picture_each(
         names[1]: "[mug](../scenarios): not held: it fell",
     }
     picture = np.full((40, 40, 3), 200, dtype=np.uint8)
-    monkeypatch.setattr(gallery, "_shown", lambda: ((gallery.Shown(n, stored[n], verdicts[n]), picture) for n in names))
-    code, shown, _ = command("gallery", tmp_path)
+    monkeypatch.setattr(
+        gallery,
+        "_shown",
+        lambda draws: ((gallery.Shown(n, stored[n], verdicts[n], f"3 of {draws} (9–61 %)"), picture) for n in names),
+    )
+    code, shown, _ = command("gallery", tmp_path, "--draws", 9)
     page = (tmp_path / "grasps.md").read_text()
     assert (code, shown) == (0, f"2 grasps in {tmp_path}/grasps.md\n")
     assert page.index(f"**{names[1]}**") < page.index(f"**{names[0]}**")
     assert "2 grasps of 2 of the 33 types" in page
     assert "1 types hold an object" in page
+    assert page.count("| 3 of 9 (9–61 %) |") == 2
+    assert "--uncertainty 9`" in page
     for name in names:
         assert verdicts[name] in page
         with Image.open(tmp_path / "images" / "grasps" / f"{name}.jpg") as made:

@@ -105,7 +105,7 @@ def test_motion_of_the_whole_hand_is_no_motion_of_the_object_in_it() -> None:
     seen.thing[:, :2] = [0.1, 0.0]
     seen.thing[1500:, :2] = [0.0, 0.1]
     seen.thing[1500:, 3:] = turn
-    distance, angle = relative_motion(seen, 1000)
+    distance, angle = relative_motion(seen.palm, seen.thing, 1000)
     assert distance.max() < 1e-12
     assert angle.max() < 1e-4
 

@@ -111,3 +111,17 @@ def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     rows = judged({}, items)
     assert [(row["object"], row["side"]) for row in rows] == [("lemon", "left"), ("mug", "right"), ("lemon", "right")]
     assert judged({}, items[1:2])[0] == rows[1]
+
+
+def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
+    bench = Bench(load_spec(), period=0.004)
+    whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)
+    missed = Case(whole.scenario, whole.grasp, Draw(0.03, 0.03, 0.0, 1.0, 1.0, 0.5, 1.0), whole.protocol, whole.folder)
+    patient, hasty = list(bench.verdicts([whole, missed])), list(bench.verdicts([whole, missed], hasty=True))
+    assert [v.held for v in patient] == [v.held for v in hasty] == [True, False]
+    assert hasty[0].report is not None
+    assert patient[0].report is not None
+    assert hasty[0].report.margin == patient[0].report.margin
+    assert patient[1].report is not None
+    assert hasty[1].report is None
+    assert hasty[1].stopped.startswith("moved ")

@@ -54,7 +54,7 @@ def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: floa
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
     zero = np.zeros(SPEC.n_joints)
-    return Candidate(np.array(position), rotation, np.array([0, 0, 0.1]), zero, zero, zero, zero, "grasp_3")
+    return Candidate(np.array(position), rotation, np.array([0, 0, 0.1]), zero, zero, zero, zero, zero, "grasp_3")
 
 
 @pytest.mark.parametrize("shape", sorted(MADE))

@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.sim.decompose import pieces_of, standing_out
-from allegro_twin.sim.meshes import Mesh, hull_of, load_mesh, middle_of
+from allegro_twin.sim.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
 from allegro_twin.sim.objects import Placement, Thing, add
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
@@ -167,3 +167,14 @@ def test_the_middle_of_a_mesh_is_where_its_own_file_has_it(tmp_path: Path) -> No
     np.testing.assert_allclose(
         mesh.vertices.min(axis=0) + middle_of(path, 0.001), (vertices + off).min(axis=0), atol=1e-6
     )
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".stl"])
+def test_a_scan_is_refused_by_its_count_before_it_is_read(suffix: str, tmp_path: Path) -> None:
+    path, count = tmp_path / f"scan{suffix}", TRIANGLES + 1
+    if suffix == ".obj":
+        path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0" + "\nf 1 2 3" * count)
+    else:
+        path.write_bytes(bytes(80) + count.to_bytes(4, "little") + bytes(50 * count))
+    with pytest.raises(ConfigError, match=f"{count} triangles; at most {TRIANGLES}: decimate it"):
+        load_mesh(path)

@@ -24,6 +24,16 @@ def test_without_ray_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
         RayCluster()
 
 
+def test_a_folder_of_that_name_is_not_taken_for_ray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "ray").mkdir()
+    (tmp_path / "ray" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "ray", raising=False)
+    with pytest.raises(ConfigError, match=r"`import ray` finds .*ray/__init__\.py: start elsewhere, or rename it"):
+        RayCluster()
+    monkeypatch.delitem(sys.modules, "ray")
+
+
 def test_a_unit_needs_a_core() -> None:
     with pytest.raises(ConfigError, match="a unit needs 1 core or more, not 0"):
         RayCluster(cores=0)

@@ -23,6 +23,8 @@ METRICS = {
     "penetration_mm": False, "drift_mm": False, "rotation_deg": False, "contacts": True,
 }  # fmt: skip
 """Columns that are held against the outcome, and whether more is better."""
+FLOWN = {"drift_mm": 100.0}
+"""Where a chart ends: beyond, the object is gone, and by how far says nothing. Margins end at -1."""
 SHOWN_PICTURES, SHOWN_ROWS = 6, 2000
 """Pictures on either side, and rows of the table, at most."""
 
@@ -68,10 +70,10 @@ def margins(rows: Rows) -> str:
     names = rows.starting("margin_")
     if not names:
         return ""
-    chart = [(name.removeprefix("margin_"), rows.numbers(name)) for name in names]
+    chart = [(name.removeprefix("margin_"), np.maximum(rows.numbers(name), -1.0)) for name in names]
     return (
-        "<h2>Margins</h2><p class='soft'>What was left of each limit: 0 is the limit itself. Dots held, crosses did "
-        f"not; the upright line is the median.</p>{strips(chart, rows.held, 'Margins')}"
+        "<h2>Margins</h2><p class='soft'>What was left of each limit: 0 is the limit itself, -1 twice as far or gone. "
+        f"Dots held, crosses did not; the upright line is the median.</p>{strips(chart, rows.held, 'Margins')}"
     )
 
 
@@ -84,7 +86,7 @@ def metrics(rows: Rows) -> str:
         if np.isnan(values).all():
             continue
         area = auc(values if more else -values, rows.held)
-        chart = scatter(values, outcome, rows.held, name, name)
+        chart = scatter(np.minimum(values, FLOWN.get(name, np.inf)), outcome, rows.held, name, name)
         figure = "–" if math.isnan(area) else f"{area:.2f}"
         cards.append(f"<figure><h3>{escape(name)}: AUC {figure}</h3><figcaption class='soft'>"
                      f"{'more' if more else 'less'} is taken as better</figcaption>{chart}</figure>")  # fmt: skip
@@ -118,10 +120,11 @@ def table(rows: Rows, folder: Path) -> str:
     heads = "".join(f'<th scope="col"><button type="button">{escape(c)}</button></th>' for c in columns)
     lines = ("".join(_cell(c, row.get(c), folder) for c in columns) for row in rows.all[:SHOWN_ROWS])
     body = "".join(f"<tr>{line}</tr>" for line in lines)
+    films = " A recording opens with <code>rerun FILE</code>." if "rrd" in columns else ""
     rest = f" The first {SHOWN_ROWS} of {len(rows)}; the table's own file has all." if len(rows) > SHOWN_ROWS else ""
     return (
         "<h2>All results</h2><div class='wide' tabindex='0' role='region' aria-label='All results'>"
-        f"<table class='sortable'><caption class='soft'>A column's name sorts by it.{rest}</caption>"
+        f"<table class='sortable'><caption class='soft'>A column's name sorts by it.{films}{rest}</caption>"
         f"<thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -143,13 +146,20 @@ def _picture(row: Row, folder: Path) -> str:
     if not content.startswith(b"\x89PNG"):
         raise ConfigError(f"picture {path} of a result is no PNG")
     name = " · ".join(str(row[key]) for key in ("grasp", "object") if row.get(key) is not None)
-    facts = [shown(row["success"]) + " success"] if row.get("success") is not None else []
+    facts = [] if row.get("success") is None else [_in_draws(float(row["success"]), row.get("n"))]
     facts.append("held" if row["held"] else f"not held: {row.get('reason') or 'no reason given'}")
     return (
         f'<figure><img alt="{escape(name)}" src="data:image/png;base64,{base64.b64encode(content).decode()}">'
         f"<figcaption><b>{escape(name)}</b><br>{escape(', '.join(facts))}"
         f"{_link(row.get('rrd'), folder, ', ')}</figcaption></figure>"
     )
+
+
+def _in_draws(success: float, n: int | None) -> str:
+    if not n:
+        return f"{shown(success)} success"
+    won = round(success * n)
+    return f"{won} of {n} draws ({_percent(wilson(won, n))})"
 
 
 def _cell(column: str, value: object, folder: Path) -> str:
@@ -170,4 +180,5 @@ def _link(value: object, folder: Path, before: str = "") -> str:
         return ""
     path = Path(str(value))
     place = Path(os.path.relpath(path, folder)) if path.is_absolute() or path.is_file() else path
-    return f'{before}<a href="{quote(place.as_posix())}">recording</a>'
+    size = f", {path.stat().st_size / 1e6:.1f} MB" if path.is_file() else ""
+    return f'{before}<a href="{quote(place.as_posix())}">recording{size}</a>'

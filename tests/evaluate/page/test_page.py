@@ -103,6 +103,21 @@ def test_recordings_are_linked_from_where_the_page_lies(tmp_path: Path) -> None:
     assert 'href="../runs/g0%20a.rrd"' in (tmp_path / "report" / "page.html").read_text()
 
 
+def test_what_flew_away_does_not_hide_the_rest_of_a_chart(tmp_path: Path) -> None:
+    rows = [{"object": "mug", "held": k > 0, "margin_+x": [-300.0, 0.2, 0.6][k], "drift_mm": [2e4, 3.0, 9.0][k]}
+            for k in range(3)]  # fmt: skip
+    charts = page(rows, tmp_path, title="t").split("<h2>All results")[0]
+    assert ">-1<" in charts
+    assert "-300" not in charts
+    assert ">100<" in charts
+    assert "20000" not in charts
+
+
+def test_a_picture_says_in_how_many_draws_it_held_with_the_interval(tmp_path: Path) -> None:
+    row = {"object": "mug", "held": True, "picture": str(png(tmp_path / "a.png", (9, 9, 9))), "success": 0.5, "n": 4}
+    assert "2 of 4 draws (15–85 %), held" in page([row], tmp_path, title="t")
+
+
 def test_metrics_are_held_against_the_outcome(tmp_path: Path) -> None:
     rows = [{"object": "mug", "held": k >= 5, "epsilon": float(k), "torque_share": float(k)} for k in range(10)]
     text = page(rows, tmp_path, title="t")

@@ -1,0 +1,31 @@
+"""As much squeeze as is needed: joints that would push at their limit for as long as they hold go less far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.control.controllers import Gains
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.plan.confirm import rounded
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+
+SHARE = 0.9
+"""Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+
+
+def resting(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Joint positions by name, rad: what a batch of trials measures for `eased`."""
+    return {joint: float(data.joint(joint).qpos[0]) for joint in trial.backend.spec.joints}
+
+
+def eased(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
+    """The grasp with its squeeze no further from where its joints come to `rest` (n,), rad, than what `share` of their
+    torque limits makes: kp |squeeze - rest| ≤ share · limit."""
+    reach = share * spec.actuation.torque_limit / gains.kp
+    return replace(grasp, squeeze=rounded(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))

@@ -1,0 +1,173 @@
+"""What a candidate is worth: draws of what the hand is not told, and the whole trial; or pushes in the air."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from allegro_twin.build.trials import PERIOD, Bench, Case
+from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.library.gains import load_gains
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.plan.candidate import Candidate, different
+from allegro_twin.plan.confirm import grasp_of, scenario_of
+from allegro_twin.plan.ease import eased
+from allegro_twin.plan.region import SHARE, Region
+from allegro_twin.sim.workbench import Workbench
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+FIRST, MORE, MOST = 2, 6, 20
+"""Draws that everybody gets, that the best get after them at a time, and that anybody gets at most."""
+GOOD = 0.85
+"""An expected share of draws with which a grasp is good enough."""
+SQUEEZES = (1.2, 1.7)
+"""Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers. With the
+first one joints stay below their limit."""
+SPARE = 3
+"""How many more than are asked for are looked at closely."""
+
+
+@dataclass(slots=True, eq=False)
+class Planned:
+    """A grasp, and what has become of it so far."""
+
+    candidate: Candidate
+    scenario: Scenario
+    grasp: Grasp
+    tried: int = 0
+    held: int = 0
+    """Draws."""
+    confirmed: bool | None = None
+    """Whether the whole trial held; None: not tried."""
+    sure: bool = False
+    """Whether it needs no draws."""
+    margin: float = float("nan")
+    stall: float = float("nan")
+    """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
+    its torque limit."""
+
+    @property
+    def success(self) -> float:
+        """The share of draws that held; NaN without any."""
+        return self.held / self.tried if self.tried else float("nan")
+
+    @property
+    def expected(self) -> float:
+        """The share to expect of others: the mean of the posterior after a uniform prior."""
+        return 1.0 if self.sure else (self.held + 1) / (self.tried + 2)
+
+    @property
+    def good(self) -> bool:
+        return self.expected >= GOOD
+
+
+@dataclass(slots=True)
+class Prover:
+    """Options for one object, with what is known of each."""
+
+    bench: Workbench
+    scenario: Scenario
+    spec: HandSpec
+    templates: Sequence[Grasp]
+    folder: Path
+    seed: int
+    uncertainty: Uncertainty
+    turns: Array | None
+    """Rotations that leave the object as it is; None where every pose counts as its own."""
+    region: Region | None = None
+    """Where more than half of the contact force has to be."""
+    threads: int = 0
+    options: list[Planned] = field(default_factory=list)
+    ends: Counter[str] = field(default_factory=Counter)
+    pace: float = 0.1
+    """s of a quick trial, from those made so far."""
+
+    def add(self, candidates: Sequence[Candidate], n: int, deadline: float) -> None:
+        """Learn about some more, and about the best of all; `n`: how many are wanted in the end; `deadline`: on the
+        monotonic clock, s, by which it should be over."""
+        fits = int((deadline - time.monotonic()) / (2.5 * self.pace * FIRST * len(SQUEEZES)))
+        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates[: max(fits, 0)] for squeeze in SQUEEZES]
+        self._draw(new, FIRST)
+        self.options += new
+        looked = self.ranked(self.options, n + SPARE)
+        self._draw([o for o in looked if o.tried < MOST and not o.good], MORE)
+        self._confirm([o for o in self.ranked(self.options, n + SPARE) if o.confirmed is None])
+
+    def best(self, n: int) -> list[Planned]:
+        """Those that hold in the whole trial, apart from each other, best first."""
+        return self.ranked([option for option in self.options if option.confirmed], n)
+
+    def ranked(self, options: Sequence[Planned], n: int) -> list[Planned]:
+        """The best of each place, of those that have not failed."""
+        kept: list[Planned] = []
+        usable = (option for option in options if option.confirmed is not False)
+        for option in sorted(usable, key=lambda o: (-o.expected, -o.candidate.score)):
+            if len(kept) < n and different(option.candidate, [k.candidate for k in kept], self.turns):
+                kept.append(option)
+        return kept
+
+    def unsure(self) -> list[Candidate]:
+        """Those of the best whose variations may be better."""
+        return [option.candidate for option in self.ranked(self.options, 2 * SPARE) if not option.good]
+
+    def as_files(self, candidate: Candidate, squeeze: float = 1.0) -> tuple[Scenario, Grasp]:
+        """What is played of a candidate. `squeeze`: factor on how far its fingers are told to go."""
+        template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
+        grasp = grasp_of(candidate, template, self.spec, squeeze)
+        if squeeze == SQUEEZES[0]:
+            grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec)
+        return scenario_of(candidate, self.bench, self.scenario), grasp
+
+    def _draw(self, options: Sequence[Planned], count: int) -> None:
+        """Try each under the next draws that it has not seen."""
+        protocol, began = load_protocol("quick"), time.monotonic()
+        bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
+        trials = [
+            Case(option.scenario, option.grasp, draw, protocol, self.folder)
+            for option in options
+            for draw in draws(self.uncertainty, count, self.seed, option.tried)
+        ]
+        verdicts = bench.verdicts(trials, hasty=True)
+        for option in options:
+            option.held += sum(next(verdicts).held for _ in range(count))
+            option.tried += count
+        if trials:
+            self.pace = (time.monotonic() - began) / len(trials)
+
+    def _confirm(self, options: Sequence[Planned]) -> None:
+        """Try each in the whole trial."""
+        cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
+        measure = None if self.region is None else self.region.share
+        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, measure)
+        for option, verdict in zip(options, verdicts, strict=True):
+            there = verdict.measured.get("region", 1.0) > SHARE
+            option.confirmed = verdict.held and there
+            self.ends["held" if option.confirmed else "elsewhere" if verdict.held else "whole trial"] += 1
+            if verdict.report is not None:
+                option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+
+
+def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
+    """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
+    the others."""
+    protocol = load_protocol(prover.scenario.protocol)
+    runner = Bench(prover.spec, protocol.gains or "default", protocol.period or PERIOD, prover.threads)
+    options = [Planned(c, *prover.as_files(c), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates]
+    for ways in (slice(0, 2), slice(2, None)):
+        cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
+        verdicts = runner.verdicts([case for each in cases for case in each], hasty=True)
+        for option, each in zip(options, cases, strict=True):
+            reports = [verdict.report for verdict in (next(verdicts) for _ in each) if verdict.held]
+            held = [report for report in reports if report is not None]
+            option.confirmed = len(held) == len(each)
+            option.margin = min([option.margin, *(report.margin for report in held)])
+            option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])
+        prover.ends["pushed out"] += sum(not option.confirmed for option in options)
+        options = [option for option in options if option.confirmed]
+    prover.ends["held"] += len(options)
+    prover.options += options

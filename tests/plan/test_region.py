@@ -1,0 +1,66 @@
+"""An object is held by a part of it where that is asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.build.trials import Bench, case_of
+from allegro_twin.cli.planning import scenario_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol
+from allegro_twin.evaluate.timeline import stage
+from allegro_twin.plan.propose import Proposer
+from allegro_twin.plan.region import in_frame_of, region
+from allegro_twin.plan.templates import templates
+from allegro_twin.sim.workbench import Workbench
+
+SPEC = load_spec()
+
+
+@pytest.mark.parametrize("text", ["", "x=3", "w>0", "x>0.1,x<0.05", "x>a"])
+def test_bounds_that_say_nothing_are_an_error(text: str) -> None:
+    with pytest.raises(ConfigError, match="region"):
+        region(text)
+
+
+def test_a_region_has_what_is_between_its_bounds() -> None:
+    """Bounds that are not said are none."""
+    points = np.array([[0.05, 0.0, 9.0], [0.04, 0.0, 0.0], [0.05, 0.0, -0.1]])
+    assert region(" x > 0.045 , z<.5").contains(points).tolist() == [False, False, True]
+    assert region("z>-0.05").contains(points).tolist() == [True, True, False]
+
+
+def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
+    """The upper half of a can that stands on the table."""
+    scenario, upper = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8), region("z>0.01")
+    bench = Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    proposer = Proposer(bench, templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=upper)
+    found = [candidate for candidate, _ in zip(proposer.fresh(), range(5), strict=False)]
+    assert len(found) == 5
+    for candidate in found:
+        bench.place(candidate.position, candidate.rotation, candidate.close)
+        points = in_frame_of(bench.placed, bench.touch().points)
+        assert (points[:, 2] > 0.01).mean() > 0.5
+
+
+def test_a_region_without_a_surface_is_an_error() -> None:
+    scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
+    bench = Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    proposer = Proposer(bench, templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=region("z>1"))
+    with pytest.raises(ConfigError, match="nothing of its surface"):
+        next(proposer.fresh())
+
+
+def test_the_share_of_the_force_in_a_region_and_beside_it_is_all_of_it() -> None:
+    bench = Bench(SPEC, period=0.004)
+    case = case_of({"scenario": "tomato_soup_can", "protocol": "quick"}, SPEC)
+    shares = [
+        next(bench.verdicts([case], region(text).share)).measured["region"] for text in ("x>0.0", "x<0.0", "z>-1")
+    ]
+    assert shares[0] + shares[1] == pytest.approx(1.0)
+    assert 0.1 < shares[0] < 0.9
+    assert shares[2] == 1.0
