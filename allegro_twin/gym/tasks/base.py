@@ -15,7 +15,7 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
 from allegro_twin.look.marks import Mark
-from allegro_twin.policy.card import Card, Closed, Swung
+from allegro_twin.policy.card import Card, Closed
 from allegro_twin.policy.interface import Interface, Observation
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -167,6 +167,6 @@ class Task(ABC):
             privileged=self.extra,
         )
 
-    def closed_scripts(self) -> tuple[Closed | Swung, ...]:
+    def closed_scripts(self) -> tuple[Closed, ...]:
         """What the scripts are made of, one each."""
         return ()

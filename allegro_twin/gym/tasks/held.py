@@ -18,7 +18,7 @@ from allegro_twin.types import Array
 
 VERSION = 2
 """Of the search; counted up when another search would find other states."""
-COUNT, SEED = 1024, 20260101
+COUNT, SEED, SEARCH = 1024, 20260101, Search()
 MOST = 200
 """Batches, after which a search is given up: it finds too little."""
 
@@ -37,7 +37,7 @@ class Held:
     """Factor on the object's size, (m,)."""
 
 
-def held(thing: Thing, side: str, search: Search) -> Held:
+def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
     """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
     ConfigError where there is no cache."""
     name = file_name(thing, search)
@@ -45,12 +45,12 @@ def held(thing: Thing, side: str, search: Search) -> Held:
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write(thing, search, path)
+            write(thing, path, search)
     found = _read(path)
     return found if side == "right" else _mirrored(found)
 
 
-def write(thing: Thing, search: Search, path: Path) -> None:
+def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
     """Search for the states of the right hand and write them. Raises RecordingError."""
     found = searched(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
@@ -70,7 +70,7 @@ def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED)
     return Held(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: Search) -> str:
+def file_name(thing: Thing, search: Search = SEARCH) -> str:
     """Another search, or another object, has another."""
     own = (thing.shape, thing.size, thing.mass, str(thing.file or ""), thing.scale)
     content = repr((VERSION, *own, search, COUNT, SEED, SIZES, FRICTION))
