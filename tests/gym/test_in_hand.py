@@ -212,3 +212,12 @@ def test_the_package_brings_the_states_that_its_search_would_find() -> None:
     assert len(right.size) >= 1000
     assert tilt(right.pose[:, 3:]).max() < np.radians(8.0)
     np.testing.assert_array_equal(right.pose[:, 1], -left.pose[:, 1])
+
+
+def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    from allegro_twin.gym.tasks import held as module
+
+    monkeypatch.setattr(module, "MOST", 1)
+    thing = objects.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
+    with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
+        module.searched(thing, module.SEARCH, 1)

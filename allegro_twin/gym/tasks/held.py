@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.cache import cache_folder
 from allegro_twin.files.whole import whole_file
@@ -60,11 +61,14 @@ def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
 
 
 def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
-    """So many states, or as many as a long search finds."""
+    """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
     while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
         parts.append(tried(thing, search, rng))
+    if not any(len(part[0]) for part in parts):
+        raise ConfigError(f"no grasp of the fingertips was found that holds {thing.name} above the palm: it may be too "
+                          "large, too small or too heavy")  # fmt: skip
     columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
     order = np.argsort(columns[3], kind="stable")
     return Held(*(column[order] for column in columns))
