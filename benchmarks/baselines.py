@@ -21,7 +21,7 @@ from allegro_twin.train.evaluation import Evaluation, evaluate
 
 EPISODES, SEED, JOINTS = 200, 500_000_000, 16
 REACH = 0.3  # rad, of the residual tasks.
-SQUEEZES = (-0.05, 0.05, 0.10, 0.15, 0.20)  # rad on the flexion joints, from a quarter of the episode on.
+SQUEEZES = (0.05, 0.10, 0.15)  # rad on the flexion joints, from a quarter of the episode on.
 FLEXION = np.array([0, 1, 1, 1] * 3 + [0, 0, 1, 1], np.float32)
 SHUT = 0.25
 BEGIN, END = "<!-- baselines -->", "<!-- /baselines -->"

@@ -76,7 +76,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             return None
         if self._pictures is None:
             self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
-        return self._pictures.take(0)
+        return self._pictures.take(0, self.engine.task.marks(0))
 
     def close(self) -> None:
         if self._pictures is not None:

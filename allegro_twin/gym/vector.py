@@ -103,7 +103,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             return None
         if self._pictures is None:
             self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
-        frames = [self._pictures.take(row) for row in range(self.num_envs)]
+        frames = [self._pictures.take(row, self.engine.task.marks(row)) for row in range(self.num_envs)]
         return tuple(frame for frame in frames if frame is not None)
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.look.camera import Camera
+from allegro_twin.look.marks import Mark, add
 from allegro_twin.sim.batch import Snapshot, Worlds
 
 
@@ -27,16 +29,17 @@ class Pictures:
         self._window: Any = None
         self._seen: Snapshot | None = None
 
-    def take(self, row: int) -> NDArray[Any] | None:
-        """Rows, columns, and RGB bytes, or depths in m as float32; nothing where a window shows it."""
+    def take(self, row: int, marks: Sequence[Mark] = ()) -> NDArray[Any] | None:
+        """Rows, columns, and RGB bytes, or depths in m as float32, in which nothing is marked; nothing where a window
+        shows it."""
         match self._mode:
             case "depth_array":
                 return self._aimed(row).take_depth()
             case "human":
-                self._show(row)
+                self._show(row, marks)
                 return None
             case _:
-                return self._aimed(row).take()
+                return self._aimed(row).take(marks)
 
     def close(self) -> None:
         if self._camera is not None:
@@ -45,7 +48,7 @@ class Pictures:
             self._window.close()
         self._camera = self._window = None
 
-    def _show(self, row: int) -> None:
+    def _show(self, row: int, marks: Sequence[Mark]) -> None:
         if self._window is None:
             if not has_screen():
                 raise ConfigError("render_mode 'human' needs a screen; without one use 'rgb_array'")
@@ -55,6 +58,9 @@ class Pictures:
             self._window = viewer.launch_passive(self._seen.model, self._seen.data)
         with self._window.lock():
             self._worlds.snapshot(row, self._seen)
+            self._window.user_scn.ngeom = 0
+            assert self._seen is not None
+            add(self._window.user_scn, self._seen.model, marks)
         self._window.sync()
 
     def _aimed(self, row: int) -> Camera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.look.marks import Mark
 from allegro_twin.look.screen import Screen
 from allegro_twin.look.views import DEFAULT, Aim, View, seen
 from allegro_twin.spec import HandSpec
@@ -50,9 +52,9 @@ class Camera:
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
             raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
 
-    def take(self) -> Picture:
-        """The scene as it is now."""
-        return self._screen.draw(self._scene.data, self._aimed())
+    def take(self, marks: Sequence[Mark] = ()) -> Picture:
+        """The scene as it is now, and what is marked in it."""
+        return self._screen.draw(self._scene.data, self._aimed(), marks)
 
     def take_depth(self) -> NDArray[np.float32]:
         """How far everything is, rows and columns, m."""

@@ -7,11 +7,14 @@ from the second scene on.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from allegro_twin.look.marks import Mark, add
 
 _GEOMS = 10_000  # As many as mujoco.Renderer has room for.
 _THREAD = threading.local()
@@ -29,10 +32,10 @@ class Screen:
         self._drawing: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
-    def draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera) -> NDArray[np.uint8]:
+    def draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera, marks: Sequence[Mark] = ()) -> NDArray[np.uint8]:
         """Rows, columns, RGB."""
         picture = np.empty((*self._size, 3), np.uint8)
-        self._draw(data, eye)
+        self._draw(data, eye, marks)
         mujoco.mjr_readPixels(picture, None, self._area, self._drawing)
         return np.ascontiguousarray(picture[::-1])
 
@@ -56,11 +59,12 @@ class Screen:
             self._drawing.free()
             self._drawing = None
 
-    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera) -> None:
+    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera, marks: Sequence[Mark] = ()) -> None:
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
         every = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._shown, None, eye, every, self._scene)
+        add(self._scene, self._model, marks)
         mujoco.mjr_render(self._area, self._scene, self._drawing)
 
 

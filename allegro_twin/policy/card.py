@@ -13,7 +13,6 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
-from allegro_twin.policy.gait import load_gait
 from allegro_twin.policy.interface import VERSION, Interface, Mode
 from allegro_twin.policy.onnx_file import session
 from allegro_twin.policy.script import Script, closing, holding, sampled, table
@@ -43,16 +42,6 @@ class Closed(Settings):
         return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
-class Swung(Settings):
-    """A script that is a gait."""
-
-    gait: str
-    """In conf/gaits."""
-
-    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
-        return load_gait(self.gait).sampled(spec, periods, period)
-
-
 class Card(Settings):
     """What a policy file says of itself."""
 
@@ -68,7 +57,7 @@ class Card(Settings):
     reach: Positive
     gains: str
     goal: Literal["none", "fingertips"]
-    scripts: tuple[Closed | Swung, ...] = ()
+    scripts: tuple[Closed, ...] = ()
     periods: int = 0
     """Length of the scripts, in control periods."""
     observation: int
@@ -120,7 +109,7 @@ class Card(Settings):
 
     def script(self, grasp: str) -> int:
         """The number of a grasp's script. Raises ConfigError with the nearest names."""
-        names = [script.grasp if isinstance(script, Closed) else script.gait for script in self.scripts]
+        names = [closed.grasp for closed in self.scripts]
         if grasp not in names:
             raise ConfigError(unknown("grasp of this policy", grasp, names))
         return names.index(grasp)

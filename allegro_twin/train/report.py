@@ -60,7 +60,7 @@ def sets(recipe: Recipe) -> dict[str, EnvSettings]:
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
     """The same environments with the physics that they have by default, and nothing randomised."""
-    own = ("timestep", "noslip", "randomise")
+    own = ("timestep", "noslip", "coarse", "randomise")
     given = {name: value for name, value in keywords(settings).items() if name not in own}
     return EnvSettings(**given)
 

@@ -56,6 +56,9 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     assert (seen.position_noise, seen.decimation) == (0.015, grasp.environment.decimation)
     assert unseen.objects == grasp.held_out
     assert as_shipped(unseen) == unseen
+    rotate = load_recipe("rotate").environment
+    assert rotate.coarse
+    assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation)
     assert list(sets(recipe())) == ["trained on"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,7 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
-from allegro_twin.policy.card import Card, Closed, Swung
+from allegro_twin.look.marks import Mark
+from allegro_twin.policy.card import Card, Closed
 from allegro_twin.policy.interface import Interface, Observation
 from allegro_twin.sim.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -122,6 +124,10 @@ class Task(ABC):
         """What no real hand has, shape (n, extra), at the decision `tick` (n,) periods after the beginning."""
         return None
 
+    def marks(self, row: int) -> Sequence[Mark]:
+        """What should be drawn of a simulation's goal."""
+        return ()
+
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         """What a reset should report besides what was randomised, (m, …) each."""
         return {}
@@ -161,6 +167,6 @@ class Task(ABC):
             privileged=self.extra,
         )
 
-    def closed_scripts(self) -> tuple[Closed | Swung, ...]:
+    def closed_scripts(self) -> tuple[Closed, ...]:
         """What the scripts are made of, one each."""
         return ()

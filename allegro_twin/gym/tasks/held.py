@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.cache import cache_folder
 from allegro_twin.files.whole import whole_file
@@ -18,7 +19,7 @@ from allegro_twin.types import Array
 
 VERSION = 2
 """Of the search; counted up when another search would find other states."""
-COUNT, SEED = 1024, 20260101
+COUNT, SEED, SEARCH = 1024, 20260101, Search()
 MOST = 200
 """Batches, after which a search is given up: it finds too little."""
 
@@ -37,7 +38,7 @@ class Held:
     """Factor on the object's size, (m,)."""
 
 
-def held(thing: Thing, side: str, search: Search) -> Held:
+def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
     """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
     ConfigError where there is no cache."""
     name = file_name(thing, search)
@@ -45,12 +46,12 @@ def held(thing: Thing, side: str, search: Search) -> Held:
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write(thing, search, path)
+            write(thing, path, search)
     found = _read(path)
     return found if side == "right" else _mirrored(found)
 
 
-def write(thing: Thing, search: Search, path: Path) -> None:
+def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
     """Search for the states of the right hand and write them. Raises RecordingError."""
     found = searched(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
@@ -60,17 +61,20 @@ def write(thing: Thing, search: Search, path: Path) -> None:
 
 
 def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
-    """So many states, or as many as a long search finds."""
+    """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
     while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
         parts.append(tried(thing, search, rng))
+    if not any(len(part[0]) for part in parts):
+        raise ConfigError(f"no grasp of the fingertips was found that holds {thing.name} above the palm: it may be too "
+                          "large, too small or too heavy")  # fmt: skip
     columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
     order = np.argsort(columns[3], kind="stable")
     return Held(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: Search) -> str:
+def file_name(thing: Thing, search: Search = SEARCH) -> str:
     """Another search, or another object, has another."""
     own = (thing.shape, thing.size, thing.mass, str(thing.file or ""), thing.scale)
     content = repr((VERSION, *own, search, COUNT, SEED, SIZES, FRICTION))

@@ -15,7 +15,6 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Flags, Task
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
-from allegro_twin.gym.tasks.search import Anywhere, Search
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.sim import objects
 from allegro_twin.sim.batch import Rows
@@ -90,10 +89,6 @@ class InHand(Task):
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
         self.camera.begin(rows, values, draws)
 
-    def search(self) -> Search:
-        """Where the states to begin in are searched for."""
-        return Anywhere()
-
     def targets(self, rows: Rows) -> Array:
         return self.start[rows]
 
@@ -120,7 +115,7 @@ class InHand(Task):
                 f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
-        self._held.append(held(thing, self.settings.side, self.search()))
+        self._held.append(held(thing, self.settings.side))
         self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
         self._names.append(thing.name)
 

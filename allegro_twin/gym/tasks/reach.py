@@ -13,6 +13,7 @@ from allegro_twin.gym.tasks.scenes import compiled, worlds
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.named import load_posture
+from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.sim.probe import free_of_contact
@@ -22,6 +23,8 @@ from allegro_twin.types import Array
 GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
 INSIDE = 0.8  # Of each joint's range, in which these postures lie.
 REACHED = 0.010  # m, every fingertip. A PD law without the hand's weight is off by 1 mm (docs/models.md#gains).
+
+MARK, GREEN = 0.006, (0.1, 0.75, 0.3, 1.0)  # m, radius of a goal in pictures; its colour.
 
 
 class Reach(Task):
@@ -53,6 +56,12 @@ class Reach(Task):
         start = self._start if options.posture is None else load_posture(options.posture, self.spec)
         self.worlds.position[rows] = start
         self._goal[rows] = self._goals[draws.number(len(self._goals))]
+
+    def marks(self, row: int) -> list[Mark]:
+        """A ball at each goal; the palm's frame is the world's, but for a drawn tilt of the wrist."""
+        size = np.full(3, MARK)
+        places = self._goal[row].astype(np.float64).reshape(-1, 3)
+        return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
         return self._goal

@@ -12,6 +12,7 @@ from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import DROPPED, InHand
 from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
+from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -20,6 +21,7 @@ REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.
 NEAREST = 0.3  # rad that a new goal is away at least: never reached already.
 FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name nothing else.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
+BESIDE = (-0.07, 0.0, 0.08)  # m, of the goal in pictures from where the object began.
 BONUS = 10.0  # For a goal.
 
 
@@ -51,6 +53,14 @@ class Reorient(InHand):
         if len(rows):
             self._renew(rows)
             self._renewed[rows] = False
+
+    def marks(self, row: int) -> list[Mark]:
+        """The object as it should be turned, beside the hand."""
+        assert self.thing is not None
+        size = self.worlds.expand("geom_size")[row, self.thing.geoms.start]
+        pose = np.concatenate([self.place[row] + BESIDE, self._goal[row]])
+        kind = "box" if size.min() > 0 else "sphere"
+        return [Mark(kind, np.array(size), pose, material="object_look")]
 
     def goal(self) -> Floats:
         return self._goal

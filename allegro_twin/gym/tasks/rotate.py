@@ -9,17 +9,13 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import DROPPED, FAST, SPINS, InHand
-from allegro_twin.gym.tasks.search import Around, Search
 from allegro_twin.gym.tasks.vectors import length, tilt, twist
-from allegro_twin.policy.card import Swung
-from allegro_twin.policy.gait import load_gait
 from allegro_twin.policy.interface import Observation
-from allegro_twin.policy.script import table
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
 
-GAIT = "rotate"
 FASTEST = 0.6  # rad/s. Turning faster than this earns no more.
+BACK = 10.0  # Turning back so many times as fast costs no more.
 UPRIGHT, ENOUGH_UPRIGHT = np.radians(25.0), np.radians(30.0)  # Tilts up to which turning is paid, and success can be.
 TOPPLED = np.radians(50.0)  # From there a box goes over on its side.
 ENOUGH = 2.0 * np.pi  # rad in an episode, net.
@@ -28,31 +24,19 @@ _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
 class Rotate(InHand):
-    """A gait is the script, and an action leads away from it. Counter-clockwise seen from above for the right hand;
-    clockwise for the left."""
+    """Counter-clockwise seen from above for the right hand; clockwise for the left."""
 
     name = "Rotate"
     purpose = "rotate an object in the fingertips about the vertical, continuously"
     seconds = 30.0
-    extra = 13
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
-        self._gait = load_gait(GAIT)
         super().__init__(settings, n, threads)
-        swung = self._gait.sampled(self.spec, round(self.seconds / settings.period), settings.period)
-        self.interface = self._interface(step=self.step, scripts=table([swung]), reach=settings.reach)
         self._sign = 1.0 if settings.side == "right" else -1.0
         self._before = np.zeros(n)
         self._limit = self.spec.actuation.torque_limit
         self.turned = np.zeros(n)
         """Net since the reset, rad."""
-
-    def search(self) -> Search:
-        gait, hold = self._gait, self._gait.hold
-        return Around(gait.posture, hold.size, hold.place, hold.yaw)
-
-    def closed_scripts(self) -> tuple[Swung, ...]:
-        return (Swung(gait=GAIT),)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
@@ -68,8 +52,9 @@ class Rotate(InHand):
         leaning = tilt(now)
         self._before, self.turned = heading, self.turned + turn
         lost = self.lost() | (leaning > TOPPLED)
-        # Turning back costs at any tilt, or else rocking pays: forth while upright, and back while leaning.
-        paid = np.clip(turn / self.interface.seconds / FASTEST, -1.0, np.where(leaning < UPRIGHT, 1.0, 0.0))
+        # Turning back costs at any tilt and almost any speed, or else it pays to rock: forth while upright, slowly, and
+        # back while leaning, or fast.
+        paid = np.clip(turn / self.interface.seconds / FASTEST, -BACK, np.where(leaning < UPRIGHT, 1.0, 0.0))
         away = self.worlds.position - self.start
         torque = np.clip(self.worlds.torque, -self._limit, self._limit)
         terms = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,6 @@ _CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods
 _FALLEN = 0.008  # m
 _STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m that it moves from then to the end; its tilt.
 _GAP, _HIGHEST, _ASIDE = 0.008, 0.090, 0.035  # m: above the palm; highest middle; from the middle of the palm's edge.
-_FLEXION = np.array([1, 5, 9, 13, 14])  # The fingers' base joints and the thumb's two.
 
 
 class Tries(NamedTuple):
@@ -47,17 +46,10 @@ class Tries(NamedTuple):
     """Of the object, (n,), rad."""
 
 
-class Search(Protocol):
-    """What is tried. Its repr tells one search from another."""
-
-    def tries(self, spec: HandSpec, size: Array, height: Array, rng: np.random.Generator) -> Tries:
-        """For objects of so many times their size (n,) and so high (n,), m."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
-class Anywhere:
-    """Fingers opposite the thumb, in any posture that leaves room for the object between them. All ranges in rad."""
+class Search:
+    """What is tried: fingers opposite the thumb, in any posture that leaves room for the object between them. Ranges in
+    rad. Its repr tells one search from another."""
 
     finger: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.75, 1.55), (0.0, 1.0), (0.0, 0.8))
     """From the palm outward."""
@@ -72,8 +64,9 @@ class Anywhere:
     apart: tuple[float, float] = (0.02, 0.1)
     """m, from the thumb to the fingers."""
 
-    def tries(self, spec: HandSpec, size: Array, height: Array, rng: np.random.Generator) -> Tries:
-        n, tips = len(size), Fingertips(spec)
+    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> Tries:
+        """For objects so high (n,), m."""
+        n, tips = len(height), Fingertips(spec)
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
         missing = np.arange(n)
         while len(missing):
@@ -100,36 +93,6 @@ class Anywhere:
         return np.concatenate([fingers.reshape(n, 12), thumb], axis=1), squeeze.reshape(n, 16)
 
 
-@dataclass(frozen=True, slots=True)
-class Around:
-    """About one grasp, opened for a larger object by so much. For what begins with that grasp, as a gait does."""
-
-    target: tuple[float, ...]
-    """rad, for an object of `size` times its size at `place` (m, world), turned by `yaw` (rad)."""
-    size: float
-    place: tuple[float, float, float]
-    yaw: float
-    width: float = 0.015
-    """rad about it, each joint; of the object 2 mm and 0.1 rad."""
-    squeeze: float = 0.25
-    press: float = 0.2
-    opening: tuple[float, ...] = (0.425, 0.425, 0.425, 0.25, 0.25)
-    """rad for a unit of size: of the fingers' base joints and the thumb's two."""
-
-    def tries(self, spec: HandSpec, size: Array, height: Array, rng: np.random.Generator) -> Tries:
-        n = len(size)
-        wider, tighter = np.zeros((n, 16)), np.zeros((n, 16))
-        wider[:, _FLEXION] = np.array(self.opening) * (size[:, None] - self.size) * rng.uniform(0.7, 1.1, (n, 1))
-        tighter[:, _FLEXION] = rng.uniform(-0.02, 0.03, (n, 1))
-        target = np.array(self.target) - wider + tighter + rng.uniform(-self.width, self.width, (n, 16))
-        target = np.clip(target, spec.lower, spec.upper)
-        back = np.zeros(16)
-        back[_FLEXION] = [self.squeeze] * 3 + [self.press] * 2
-        posture = np.clip(target - back * rng.uniform(0.5, 1.0, (n, 1)), spec.lower, spec.upper)
-        place = np.array(self.place) + rng.uniform(-0.002, 0.002, (n, 3))
-        return Tries(posture, target, place, self.yaw + rng.uniform(-0.1, 0.1, n))
-
-
 def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
     """One batch: of what held, joints, targets (m, 16), rad, pose (m, 7), m, and factor on the size (m,)."""
     spec = load_spec(side="right")
@@ -141,7 +104,7 @@ def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array
     size = rng.uniform(*SIZES, AT_ONCE)
     height = 2.0 * size * thing.half_extents()[2]
     Physics(worlds, body).apply(rows, {"size": size})
-    posture, target, place, yaw = search.tries(spec, size, height, rng)
+    posture, target, place, yaw = search.tries(spec, height, rng)
     turned = quaternion_from_vector(yaw[:, None] * (0.0, 0.0, 1.0))
     worlds.position[...] = posture
     watched, going = place, rows

@@ -1,0 +1,15 @@
+"""The states that ship with the package: `python -m benchmarks.starts rubiks_cube` searches for them anew."""
+
+from __future__ import annotations
+
+import sys
+
+from allegro_twin.files.assets import data_root
+from allegro_twin.gym.tasks.held import file_name, write
+from allegro_twin.sim.objects import named
+
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        path = data_root() / "conf" / "starts" / file_name(named(name))
+        write(named(name), path)
+        print(path)
