@@ -31,7 +31,7 @@ def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed:
     bench = Workbench(spec, stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
     found, known = [], templates(spec)
     proposer = Proposer(bench, known, scenario.friction, (0.0,), np.random.default_rng(seed))
-    for candidate in proposer.fresh(tries=20_000):
+    for candidate in filter(None, proposer.fresh(tries=20_000)):
         found.append(candidate)
         if len(found) == LOOKED:
             break

@@ -52,8 +52,8 @@ class Proposer:
         self.bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), self.templates[0].preshape)
         self.centre = self.bench.centre
 
-    def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate]:
-        """Of so many guesses."""
+    def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate | None]:
+        """Of so many guesses; None after every batch of them, for whoever looks at the clock."""
         axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
         for _ in range(0, tries, BATCH):
             on = self._looked_at()
@@ -62,6 +62,7 @@ class Proposer:
                 candidate = self._grown(guessed, row)
                 if candidate is not None:
                     yield candidate
+            yield None
 
     def _looked_at(self) -> Surface:
         """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""

@@ -28,6 +28,8 @@ GOOD = 0.85
 SQUEEZES = (1.2, 1.7)
 """Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers. With the
 first one joints stay below their limit."""
+WHOLE = 4.5
+"""What a whole trial costs, in quick ones."""
 SPARE = 3
 """How many more than are asked for are looked at closely."""
 
@@ -90,13 +92,18 @@ class Prover:
     def add(self, candidates: Sequence[Candidate], n: int, deadline: float) -> None:
         """Learn about some more, and about the best of all; `n`: how many are wanted in the end; `deadline`: on the
         monotonic clock, s, by which it should be over."""
-        fits = int((deadline - time.monotonic()) / (2.5 * self.pace * FIRST * len(SQUEEZES)))
-        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates[: max(fits, 0)] for squeeze in SQUEEZES]
+        fits = self._affordable(deadline, 2.5 * FIRST * len(SQUEEZES))
+        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates[:fits] for squeeze in SQUEEZES]
         self._draw(new, FIRST)
         self.options += new
-        looked = self.ranked(self.options, n + SPARE)
-        self._draw([o for o in looked if o.tried < MOST and not o.good], MORE)
-        self._confirm([o for o in self.ranked(self.options, n + SPARE) if o.confirmed is None])
+        looked = [o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good]
+        self._draw(looked[: self._affordable(deadline, MORE)], MORE)
+        unknown = [o for o in self.ranked(self.options, n + SPARE) if o.confirmed is None]
+        self._confirm(unknown[: max(n, self._affordable(deadline, WHOLE))])
+
+    def _affordable(self, deadline: float, each: float) -> int:
+        """How many things there is time for that cost so many quick trials each."""
+        return max(int((deadline - time.monotonic()) / (each * self.pace)), 0)
 
     def best(self, n: int) -> list[Planned]:
         """Those that hold in the whole trial, apart from each other, best first."""

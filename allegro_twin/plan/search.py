@@ -146,11 +146,12 @@ def _turns(protocol: Protocol) -> list[float]:
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 
-def _within(proposed: Iterator[Candidate], count: int, seconds: float) -> list[Candidate]:
+def _within(proposed: Iterator[Candidate | None], count: int, seconds: float) -> list[Candidate]:
     """The next candidates, as many as come in a time."""
     found, until = list[Candidate](), time.monotonic() + seconds
     for candidate in proposed:
-        found.append(candidate)
+        if candidate is not None:
+            found.append(candidate)
         if len(found) == count or time.monotonic() > until:
             break
     return found

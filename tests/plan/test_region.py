@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.region import in_frame_of, region
+from allegro_twin.plan.search import Search
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
 
@@ -39,7 +41,7 @@ def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
     scenario, upper = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8), region("z>0.01")
     bench = Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=upper)
-    found = [candidate for candidate, _ in zip(proposer.fresh(), range(5), strict=False)]
+    found = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(5), strict=False)]
     assert len(found) == 5
     for candidate in found:
         bench.place(candidate.position, candidate.rotation, candidate.close)
@@ -64,3 +66,12 @@ def test_the_share_of_the_force_in_a_region_and_beside_it_is_all_of_it() -> None
     assert shares[0] + shares[1] == pytest.approx(1.0)
     assert 0.1 < shares[0] < 0.9
     assert shares[2] == 1.0
+
+
+def test_a_search_for_what_cannot_be_proposed_ends_at_its_time() -> None:
+    """No two fingers fit on the upper millimetre of a can."""
+    scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
+    search = Search(scenario, SPEC, templates(SPEC), region=region("z>0.0499,x>0.03"))
+    began = time.monotonic()
+    assert search.run(1, 2.0) == []
+    assert time.monotonic() - began < 60.0
