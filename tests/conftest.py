@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from allegro_twin.build.wired import Scene, make_can
 from allegro_twin.config import CanSettings, RunConfig
@@ -28,9 +29,16 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
 from allegro_twin.wire.host.backend import CanBackend
 
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
-    # A shell's background job ignores Ctrl-C, and so would every program that a test starts and interrupts.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+if threading.current_thread() is threading.main_thread():
+    # A shell's background job ignores Ctrl-C and one of nohup a hangup, and so would every program that a test starts
+    # and ends so.
+    for number, default in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, default)
+
+# How long an example takes says how busy the machine is.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")
 
 MakeSim = Callable[..., SimBackend]
 
