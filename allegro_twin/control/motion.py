@@ -12,6 +12,9 @@ from allegro_twin.control.trajectory import FASTEST, SLOWEST, Moves, Profile, Tr
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
+STILL = 1e-9
+"""rad/s: what rounding makes of a motion that goes nowhere."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -35,7 +38,7 @@ class Motion:
         if not speed > 0.0:
             raise ConfigError(f"speed must be positive, as a multiple of the one it was shown at; it is {speed}")
         fastest = float(np.abs(np.diff(self.positions, axis=0) / np.diff(self.times)[:, None]).max())
-        if fastest > 0.0 and not SLOWEST <= speed * fastest <= FASTEST:
+        if fastest > STILL and not SLOWEST <= speed * fastest <= FASTEST:
             least, most = SLOWEST / fastest, FASTEST / fastest
             raise ConfigError(
                 f"speed must be {least:.2g} to {most:.2g} times the one it was shown at, for joints from "
