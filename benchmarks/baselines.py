@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.evaluate.statistics import wilson
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.gym.tasks import TASKS, task_type
 from allegro_twin.policy.controller import Policy, Still
@@ -52,13 +53,6 @@ class Random:
         return self._generator.uniform(-1.0, 1.0, (*seen.shape[:-1], JOINTS)).astype(np.float32)
 
 
-def interval(good: int, of: int) -> tuple[float, float]:
-    """Wilson's, 95 %."""
-    z = 1.96
-    middle, spread = good + z * z / 2, z * (good * (of - good) / of + z * z / 4) ** 0.5
-    return (middle - spread) / (of + z * z), (middle + spread) / (of + z * z)
-
-
 def rows(tasks: list[str], episodes: int = EPISODES) -> Iterator[str]:
     """Lines of the table, as they are found."""
     yield HEAD
@@ -84,7 +78,7 @@ def _of(policy: Policy, task: str, given: dict[str, Any], episodes: int) -> Eval
 
 
 def _shown(found: Evaluation) -> str:
-    low, high = interval(int(found.success.sum()), len(found.success))
+    low, high = wilson(int(found.success.sum()), len(found.success))
     return f"{found.rate:.0%} ({low:.0%}–{high:.0%})".replace("%", " %")
 
 

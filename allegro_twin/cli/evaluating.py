@@ -85,13 +85,12 @@ def evaluate(
     from allegro_twin.build.campaign import Asked, targets_of
     from allegro_twin.cli import verdicts
 
-    if address is not None and engine is not Engines.ray:
-        raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
     if rrd is not None:
         recordings.check(out)
     noise = _noise(uncertainty, vary, seed)
     found = targets_of(_paths(targets), Asked(protocol, _sides(side), grasp, thing))
-    trials = verdicts.tried(found, noise, verdicts.engine_of(engine.value, address, count), out)
+    chosen = verdicts.engine_of(engine.value, address, count)
+    trials = verdicts.tried(found, noise, chosen, out)
     rows = verdicts.told(found, noise, trials, out, rrd)
     if uncertainty is None and not all(row["held"] for row in rows):
         raise typer.Exit(5)

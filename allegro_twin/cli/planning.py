@@ -71,7 +71,7 @@ def plan(
     from allegro_twin.plan.search import Search
     from allegro_twin.plan.templates import templates
 
-    spec = load_spec()
+    chosen, spec = engine_of(engine.value, address, None), load_spec()
     scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol})
     load_protocol(protocol)
     search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
@@ -79,7 +79,7 @@ def plan(
     if seeds == 1 and engine is Engines.local:
         found = _searched(search, n, seconds)
     else:
-        found = _spread(search, kind, n, seconds, seeds, engine_of(engine.value, address, None).engine)
+        found = _spread(search, kind, n, seconds, seeds, chosen.engine)
     console.console.print(console.planned(name, found))
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())

@@ -42,9 +42,12 @@ class Chosen(NamedTuple):
 
 
 def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
-    """`local` or `ray`. Raises ConfigError where Ray is not installed, LinkError where no cluster answers."""
+    """`local` or `ray`. Raises ConfigError where Ray is not installed, or for an address without it; LinkError where no
+    cluster answers."""
     from allegro_twin.sweep.local import Local, cores
 
+    if address is not None and name != "ray":
+        raise ConfigError("--address is of a Ray cluster: say --engine ray, too")
     at_once = count or cores()
     if name == "ray":
         from allegro_twin.sweep.cluster import RayCluster

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
+from allegro_twin.evaluate.together import Measure
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.confirm import grasp_of, scenario_of
-from allegro_twin.plan.ease import eased
-from allegro_twin.plan.region import SHARE, Region
+from allegro_twin.plan.ease import SHARE, eased
+from allegro_twin.plan.region import Region, there
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -25,9 +28,20 @@ FIRST, MORE, MOST = 2, 6, 20
 """Draws that everybody gets, that the best get after them at a time, and that anybody gets at most."""
 GOOD = 0.85
 """An expected share of draws with which a grasp is good enough."""
-SQUEEZES = (1.2, 1.7)
-"""Factors on the squeeze among which draws choose: little slips, much rolls the object out of the fingers. With the
-first one joints stay below their limit."""
+
+
+class Squeeze(NamedTuple):
+    """How far the fingers of a candidate are told to go."""
+
+    factor: float = 1.0
+    """On what the quick test had."""
+    share: float = math.inf
+    """Of its torque limit that a joint holds with, at most."""
+
+
+AS_IT_IS = Squeeze()
+SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
+"""Among which draws choose: little slips, much rolls the object out of the fingers."""
 WHOLE = 4.5
 """What a whole trial costs, in quick ones."""
 SPARE = 3
@@ -52,11 +66,6 @@ class Planned:
     stall: float = float("nan")
     """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
     its torque limit."""
-
-    @property
-    def success(self) -> float:
-        """The share of draws that held; NaN without any."""
-        return self.held / self.tried if self.tried else float("nan")
 
     @property
     def expected(self) -> float:
@@ -117,12 +126,11 @@ class Prover:
         """Those of the best whose variations may be better."""
         return [option.candidate for option in self.ranked(self.options, 2 * SPARE) if not option.good]
 
-    def as_files(self, candidate: Candidate, squeeze: float = 1.0) -> tuple[Scenario, Grasp]:
-        """What is played of a candidate. `squeeze`: factor on how far its fingers are told to go."""
+    def as_files(self, candidate: Candidate, squeeze: Squeeze) -> tuple[Scenario, Grasp]:
+        """What is played of a candidate."""
         template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
-        grasp = grasp_of(candidate, template, self.spec, squeeze)
-        if squeeze == SQUEEZES[0]:
-            grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec)
+        grasp = grasp_of(candidate, template, self.spec, squeeze.factor)
+        grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
         return scenario_of(candidate, self.bench, self.scenario), grasp
 
     def _draw(self, options: Sequence[Planned], count: int) -> None:
@@ -141,14 +149,17 @@ class Prover:
         if trials:
             self.pace = (time.monotonic() - began) / len(trials)
 
+    @property
+    def measure(self) -> Measure | None:
+        """What tells whether an object is held where it is to be."""
+        return None if self.region is None else self.region.share
+
     def _confirm(self, options: Sequence[Planned]) -> None:
         """Try each in the whole trial."""
         cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
-        measure = None if self.region is None else self.region.share
-        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, measure)
+        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, self.measure)
         for option, verdict in zip(options, verdicts, strict=True):
-            there = verdict.measured.get("region", 1.0) > SHARE
-            option.confirmed = verdict.held and there
+            option.confirmed = verdict.held and there(verdict)
             self.ends["held" if option.confirmed else "elsewhere" if verdict.held else "whole trial"] += 1
             if verdict.report is not None:
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
@@ -168,12 +179,14 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
     runner = Bench(prover.spec, protocol.gains or "default", protocol.period or PERIOD, prover.threads)
-    options = [Planned(c, *prover.as_files(c), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates]
+    options = [
+        Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
+    ]
     for ways in (slice(0, 2), slice(2, None)):
         cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
-        verdicts = runner.verdicts([case for each in cases for case in each], hasty=True)
+        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, hasty=True)
         for option, each in zip(options, cases, strict=True):
-            reports = [verdict.report for verdict in (next(verdicts) for _ in each) if verdict.held]
+            reports = [verdict.report for verdict in (next(verdicts) for _ in each) if verdict.held and there(verdict)]
             held = [report for report in reports if report is not None]
             option.confirmed = len(held) == len(each)
             option.margin = min([option.margin, *(report.margin for report in held)])

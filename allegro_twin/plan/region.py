@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.together import Verdict
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.sim.contacts import touching
@@ -43,6 +44,11 @@ class Region:
         force = np.sum(touch.force * touch.normals, axis=1)
         inside = self.contains((touch.points - body.xpos) @ body.xmat.reshape(3, 3))
         return {"region": float(force[inside].sum() / force.sum()) if force.sum() > 0.0 else 0.0}
+
+
+def there(verdict: Verdict) -> bool:
+    """Whether enough of the force was in the region, where one was asked for."""
+    return verdict.measured.get("region", 1.0) > SHARE
 
 
 def region(text: str) -> Region:

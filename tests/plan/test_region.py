@@ -14,9 +14,11 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
+from allegro_twin.evaluate.uncertainty import Uncertainty
 from allegro_twin.plan.propose import Proposer
+from allegro_twin.plan.prove import Prover, pushed
 from allegro_twin.plan.region import in_frame_of, region
-from allegro_twin.plan.search import Search
+from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
 
@@ -75,3 +77,16 @@ def test_a_search_for_what_cannot_be_proposed_ends_at_its_time() -> None:
     began = time.monotonic()
     assert search.run(1, 2.0) == []
     assert time.monotonic() - began < 60.0
+
+
+def test_in_the_air_an_object_is_held_by_its_part_too() -> None:
+    """What holds the pushes, but elsewhere, is not returned."""
+    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
+    search = Search(scenario, SPEC, templates(SPEC), effort=Effort(guessed=24, closed=8))
+    (planned,) = search.run(1, 100.0)
+    inside, outside = region("z>-1"), region("z>1")
+    bench = Workbench(SPEC, stage(scenario, load_protocol("fc"), "right", Path()))
+    for by, kept in ((inside, 1), (outside, 0)):
+        prover = Prover(bench, scenario, SPEC, search.templates, Path(), 0, Uncertainty(), None, by)
+        pushed(prover, [planned.candidate])
+        assert len(prover.best(5)) == kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,15 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.kinematics.orientation import facing
+from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp
 from allegro_twin.plan.begin import first_guess
+from allegro_twin.plan.candidate import Candidate
+from allegro_twin.plan.ease import eased
 from allegro_twin.plan.improve import Improvement, Version, varied
 from allegro_twin.plan.keep import in_words, stored, written
-from allegro_twin.plan.prove import FIRST, MORE, Planned
+from allegro_twin.plan.prove import FIRST, MORE, Planned, best_of
 from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
@@ -32,24 +36,26 @@ LITTLE = Effort(guessed=24, closed=8, drawn=3)
 
 
 @pytest.fixture(scope="module")
-def found() -> tuple[Search, list[Planned]]:
+def found() -> tuple[Search, list[Planned], int]:
+    """And in how many rounds."""
     search = Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), effort=LITTLE)
-    return search, search.run(1, 100.0)
+    rounds: list[int] = []
+    return search, search.run(1, 100.0, lambda best, at: rounds.append(len(best))), len(rounds)
 
 
-def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[Planned]]) -> None:
-    search, (planned,) = found
+def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[Planned], int]) -> None:
+    search, (planned,), rounds = found
     assert planned.margin > 0.0
     assert planned.tried >= FIRST + MORE
     assert planned.expected == (planned.held + 1) / (planned.tried + 2)
     assert search.ends["held"] >= 1
     closed = sum(search.ends[name] for name in search.ends if name not in ("held", "whole trial"))
-    assert closed % LITTLE.closed == 0, "whole rounds, each candidate with one end"
+    assert closed == rounds * LITTLE.closed, "each candidate has one end"
 
 
-def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned]], tmp_path: Path) -> None:
+def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned], int], tmp_path: Path) -> None:
     """The same trial from its files gives the same margin, to the last digit."""
-    _, (planned,) = found
+    _, (planned,), _ = found
     (path,) = written([planned], "ball", tmp_path, SPEC)
     assert path == tmp_path / "ball_1.yaml"
     (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
@@ -61,17 +67,17 @@ def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned]]
 
 
 def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
-    found: tuple[Search, list[Planned]], tmp_path: Path
+    found: tuple[Search, list[Planned], int], tmp_path: Path
 ) -> None:
-    _, (planned,) = found
+    _, (planned,), _ = found
     stored(planned.grasp, "ball_1", tmp_path / "ball_1.yaml", SPEC, in_words(planned), evidence="ball_1")
     library, left = Library(tmp_path), load_spec(side="left")
     np.testing.assert_array_equal(library.grasp("ball_1", SPEC).squeeze, planned.grasp.squeeze)
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
 
 
-def test_the_same_seed_finds_the_same_grasp(found: tuple[Search, list[Planned]]) -> None:
-    search, (planned,) = found
+def test_the_same_seed_finds_the_same_grasp(found: tuple[Search, list[Planned], int]) -> None:
+    search, (planned,), _ = found
     (again,) = Search(search.scenario, SPEC, search.templates, effort=LITTLE).run(1, 100.0)
     np.testing.assert_array_equal(again.grasp.squeeze, planned.grasp.squeeze)
     assert again.margin == planned.margin
@@ -92,6 +98,31 @@ def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis() -> None:
     (planned,) = search.run(1, 100.0)
     assert planned.margin > 0.0
     assert search.ends["held"] >= 1
+
+
+def test_joints_that_are_eased_hold_with_a_share_of_their_limit_where_they_rest() -> None:
+    """Others stay as they are."""
+    gains, rest = load_gains("default", SPEC), LEMON.grasp.close
+    reach = SPEC.actuation.torque_limit / gains.kp
+    told = rest + reach * np.linspace(-2.0, 2.0, SPEC.n_joints)
+    share = (eased(replace(LEMON.grasp, squeeze=told), rest, gains, SPEC, 0.5).squeeze - rest) / reach
+    wide = (SPEC.lower < told) & (told < SPEC.upper)
+    assert wide.sum() > 10
+    np.testing.assert_allclose(share[wide], np.clip(np.linspace(-2.0, 2.0, SPEC.n_joints), -0.5, 0.5)[wide], atol=2e-3)
+
+
+def test_of_two_options_for_one_place_the_one_that_is_expected_to_hold_more_is_kept() -> None:
+    """Eight of eight are better than two of two, for there is less doubt."""
+    none, rest = np.zeros(3), np.zeros(SPEC.n_joints)
+    candidate = Candidate(none, np.eye(3), none, rest, rest, rest, rest, rest, "tripod_lemon")
+    elsewhere = replace(candidate, position=np.array([0.1, 0.0, 0.0]))
+    sure, lucky, other = (
+        Planned(each, LEMON.scenario, LEMON.grasp, tried, tried)
+        for each, tried in ((candidate, 8), (candidate, 2), (elsewhere, 1))
+    )
+    assert best_of([lucky, other, sure], 5, None) == [sure, other]
+    assert sure.good
+    assert not lucky.good
 
 
 @pytest.mark.long

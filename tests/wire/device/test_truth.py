@@ -10,6 +10,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, TorqueCommand
+from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import on_a_bus
 
 TORQUE = 240 / 1200 * np.tile([0.25, 1.0, 0.75, 0.5], 4)  # Whole counts, and half of them, too.
@@ -17,7 +18,10 @@ TORQUE = 240 / 1200 * np.tile([0.25, 1.0, 0.75, 0.5], 4)  # Whole counts, and ha
 
 def swung(share: float, **scene: Any) -> Array:
     """Where the joints are in each of 60 periods under a share of a torque."""
-    backend = on_a_bus("v4", scene={"kind": "sim", **scene})
+    return played(on_a_bus("v4", scene={"kind": "sim", **scene}), share)
+
+
+def played(backend: CanBackend, share: float) -> Array:
     found = [backend.reset().position]
     for _ in range(60):
         backend.write(TorqueCommand(share * TORQUE))
@@ -57,13 +61,7 @@ def test_a_truth_that_nobody_would_read_is_refused() -> None:
 
 
 def suffered(*script: dict[str, Any], share: float = 1.0, **chance: float) -> Array:
-    backend = on_a_bus("v4", scene={"kind": "sim"}, faults={"script": list(script), **chance})
-    found = [backend.reset().position]
-    for _ in range(60):
-        backend.write(TorqueCommand(share * TORQUE))
-        found.append(backend.read().position)
-    backend.close()
-    return np.array(found)
+    return played(on_a_bus("v4", scene={"kind": "sim"}, faults={"script": list(script), **chance}), share)
 
 
 def test_what_goes_wrong_with_a_joint_shows_from_that_moment_on() -> None:
