@@ -32,6 +32,8 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
     made = Planned(candidate, scenario, grasp, 8, 7, True, False, 0.25, 0.5)
     again = planned_of(json.loads(json.dumps(plain(made))), [grasp])
     assert plain(again) == plain(made)
+    for name in Candidate.__slots__:
+        np.testing.assert_array_equal(getattr(again.candidate, name), getattr(candidate, name))
     assert again.scenario == scenario
     assert again.expected == made.expected
     np.testing.assert_array_equal(again.grasp.squeeze, grasp.squeeze)
