@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -25,17 +25,30 @@ UNITS = {
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 Extras = Callable[[], Mapping[str, Array]]
+_END = bytes.fromhex("ffffffff00000000")
+"""Of a stream: Arrow's columnar format, "IPC Streaming Format"."""
 _log = logging.getLogger(__name__)
+
+
+class _Done(NamedTuple):
+    """What is in the file for good."""
+
+    rows: int
+    size: int
+    """Bytes."""
 
 
 class Recorder:
     """Writes samples to a file, a batch at a time. `extras` adds columns of one axis each, by name.
 
+    A signal may interrupt any line of it: every batch has its place in the file, so that one that was begun is written
+    again, and what counts as written changes in one step.
+
     Raises RecordingError when the file cannot be made or the disk is full; what was written stays readable.
     """
 
     def __init__(self, path: Path, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None) -> None:
-        self._path, self._rows = path, 0
+        self._path, self._rows, self._done = path, 0, _Done(0, 0)
         self._meta = {
             "format": FORMAT,
             "version": VERSION,
@@ -45,10 +58,10 @@ class Recorder:
         }
         pa.array(np.zeros(1))  # Its first call imports a part of NumPy: not in the middle of a motion.
         self._buffers: dict[str, Array] = {}
-        self._writer: pa.RecordBatchStreamWriter | None = None
+        self._schema: pa.Schema | None = None
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("wb")
+            self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror or error}") from error
 
@@ -57,9 +70,9 @@ class Recorder:
         state, command = sample
         name = "command_torque" if isinstance(command, TorqueCommand) else "command_position"
         goal = command.torque if isinstance(command, TorqueCommand) else command.position
-        if self._writer is None:
+        if self._schema is None:
             self._begin(sample, {name: goal, **(extras or {})})
-        row, buffers = self._rows, self._buffers
+        row, buffers = self._rows - self._done.rows, self._buffers
         buffers["t"][row] = state.t
         buffers["tick"][row] = state.tick
         buffers["position"][row] = state.position
@@ -72,22 +85,20 @@ class Recorder:
             for key, value in extras.items():
                 buffers[key][row] = value
         self._rows += 1
-        if self._rows == BATCH:
+        if row + 1 == BATCH:
             self._flush()
 
     def close(self) -> None:
         """Write what is left and the end of the stream. Raises RecordingError when the disk is full."""
         if self._file.closed:
             return
+        self._flush()
+        if self._schema is not None:
+            self._write(_END)
         try:
-            self._flush()
-            if self._writer is not None:
-                self._writer.close()
             self._file.close()
         except OSError as error:
             raise self._failed(error) from error
-        finally:
-            _quietly_close(self._file)
 
     def _begin(self, sample: Sample, extra: Mapping[str, Array]) -> None:
         fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]
@@ -98,29 +109,36 @@ class Recorder:
             self._buffers[name] = np.empty((BATCH, len(value)))
         fields = [field.with_metadata({"unit": UNITS.get(field.name, "")}) for field in fields]
         schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
-        try:
-            self._writer = pa.ipc.new_stream(self._file, schema)
-            self._file.flush()
-        except OSError as error:
-            raise self._failed(error) from error
+        head = schema.serialize()
+        self._write(head)
+        self._done = _Done(0, head.size)
+        self._schema = schema
 
     def _flush(self) -> None:
-        if self._writer is None or not self._rows:
+        count = self._rows - self._done.rows
+        if not count:
             return
         columns = []
         for buffer in self._buffers.values():
-            rows = buffer[: self._rows]
+            rows = buffer[:count]
             flat = pa.array(rows.reshape(-1))
             columns.append(flat if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, rows.shape[1]))
-        self._rows = 0
+        message = pa.record_batch(columns, schema=self._schema).serialize()
+        self._write(message)
+        self._done = _Done(self._rows, self._done.size + message.size)
+
+    def _write(self, message: Any) -> None:
+        """After what is done, wherever an earlier attempt ended."""
+        rest = memoryview(message)
         try:
-            self._writer.write_batch(pa.record_batch(columns, names=list(self._buffers)))
-            self._file.flush()
+            self._file.seek(self._done.size)
+            while rest:
+                rest = rest[self._file.write(rest) :]
         except OSError as error:
             raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> RecordingError:
-        self._writer, self._rows = None, 0
+        self._schema, self._done = None, self._done._replace(rows=self._rows)
         _quietly_close(self._file)
         return RecordingError(
             f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
@@ -137,10 +155,14 @@ def recorded(
     extras: Extras | None = None,
 ) -> Iterator[Sample]:
     """A stage that writes every sample before it passes it on."""
-    with closing(Recorder(path, spec, period, meta)) as recorder:
-        for sample in samples:
-            recorder.add(sample, extras() if extras is not None else None)
-            yield sample
+    recorder = Recorder(path, spec, period, meta)
+    try:
+        with closing(recorder):
+            for sample in samples:
+                recorder.add(sample, extras() if extras is not None else None)
+                yield sample
+    finally:
+        recorder.close()  # For a signal may have interrupted the first one.
 
 
 def _quietly_close(file: Any) -> None:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pyarrow as pa
@@ -17,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import RecordingError
+from allegro_twin.replay import recorder as recorder_module
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recorder import BATCH, Recorder
 from allegro_twin.replay.recording import load
@@ -95,6 +97,51 @@ def test_a_killed_process_loses_at_most_the_last_batch(tmp_path: Path) -> None:
     assert written - BATCH <= len(recording)
     assert not recording.complete
     np.testing.assert_array_equal(recording.columns["tick"], np.arange(len(recording)))
+
+
+class Interrupting:
+    """Ctrl-C at the nth line that is executed in the recorder's module."""
+
+    def __init__(self, nth: int) -> None:
+        self.left = nth
+
+    def __call__(self, frame: FrameType, event: str, argument: object) -> Interrupting | None:
+        if frame.f_code.co_filename != recorder_module.__file__:
+            return None
+        self.left -= event == "line"
+        if self.left == 0:
+            self.left = -1
+            raise KeyboardInterrupt
+        return self
+
+
+@pytest.mark.filterwarnings("ignore:Exception ignored in")  # A file that was opened by a line that never ended.
+def test_an_interruption_at_any_line_leaves_a_whole_recording_of_all_that_was_passed_on(
+    tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "BATCH", 3)
+    path, nth, begun = tmp_path / "r.arrow", 0, 0
+    while True:
+        nth += 1
+        passed, interrupting = 0, Interrupting(nth)
+        samples = recorder_module.recorded(map(sample, range(8)), path, spec, 0.003)
+        sys.settrace(interrupting)
+        try:
+            for _ in samples:
+                passed += 1
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(None)
+        if passed:
+            begun += 1
+            recording = load(path)
+            assert recording.complete
+            assert len(recording) in (passed, passed + 1)
+            np.testing.assert_array_equal(recording.columns["tick"], np.arange(len(recording)))
+        if interrupting.left > 0:
+            break
+    assert begun > 100
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
