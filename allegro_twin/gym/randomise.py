@@ -72,6 +72,8 @@ class Randomise(Settings):
     wrist_tilt: Range | None = None
     """The palm leans by up to so much about each of its axes, rad."""
 
+    touch_noise: Range | None = None
+    """Half-width of the noise on the external torque of joints, N·m."""
     camera_shift: Range | None = None
     """Half-width of the noise on where a privileged task sees its object, m."""
     camera_turn: Range | None = None
@@ -97,6 +99,7 @@ class Randomise(Settings):
             actuator_delay=(0, 2),
             sensor_delay=(0, 1),
             wrist_tilt=(0.0, 0.05),
+            touch_noise=(0.0, 0.02),
             camera_shift=(0.0, 0.005),
             camera_turn=(0.0, 0.1),
             camera_delay=(0, 1),
