@@ -43,6 +43,9 @@ class Thing:
     collision: Collision = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
 
+    stretch: float = 1.0
+    """Of a mesh: how much larger this one is. It is cut into pieces as it was before."""
+
     def half_extents(self) -> Array:
         """Half-sizes of the bounding box in the object's own axes, shape (3,), m. Not for files."""
         match self.shape, self.size:
@@ -60,6 +63,13 @@ class Thing:
 
     def mesh(self) -> Mesh:
         """Of a mesh: its surface, or its hull's. Raises ConfigError."""
+        return self._mesh().times(self.stretch)
+
+    def pieces(self) -> list[Mesh]:
+        """Of a mesh: the convex pieces that touch. Raises ConfigError."""
+        return [piece.times(self.stretch) for piece in pieces_of(self._mesh(), str(self.file))]
+
+    def _mesh(self) -> Mesh:
         assert self.file is not None
         return load_mesh(self.file, self.scale) if self.collision == "pieces" else load_hull(self.file, self.scale)
 
@@ -135,7 +145,7 @@ def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dic
     made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
     body.add_geom(type=kind, meshname=thing.name, contype=0, conaffinity=0, **look)
     touch = {"type": kind, "mass": 0.0, "group": 3} | {key: look[key] for key in ("friction", "condim")}
-    pieces = pieces_of(mesh, str(thing.file))
+    pieces = thing.pieces()
     table = spec.geom("table") if len(pieces) > 1 else None
     if table is not None:
         touch |= _stood(body, table, thing.name, touch)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,6 +16,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
+from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.sim.decompose import pieces_of, standing_out
 from allegro_twin.sim.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
 from allegro_twin.sim.objects import Placement, Thing, add
@@ -130,6 +132,25 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
     monkeypatch.setattr("coacd.run_coacd", None)
     for again, piece in zip(pieces_of(mesh, "ring"), pieces, strict=True):
         np.testing.assert_array_equal(again.vertices, piece.vertices)
+
+
+def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each draw of a size would cost half a minute otherwise."""
+    thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
+    pieces = thing.pieces()
+    monkeypatch.setattr("coacd.run_coacd", None)
+    case = Draw(size=1.05, mass=1.2)
+    around = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), (Placement(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True)
+    (larger,) = case.on(around).things
+    for piece, one in zip(larger.thing.pieces(), pieces, strict=True):
+        np.testing.assert_allclose(piece.vertices, 1.05 * one.vertices, rtol=1e-12)
+    np.testing.assert_allclose(larger.thing.half_extents(), 1.05 * thing.half_extents())
+    assert larger.position[2] == pytest.approx(1.05 * HALF)
+    model = compile_scene(load_spec(), replace(around, things=(larger,)))
+    assert model.geom("ring/standing").dataid[0] == model.geom("ring").dataid[0]
+    first = int(model.mesh("ring").vertadr[0])
+    extents = np.ptp(model.mesh_vert[first : first + int(model.mesh("ring").vertnum[0])], axis=0)
+    np.testing.assert_allclose(np.sort(extents), np.sort(2.1 * thing.half_extents()), rtol=1e-5)
 
 
 def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:
