@@ -12,7 +12,7 @@ from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
 from allegro_twin.gym.sensing import Sensing
-from allegro_twin.gym.settings import EnvSettings, read_options
+from allegro_twin.gym.settings import EnvSettings, Options, read_options
 from allegro_twin.gym.state import State
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tasks.base import Flags, Outcome
@@ -65,6 +65,8 @@ class Engine:
                 values[name] = np.full(len(rows), value)
         variant = task.variant(rows, draws, chosen)
         task.vary(rows, variant, draws, values, chosen)
+        if "size" in values:
+            values["size"] = self._sized(variant, values["size"], chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
         task.begin(rows, variant, draws, values, chosen)
@@ -142,6 +144,14 @@ class Engine:
                 success=outcome.success & ~diverged,
             )
         return outcome, diverged
+
+    def _sized(self, variant: Rows, drawn: Array, chosen: Options) -> Array:
+        sizes = self._physics.sizes(variant, drawn)
+        if chosen.size is not None and not np.array_equal(sizes, drawn):
+            raise ConfigError(
+                "a mesh keeps its size in an episode: leave out the option size, or give it another scale"
+            )
+        return sizes
 
     def _remember(self, rows: Rows) -> None:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))

@@ -142,6 +142,12 @@ class Physics:
         joints = [worlds.model.joint(name).dofadr[0] for name in worlds.spec.joints]
         self._dofs = np.array(joints)
 
+    def sizes(self, variant: Rows, factor: Array) -> Array:
+        """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
+        if self._thing is None:
+            return factor
+        return np.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)
+
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
         """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
         for name, value in values.items():

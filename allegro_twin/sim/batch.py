@@ -103,6 +103,11 @@ class Worlds:
         joint = self.model.joint(name)
         return self._qpos[:, joint.qposadr[0]], self._ctrl[:, self.model.actuator(name).id]
 
+    def meshes(self, body: Body) -> NDArray[np.bool_]:
+        """Of each variant, (variants,): whether a body has a mesh among its shapes, which no simulation can resize."""
+        found = [bool((model.geom_type[body.geoms] == mujoco.mjtGeom.mjGEOM_MESH).any()) for model in self._models]
+        return np.array(found)
+
     def external(self) -> Array:
         """What contacts, dry friction and end stops do to the joints, (n, joints), N·m: as of the last step, live."""
         forces: Array = self._batch.bind("qfrc_constraint")[:, self._motion_columns]
