@@ -17,6 +17,7 @@ from allegro_twin.cli import (
     live,
     looking,
     planning,
+    ros,
     running,
     shipped,
     training,
@@ -58,6 +59,7 @@ bus.register(app)
 training.register(app)
 evaluating.register(app)
 twin.register(app)
+ros.register(app)
 
 
 def main() -> None:
