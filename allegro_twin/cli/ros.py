@@ -31,7 +31,7 @@ def ros2(
         bool, typer.Option("--network", help="Be seen, and obey, beyond this machine: ROS asks nobody for a password.")
     ] = False,
 ) -> None:
-    """A hand on ROS 2, without ROS installed: joint_states, tf, joint_cmd, lib_cmd, joint_trajectory; Ctrl-C ends it."""
+    """A hand on ROS 2, without ROS installed: joint_states, tf, joint_cmd, lib_cmd, trajectories; Ctrl-C ends it."""
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config

@@ -11,7 +11,7 @@ from allegro_twin.types import Array, Vector, frozen
 class Timed:
     """Through postures at times. Without velocities in straight lines; with them on cubics that have them,
 
-        q(s) = h₀₀ a + h₁₀ T ȧ + h₀₁ b + h₁₁ T ḃ        s = (t - t_a) / T, Hermite's h
+    q(s) = h₀₀ a + h₁₀ T ȧ + h₀₁ b + h₁₁ T ḃ        s = (t - t_a) / T, Hermite's h
     """
 
     def __init__(self, times: Vector, postures: Array, velocities: Array | None = None) -> None:

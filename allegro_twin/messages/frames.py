@@ -98,8 +98,6 @@ def _message(words: Vocabulary, stamp: int, frames: list[Frame], turns: Array) -
         )
         header = words.header(stamp, frame.parent)
         transforms.append(
-            words.make(
-                "geometry_msgs/msg/TransformStamped", header=header, child_frame_id=frame.child, transform=place
-            )
+            words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=frame.child, transform=place)
         )
     return words.make(TF, transforms=transforms)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cache
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -42,7 +43,7 @@ class Vocabulary:
         """The message in CDR bytes. Raises ConfigError for bytes that are none of that type."""
         try:
             return self._store.deserialize_cdr(data, kind)
-        except Exception as error:  # noqa: BLE001 - the reader is generated code: what it meets in bad bytes it raises.
+        except Exception as error:
             raise ConfigError(f"{len(data)} bytes are no {kind}: {error}") from error
 
     def definition(self, kind: str) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from allegro_twin.errors import ConfigError, HandError, LinkError, MotionStalled
 from allegro_twin.hand import Hand
 from allegro_twin.messages.vocabulary import Vocabulary
-from allegro_twin.ros.drivers import Drivers
+from allegro_twin.ros.drivers import QUIET, Drivers
 from allegro_twin.ros.node import Node, Received, full
 from allegro_twin.ros.reports import Reports
 from allegro_twin.ros.topics import HEARD, PUBLISHED, WRENCH
@@ -19,6 +19,7 @@ from allegro_twin.ros.wishes import Wishes
 from allegro_twin.types import Sample
 
 log = logging.getLogger(__name__)
+_OTHER = f"another program drives the hand, or has switched it off; this one is obeyed after {QUIET:g} s of quiet"
 _WAIT = 0.05  # s: how long the end of a hand may go unnoticed.
 
 
@@ -102,10 +103,11 @@ class Bridge:
         topic, data, sender = received
         now = time.monotonic()
         try:
-            if not self._wishes.stops(topic, data) and not self._drivers.may(sender, now):
+            if self._wishes.stops(topic, data):
+                self._drivers.stop(sender)
+            elif not self._drivers.may(sender, now):
                 if self._drivers.first_refusal(sender):
-                    self._refuse(topic, f"{topic}: another program drives the hand; this one is not obeyed until that "
-                                        "has been quiet for 1 s")  # fmt: skip
+                    self._refuse(topic, f"{topic}: {_OTHER}")
                 return
             seconds = self._wishes.carry_out(topic, data, sender)
             if seconds:

@@ -23,7 +23,7 @@ from allegro_twin.ros.idl import wire
 HIGHEST = 232
 """Of domain ids: the ports of a higher one are not there, DDSI-RTPS 9.6.1."""
 LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
-<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
+</General><Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>99</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 """Only this machine, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it."""
@@ -59,6 +59,10 @@ class Quality(NamedTuple):
         )
 
 
+PLAIN = Quality()
+"""What ROS 2 has where nothing is said."""
+
+
 class Node:
     """One participant with one node. Nothing waits here but `wait`. Raises ConfigError for a name or a domain that ROS
     does not allow, LinkError where the network does not let it."""
@@ -74,18 +78,17 @@ class Node:
                 _domains[domain] = Domain(domain, LOOPBACK)
             self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
-            raise LinkError(f"cannot join ROS domain {domain}: {error.msg}; another --domain, or see allegro-twin doctor"
-                            ) from error  # fmt: skip
+            raise LinkError(f"cannot join ROS domain {domain}: {error.msg}; try another --domain") from error
         self._writers: dict[str, Any] = {}
         self._readers: dict[str, Any] = {}
         self._waiting = WaitSet(self._participant)
         self._nodes = self._writer("ros_discovery_info", NODES, Quality(1, latched=True), hashed=False)
 
-    def advertise(self, topic: str, kind: str, quality: Quality = Quality()) -> None:
+    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
         """Begin to publish a topic."""
         self._writers[topic] = self._writer(self._dds(topic), kind, quality)
 
-    def subscribe(self, topic: str, kind: str, quality: Quality = Quality()) -> None:
+    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
         """Begin to hear a topic."""
         place = Topic(self._participant, self._dds(topic), wire(self.words, kind))
         reader = DataReader(self._participant, place, quality.qos(self._hash(kind)))
@@ -124,7 +127,12 @@ class Node:
         return len(self._readers[topic].get_matched_publications())
 
     def close(self) -> None:
-        """Leave the domain. Idempotent."""
+        """Leave the domain, when the last words were heard or 0.2 s have passed. Idempotent."""
+        for writer in self._writers.values():
+            try:
+                writer.wait_for_acks(duration(milliseconds=200))
+            except (DDSException, AttributeError):
+                break  # Somebody does not listen any more; cyclonedds 11.0.1 misnames its own time-out.
         self._readers.clear()
         self._writers.clear()
         self.__dict__.pop("_waiting", None)
@@ -168,4 +176,3 @@ def checked(namespace: str) -> str:
     if namespace.strip("/") and not all(_NAME.fullmatch(part) for part in parts):
         raise ConfigError(f"a ROS namespace has letters, digits and _ between slashes, not {namespace!r}")
     return "/" + namespace.strip("/")
-

@@ -25,7 +25,7 @@ pytest.importorskip("cyclonedds", reason="needs the extra ros2")
 
 from allegro_twin.ros import open_bridge
 from allegro_twin.ros.bridge import Bridge
-from allegro_twin.ros.node import Node, Quality
+from allegro_twin.ros.node import PLAIN, Node, Quality
 
 DOMAIN = 1 + os.getpid() % 100
 _numbers = itertools.count()
@@ -40,7 +40,7 @@ class Peer:
     namespace: str
     heard: list[tuple[str, Any]] = field(default_factory=list)
 
-    def hear(self, topic: str, kind: str, quality: Quality = Quality()) -> None:
+    def hear(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
         self.node.subscribe(self.full(topic), kind, quality)
         self.kinds[self.full(topic)] = kind
 
@@ -121,10 +121,8 @@ def peer(make_peer: Callable[[], Peer]) -> Peer:
     return make_peer()
 
 
-def sim_config(side: str = "right") -> RunConfig:
-    return RunConfig.model_validate(
-        {"hand": {"side": side}, "backend": {"kind": "sim"}, "controller": {"kind": "pid"}}
-    )
+def sim_config(**blocks: Any) -> RunConfig:
+    return RunConfig.model_validate({"backend": {"kind": "sim"}, "controller": {"kind": "pid"}} | blocks)
 
 
 @contextmanager

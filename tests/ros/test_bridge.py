@@ -43,9 +43,7 @@ def trajectory(
             velocities=np.zeros(0) if velocities is None else np.asarray(velocities[k], dtype=float),
             accelerations=np.zeros(0),
             effort=np.zeros(0),
-            time_from_start=words.make(
-                "builtin_interfaces/msg/Duration", sec=int(t // 1), nanosec=round(t % 1 * 1e9)
-            ),
+            time_from_start=words.make("builtin_interfaces/msg/Duration", sec=int(t // 1), nanosec=round(t % 1 * 1e9)),
         )
         for k, (t, row) in enumerate(zip(times, postures, strict=True))
     ]
@@ -67,7 +65,7 @@ def test_joint_states_come_at_the_rate_with_the_hands_own_names(hand: Hand, peer
     began = time.monotonic()
     peer.listen(2.0)
     messages = [message for _, message in peer.heard]
-    assert 0.7 * 100 < len(messages) / (time.monotonic() - began) < 1.2 * 100
+    assert 20 < len(messages) / (time.monotonic() - began) < 120  # 100 Hz, on a computer that has time.
     assert messages[0].name == list(hand.spec.joints)
     stamps = [v.nanoseconds(message.header.stamp) for message in messages]
     assert (np.diff(stamps) > 0).all()
@@ -96,7 +94,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
 
     participant = peer.node._participant
     reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), LATCHED.qos())
-    mine = []
+    mine: list[tuple[Any, Any]] = []
 
     def found() -> bool:
         for sample in reader.take(N=20):
@@ -110,7 +108,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     endpoints = BuiltinDataReader(participant, BuiltinTopicDcpsPublication).take(N=200)
     written = {bytes(gid.data) for gid in node.writer_gid_seq}
     topics = {}
-    waited(lambda: bool(endpoints.extend(  # type: ignore[func-returns-value]  # Both are wanted.
+    waited(lambda: bool(endpoints.extend(  # Both are wanted.
         BuiltinDataReader(participant, BuiltinTopicDcpsPublication).take(N=200)) or
         written <= {each.key.bytes for each in endpoints}), "a topic is not to be seen")  # fmt: skip
     for each in endpoints:
@@ -190,7 +188,10 @@ def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[An
     """Trajectories that are refused, and in which words."""
     nan, far = home.copy(), home.copy()
     nan[3], far[3] = np.nan, 3.0
-    made = lambda *args, **more: trajectory(words, spec, *args, **more)  # noqa: E731 - a shorter name, no more.
+
+    def made(*what: Any, **more: Any) -> Any:
+        return trajectory(words, spec, *what, **more)
+
     return {
         "unknown": (made([1.0], [home], names=["thumb_9", *spec.joints[1:]]), "no joint named 'thumb_9'"),
         "missing": (made([1.0], [home[1:]], names=list(spec.joints[1:])), "lacks joint_0.0: it needs all 16 joints"),
@@ -202,11 +203,7 @@ def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[An
         "at once": (made([0.0, 1.0], [home, home]), "its first point is .* rad from the hand, at once"),
         "fast": (made([0.01], [home]), "rad/s; 12 is where the guard stops: slow down"),
         "past": (made([1.0], [home], stamp=5 * 10**9), "s ago by its stamp; set the clocks"),
-        "some": (made([1.0, 2.0], [home, home], np.array([home, home])), "positions|velocities|rad/s"),
     }
-
-
-BAD = ["unknown", "missing", "no names", "short", "NaN", "beyond", "back", "at once", "fast", "past"]
 
 
 def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
@@ -214,19 +211,17 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 ) -> None:
     import re
 
-    peer.lib_cmd("gravcomp")
-    waited(lambda: hand.controller == "gravity", "no gravity compensation")
-    before = hand.state.position
+    peer.lib_cmd("home")
+    waited(there(hand, home), "home was not reached")
     peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
     peer.hear("joint_states", v.JOINT_STATE)
-    for name in BAD:
-        message, said = bad(words, hand.spec, home)[name]
+    for name, (message, said) in bad(words, hand.spec, home + 0.2).items():
         peer.say(TRAJECTORY, message)
         refusal = peer.refusal()
         assert re.search(said, refusal), f"{name}: {refusal!r}"
         assert "\n" not in refusal
-    assert hand.controller == "gravity"
-    np.testing.assert_allclose(hand.state.position, before, atol=0.02)
+    assert hand.controller == "pid"
+    assert there(hand, home)()
 
 
 def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, peer: Peer, home: Vector) -> None:
@@ -250,9 +245,7 @@ def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, pe
     assert there(hand, home)()
 
 
-def test_a_second_program_is_not_obeyed_but_for_off(
-    hand: Hand, make_peer: Callable[[], Peer], home: Vector
-) -> None:
+def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Callable[[], Peer], home: Vector) -> None:
     first, second = make_peer(), make_peer()
     second.hear("/rosout", v.LOG, Quality(1000, latched=True))
     second.joint_cmd(hand.spec, home)
@@ -274,6 +267,8 @@ def test_a_second_program_is_not_obeyed_but_for_off(
         assert there(hand, home)()
         second.lib_cmd("off")
         waited(lambda: hand.controller == "torque", "off was not obeyed")
+        time.sleep(0.5)
+        assert hand.controller == "torque", "the stream went on after off"
     finally:
         over.set()
         thread.join()
@@ -291,6 +286,12 @@ def test_one_drives_until_it_was_quiet_or_its_motion_is_over() -> None:
     drivers.keep(b, 1.1, 5.0)
     assert not drivers.may(a, 6.0)
     assert drivers.may(a, 7.2)
+    drivers.stop(b)
+    assert not drivers.may(a, 7.9)
+    assert not drivers.may(a, 8.5)  # Quiet for 0.6 s only.
+    assert drivers.may(b, 8.5)
+    assert not drivers.may(a, 9.4)
+    assert drivers.may(a, 10.5)
 
 
 def test_what_pushes_on_a_fingertip_is_told_in_newtons(hand: Hand, peer: Peer, words: v.Vocabulary) -> None:
@@ -328,11 +329,10 @@ def test_a_bridge_that_ends_leaves_the_hand_as_it_is(namespace: str, home: Vecto
 
 
 def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: Peer) -> None:
-    with Hand.open(sim_config(), background=True) as hand:
+    with Hand.open(sim_config(limits={"velocity": 0.3}), background=True) as hand:
         peer.hear("/diagnostics", v.DIAGNOSTICS)
         with open_bridge(hand, namespace=namespace, domain=DOMAIN) as bridge:
-            assert hand.sim is not None
-            hand.sim.data.qvel[:] = 100.0  # Too fast: the guard stops it.
+            peer.lib_cmd("home")  # Faster than this guard lets it.
             with pytest.raises(HandFault):
                 bridge.serve()
             last = peer.listen(5.0, lambda topic, message: message.status[0].level == 2)

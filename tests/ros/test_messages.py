@@ -69,7 +69,9 @@ def test_types_have_the_hashes_that_real_systems_print(words: v.Vocabulary, kind
 
 
 def test_a_participants_id_has_the_length_of_its_distribution() -> None:
-    lengths = {distro: dict(v.vocabulary(distro).fields("rmw_dds_common/msg/Gid"))["data"][1][1] for distro in v.DISTROS}
+    lengths = {
+        distro: dict(v.vocabulary(distro).fields("rmw_dds_common/msg/Gid"))["data"][1][1] for distro in v.DISTROS
+    }
     assert lengths["humble"] == 24
     assert lengths["jazzy"] == lengths["lyrical"] == 16
 
@@ -141,3 +143,18 @@ def test_a_hand_of_another_shape_has_its_own_names(words: v.Vocabulary, spec: Ha
 def test_bytes_of_something_else_are_refused_in_one_line(words: v.Vocabulary) -> None:
     with pytest.raises(ConfigError, match="5 bytes are no sensor_msgs/msg/JointState"):
         words.decode(b"\0\1\0\0\5", v.JOINT_STATE)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bytes_that_were_cut_or_changed_never_raise_anything_else(words: v.Vocabulary, kind: str) -> None:
+    rng = np.random.default_rng(2)
+    data = words.encode(filled(words, kind, rng))
+    for _ in range(200):
+        damaged = bytearray(data[: int(rng.integers(0, len(data) + 1))])
+        for _ in range(int(rng.integers(0, 4))):
+            if damaged:
+                damaged[int(rng.integers(len(damaged)))] = int(rng.integers(256))
+        try:
+            words.decode(bytes(damaged), kind)
+        except ConfigError as error:
+            assert "\n" not in str(error)
