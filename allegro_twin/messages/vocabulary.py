@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from functools import cache
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -29,34 +28,34 @@ class Vocabulary:
     """The types of one distribution."""
 
     def __init__(self, distro: Distro) -> None:
-        self.distro, self._store = distro, _typestore(distro)
+        self.distro, self.store = distro, _typestore(distro)
 
     def make(self, kind: str, **fields: Any) -> Message:
         """A message of a type, `std_msgs/msg/String` say."""
-        return self._store.types[kind](**fields)
+        return self.store.types[kind](**fields)
 
     def encode(self, message: Message) -> bytes:
         """CDR, little-endian, with its header of four bytes, as it goes over the wire and into a bag."""
-        return bytes(self._store.serialize_cdr(message, message.__msgtype__))
+        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
 
     def decode(self, data: bytes, kind: str) -> Message:
         """The message in CDR bytes. Raises ConfigError for bytes that are none of that type."""
         try:
-            return self._store.deserialize_cdr(data, kind)
+            return self.store.deserialize_cdr(data, kind)
         except Exception as error:
             raise ConfigError(f"{len(data)} bytes are no {kind}: {error}") from error
 
     def definition(self, kind: str) -> str:
         """The .msg text with those of every type inside it, as bags carry it."""
-        return str(self._store.generate_msgdef(kind, ros_version=2)[0])
+        return str(self.store.generate_msgdef(kind, ros_version=2)[0])
 
     def hash(self, kind: str) -> str:
         """`RIHS01_…`, which ROS 2 since Iron compares types by."""
-        return str(self._store.hash_rihs01(kind))
+        return str(self.store.hash_rihs01(kind))
 
     def fields(self, kind: str) -> list[tuple[str, tuple[Any, Any]]]:
         """Names of a type's fields, with what they are as rosbags writes it: a node type and its arguments."""
-        return list(self._store.fielddefs[kind][1])
+        return list(self.store.fielddefs[kind][1])
 
     def time(self, nanoseconds: int) -> Message:
         """A moment since 1970, ns."""
