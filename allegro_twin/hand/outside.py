@@ -25,6 +25,7 @@ class Outside:
         """`speed`, rad/s: of a set-point's joints at most."""
         self._hand, self._mover, self._speed = hand, hand._mover, speed
         self._pursuit: Pursuit | None = None
+        self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
     def track(self, posture: Vector) -> None:
         """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time."""
