@@ -19,6 +19,7 @@ from allegro_twin.cli import (
     planning,
     ros,
     running,
+    schemas,
     shipped,
     training,
     twin,
@@ -60,6 +61,7 @@ training.register(app)
 evaluating.register(app)
 twin.register(app)
 ros.register(app)
+schemas.register(app)
 
 
 def main() -> None:
