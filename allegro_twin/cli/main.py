@@ -11,6 +11,7 @@ import typer
 
 from allegro_twin.cli import (
     bus,
+    doctor,
     ends,
     evaluating,
     exchange,
@@ -62,6 +63,7 @@ evaluating.register(app)
 twin.register(app)
 ros.register(app)
 schemas.register(app)
+doctor.register(app)
 
 
 def main() -> None:
