@@ -16,17 +16,20 @@ LAYERS = [
     {"errors", "types", "drive", "spec", "version"},
     {"backend", "files"},
     {"kinematics"},
-    {"description", "control", "loop", "safety"},
+    {"description", "control", "loop", "safety", "messages"},
     {"sim", "replay", "library", "wire"},
     {"policy"},
     {"config", "look", "evaluate", "identify", "mirror", "grasping"},
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
     {"hand"},
+    {"ros"},
     {"cli"},
 ]
 HOMES = {
     "can": {"wire"},
+    "cyclonedds": {"ros"},
+    "rosbags": {"messages", "replay", "ros"},
     "mujoco": {"sim", "look"},
     "mujoco_warp": {"sim"},
     "warp": {"sim"},
@@ -129,10 +132,10 @@ def test_every_library_has_one_home(path: Path) -> None:
         assert homes is None or own_room(path) in homes, f"{path.name} imports {module}, which lives in {homes}"
 
 
-def test_only_paced_sleeps_and_only_the_wire_the_trainer_and_the_planner_ask_for_the_time() -> None:
+def test_only_paced_sleeps_and_only_the_wire_ros_the_trainer_and_the_planner_ask_for_the_time() -> None:
     users = {p.relative_to(PACKAGE) for p in MODULES if "time" in imports(p) or "datetime" in imports(p)}
     dated = {"cli/calibration.py", "cli/identifying.py"}  # Write into a file on which day it was measured.
-    assert {str(p) for p in users if p.parts[0] not in ("wire", "train", "plan")} == {"loop.py", *dated}
+    assert {str(p) for p in users if p.parts[0] not in ("wire", "train", "plan", "ros")} == {"loop.py", *dated}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}
     assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1
 

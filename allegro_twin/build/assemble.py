@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from allegro_twin.backend import HandBackend
 from allegro_twin.build.controllers import make_controller
 from allegro_twin.build.rig import Rig, guarded
@@ -10,6 +12,9 @@ from allegro_twin.config import CanSettings, ReplaySettings, RunConfig, SimSetti
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
+
+if TYPE_CHECKING:
+    from allegro_twin.replay.recording import Recording
 
 STAY = 0.5
 """s that a hand in another program is held on after its scenario: on a busy computer its time may lag behind ours."""
@@ -52,13 +57,22 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim, backend)
 
 
-def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:
-    from allegro_twin.replay.backend import ReplayBackend
+def _recording(config: RunConfig, settings: ReplaySettings) -> Recording:
+    """Of a .arrow file, or of a bag."""
+    from allegro_twin.replay.bagged import from_bag, is_bag
     from allegro_twin.replay.recording import load
 
-    path = find(settings.file, "recording", "out", ".arrow")
-    recording = load(path, partial=settings.partial)
-    backend = ReplayBackend(recording)
+    if is_bag(settings.file):
+        spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+        return from_bag(settings.file, spec, config.period)
+    return load(find(settings.file, "recording", "out", ".arrow"), partial=settings.partial)
+
+
+def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:
+    from allegro_twin.replay.backend import ReplayBackend
+
+    recording = _recording(config, settings)
+    path, backend = recording.path, ReplayBackend(recording)
     if backend.spec.side != config.hand.side or backend.spec.model != config.hand.model:
         wanted = f"{config.hand.model}_{config.hand.side}"
         raise ConfigError(f"{path} is of the hand {backend.spec.name}; the config says {wanted}: change `hand`")

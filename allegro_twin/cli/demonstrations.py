@@ -6,19 +6,27 @@ from pathlib import Path
 
 from allegro_twin.errors import ConfigError, unknown
 
-FORMATS = ("lerobot", "minari")
+FORMATS = ("lerobot", "minari", "rosbag2")
 
 
 def packed(recordings: list[Path], folder: Path, kind: str, *, partial: bool) -> int:
     """Write a data set; the number of its rows. Raises ConfigError or RecordingError."""
+    from allegro_twin.replay.bags import to_rosbag2
+    from allegro_twin.replay.episodes import begin
     from allegro_twin.replay.lerobot import to_lerobot
     from allegro_twin.replay.minari import to_minari
     from allegro_twin.replay.recording import load
 
     if kind not in FORMATS:
         raise ConfigError(unknown("data set format", kind, FORMATS))
+    if kind == "rosbag2" and len(recordings) > 1:
+        raise ConfigError(f"{len(recordings)} recordings are as many bags: give one with --format rosbag2")
     loaded = [load(path, partial=partial) for path in recordings]
-    (to_lerobot if kind == "lerobot" else to_minari)(loaded, folder)
+    if kind == "rosbag2":
+        begin(loaded, folder)
+        to_rosbag2(loaded[0], folder)
+    else:
+        (to_lerobot if kind == "lerobot" else to_minari)(loaded, folder)
     return sum(len(recording) for recording in loaded)
 
 

@@ -11,6 +11,7 @@ import typer
 
 from allegro_twin.cli import (
     bus,
+    doctor,
     ends,
     evaluating,
     exchange,
@@ -18,7 +19,9 @@ from allegro_twin.cli import (
     live,
     looking,
     planning,
+    ros,
     running,
+    schemas,
     shipped,
     training,
     twin,
@@ -60,6 +63,9 @@ bus.register(app)
 training.register(app)
 evaluating.register(app)
 twin.register(app)
+ros.register(app)
+schemas.register(app)
+doctor.register(app)
 
 
 def main() -> None:

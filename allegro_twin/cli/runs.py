@@ -124,7 +124,7 @@ def convert(path: Path, target: Path, *, partial: bool) -> int:
     """Write a recording in the format that the target's suffix names; the number of rows."""
     from allegro_twin.replay.recording import load
 
-    writers: dict[str, Callable[[Any, Path], None]] = {".parquet": _parquet, ".csv": _csv, ".rrd": _rrd}
+    writers: dict[str, Callable[[Any, Path], None]] = {".parquet": _parquet, ".csv": _csv, ".rrd": _rrd, ".mcap": _mcap}
     if target.suffix not in writers:
         raise ConfigError(unknown("export format", target.suffix, writers))
     recording = load(path, partial=partial)
@@ -140,6 +140,12 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 
     found = make_recording(load_config(config), path, target, bus)
     return found.states, found.summary()
+
+
+def _mcap(recording: Any, target: Path) -> None:
+    from allegro_twin.replay.bags import to_mcap
+
+    to_mcap(recording, target)
 
 
 def _parquet(recording: Any, target: Path) -> None:

@@ -137,5 +137,6 @@ class ReplaySettings(Settings):
 
     kind: Literal["replay"]
     file: Path
+    """A .arrow recording, or a bag: .mcap, .bag, or a folder of rosbag2."""
     partial: bool = False
     """Use the readable rows of a recording that was cut short."""

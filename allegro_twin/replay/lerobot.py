@@ -1,4 +1,4 @@
-"""Recordings as a data set of LeRobot, version 2.1 of its layout, and back.
+"""Recordings as a data set of LeRobot, version 3.0 of its layout, and back.
 
 One episode a recording. `observation.state`, `observation.velocity` and `action` are float32, as its policies want
 them; every column of the recording is there a second time as it was, so the way back loses nothing.
@@ -7,9 +7,9 @@ them; every column of the recording is there a second time as it was, so the way
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,14 +19,26 @@ from numpy.typing import NDArray
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.whole import whole_folder
 from allegro_twin.replay.episodes import KEPT, action_of, begin, rebuilt, task_of
+from allegro_twin.replay.lerobot_meta import episode_rows, info, statistics, task_table
 from allegro_twin.replay.recording import Recording
 
-VERSION = "v2.1"
-CHUNK = 1000  # Episodes a folder: the format's own default.
-DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+VERSION = "v3.0"
+CHUNK = 1000  # Files a folder: the format's own default.
+MEGABYTES = 100  # A file of data: the format's own default.
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 OURS = "meta/allegro_twin.jsonl"
 """What the format has no place for: the metadata of every recording."""
 Columns = dict[str, NDArray[Any]]
+
+
+class Place(NamedTuple):
+    """Where the rows of an episode are."""
+
+    chunk: int
+    file: int
+    begin: int
+    end: int
 
 
 def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
@@ -39,39 +51,75 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
 
 def _write(recordings: Sequence[Recording], folder: Path) -> None:
     tasks = sorted({task_of(recording) for recording in recordings})
-    episodes, stats, index = [], [], 0
+    episodes, index = [], 0
     for number, recording in enumerate(recordings):
-        columns = _columns(recording, number, index, tasks.index(task_of(recording)))
+        episodes.append(_columns(recording, number, index, tasks.index(task_of(recording))))
         index += len(recording)
-        path = folder / DATA.format(episode_chunk=number // CHUNK, episode_index=number)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pa.parquet.write_table(pa.table({name: _arrow(values) for name, values in columns.items()}), path)
-        episodes.append({"episode_index": number, "tasks": [task_of(recording)], "length": len(recording)})
-        stats.append({"episode_index": number, "stats": {name: _stats(values) for name, values in columns.items()}})
-    (folder / "meta").mkdir()
-    _lines(folder / "meta/episodes.jsonl", episodes)
-    _lines(folder / "meta/episodes_stats.jsonl", stats)
-    _lines(folder / "meta/tasks.jsonl", [{"task_index": k, "task": task} for k, task in enumerate(tasks)])
-    _lines(folder / OURS, [dict(recording.meta) for recording in recordings])
-    (folder / "meta/info.json").write_text(json.dumps(_info(recordings, columns, len(tasks), index), indent=4))
+    places = list(_data(episodes, folder))
+    (folder / EPISODES).parent.mkdir(parents=True)
+    known = [name for name in episodes[0] if not any(np.isnan(columns[name]).any() for columns in episodes)]
+    stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
+    whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
+    rows = episode_rows(places, [task_of(recording) for recording in recordings], stats)
+    pa.parquet.write_table(rows, folder / EPISODES)
+    pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
+    (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
+    (folder / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
+    content = info(recordings, episodes[0], len(tasks), index) | {
+        "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
+    }  # fmt: skip
+    (folder / "meta/info.json").write_text(json.dumps(content, indent=4))
 
 
 def from_lerobot(folder: Path, episode: int = 0) -> Recording:
-    """One episode as the recording that it was. Raises RecordingError for a data set of other origin."""
+    """One episode as the recording that it was. Raises RecordingError for a data set of other origin or version."""
     ours = folder / OURS
     if not ours.is_file():
         raise RecordingError(f"{folder} has no {OURS}: it was not made of recordings of this package")
     metas = [json.loads(line) for line in ours.read_text().splitlines()]
     if not 0 <= episode < len(metas):
         raise RecordingError(f"{folder} has no episode {episode}; there are {len(metas)}")
-    path = folder / DATA.format(episode_chunk=episode // CHUNK, episode_index=episode)
+    version = json.loads((folder / "meta/info.json").read_text())["codebase_version"]
+    if version != VERSION:
+        raise RecordingError(
+            f"{folder} has version {version}; this program reads {VERSION}: lerobot's convert_dataset_v21_to_v30 "
+            "makes one of the other"
+        )
     try:
-        table = pa.parquet.read_table(path)
+        path, table = _rows(folder, episode)
     except (OSError, pa.ArrowException) as error:
-        raise RecordingError(f"{path}: not a readable episode: {error}") from error
+        raise RecordingError(f"{folder}: not a readable episode: {' '.join(str(error).split())}") from error
     kept = [name for name in table.column_names if name.startswith(f"{KEPT}.")]
     columns = {name.removeprefix(f"{KEPT}."): _numpy(table.column(name)) for name in kept}
     return rebuilt(path, metas[episode], columns)
+
+
+def _rows(folder: Path, episode: int) -> tuple[Path, pa.Table]:
+    """The file that has an episode, and its rows there."""
+    listed = ["data/chunk_index", "data/file_index"]
+    place = pa.parquet.read_table(folder / EPISODES, columns=listed).slice(episode, 1).to_pylist()[0]
+    path = folder / DATA.format(chunk_index=place[listed[0]], file_index=place[listed[1]])
+    return path, pa.parquet.read_table(path, filters=[("episode_index", "=", episode)])
+
+
+def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
+    """Write the rows of all episodes, several to a file, each a row group of its own."""
+    number, size, index = 0, 0, 0
+    writer: Any = None
+    for columns in episodes:
+        table = pa.table({name: _arrow(values) for name, values in columns.items()})
+        if writer is not None and size + table.nbytes > MEGABYTES * 2**20:
+            writer.close()
+            writer, size, number = None, 0, number + 1
+        if writer is None:
+            path = folder / DATA.format(chunk_index=number // CHUNK, file_index=number % CHUNK)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            writer = pa.parquet.ParquetWriter(path, table.schema)
+        writer.write_table(table)
+        size += table.nbytes
+        yield Place(number // CHUNK, number % CHUNK, index, index + len(table))
+        index += len(table)
+    writer.close()
 
 
 def _columns(recording: Recording, episode: int, index: int, task: int) -> Columns:
@@ -88,41 +136,6 @@ def _columns(recording: Recording, episode: int, index: int, task: int) -> Colum
         "task_index": np.full(len(rows), task),
     }
     return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
-
-
-def _info(recordings: Sequence[Recording], columns: Columns, tasks: int, frames: int) -> dict[str, Any]:
-    spec, count = recordings[0].spec, len(recordings)
-    action = action_of(recordings[0])[0]
-    names = {"observation.state": "position", "observation.velocity": "velocity", "action": action}
-    features = {}
-    for name, values in columns.items():
-        labels = [f"{names[name]}.{alias}" for alias in spec.aliases] if name in names else None
-        features[name] = {"dtype": str(values.dtype), "shape": list(values.shape[1:] or (1,)), "names": labels}
-    return {
-        "codebase_version": VERSION,
-        "robot_type": spec.name,
-        "total_episodes": count,
-        "total_frames": frames,
-        "total_tasks": tasks,
-        "total_videos": 0,
-        "total_chunks": -(-count // CHUNK),
-        "chunks_size": CHUNK,
-        "fps": round(1.0 / recordings[0].period),  # Whole, as the format has it; it tolerates 0.1 ms a frame.
-        "splits": {"train": f"0:{count}"},
-        "data_path": DATA,
-        "video_path": None,
-        "features": features,
-    }
-
-
-def _stats(values: NDArray[Any]) -> dict[str, list[Any]]:
-    rows = values.reshape(len(values), -1)
-    found = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
-    return {name: value.tolist() for name, value in found.items()} | {"count": [len(rows)]}
-
-
-def _lines(path: Path, rows: list[dict[str, Any]]) -> None:
-    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
 def _arrow(values: NDArray[Any]) -> pa.Array:

@@ -32,6 +32,12 @@ class Wrong(NamedTuple):
 TABLE = [
     Wrong(*row)
     for row in [
+        # A hand on ROS.
+        ("ros2 nope", 2, "no config named 'nope'"),
+        ("ros2 sim_right --distro jazy", 2, "did you mean 'jazzy'"),
+        ("ros2 sim_right --domain 300", 2, "ROS_DOMAIN_ID must be 0 to 232, not 300"),
+        ("ros2 sim_right --namespace 'a b'", 2, "not 'a b'"),
+        ("ros2 sim_right --rate 0", 2, "--rate must be above 0"),
         # What the parser does not know.
         ("nope", 2, "no such command 'nope'"),
         ("--nope", 2, "--nope"),

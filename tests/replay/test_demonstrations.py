@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import pytest
 
 from allegro_twin.cli.main import main
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.replay import lerobot
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.episodes import write
 from allegro_twin.replay.lerobot import from_lerobot, to_lerobot
@@ -77,11 +80,11 @@ def test_lerobots_layout_is_the_published_one(episodes: list[Recording], tmp_pat
     folder = tmp_path / "set"
     to_lerobot(episodes, folder)
     info = json.loads((folder / "meta/info.json").read_text())
-    assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == ("v2.1", 2, 251 + 90)
+    assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == ("v3.0", 2, 251 + 90)
     assert (info["fps"], info["splits"]) == (333, {"train": "0:2"})
     assert info["features"]["observation.state"]["shape"] == [16]
     assert info["features"]["action"]["names"][15] == "command_torque.thumb_3"
-    table = pyarrow.parquet.read_table(folder / "data/chunk-000/episode_000001.parquet")
+    table = pyarrow.parquet.read_table(folder / "data/chunk-000/file-000.parquet")
     assert set(table.column_names) == set(info["features"])
     for name, feature in info["features"].items():
         kind = table.schema.field(name).type
@@ -89,19 +92,75 @@ def test_lerobots_layout_is_the_published_one(episodes: list[Recording], tmp_pat
         inner = kind.value_type if width > 1 else kind
         assert ([width], {"float": "float32", "double": "float64"}.get(str(inner), str(inner))) == (
             feature["shape"], feature["dtype"])  # fmt: skip
-    assert table["index"].to_pylist() == list(range(251, 341))
-    assert table["frame_index"].to_pylist() == list(range(90))
-    assert set(table["episode_index"].to_pylist()) == {1}
-    steps = np.diff(table["timestamp"].to_numpy().astype(np.float64))
+    assert table["index"].to_pylist() == list(range(341))
+    assert table["frame_index"].to_pylist() == [*range(251), *range(90)]
+    assert table["episode_index"].to_pylist() == [0] * 251 + [1] * 90
+    steps = np.diff(table["timestamp"].to_numpy()[:251].astype(np.float64))
     assert np.abs(steps - 1 / info["fps"]).max() < 1e-4, "LeRobot tolerates 0.1 ms"
-    lines = [json.loads(line) for line in (folder / "meta/episodes.jsonl").read_text().splitlines()]
-    assert [line["length"] for line in lines] == [251, 90]
-    tasks = [json.loads(line) for line in (folder / "meta/tasks.jsonl").read_text().splitlines()]
-    assert lines[0]["tasks"] == [tasks[0]["task"]]
-    stats = [json.loads(line) for line in (folder / "meta/episodes_stats.jsonl").read_text().splitlines()]
+    rows = pyarrow.parquet.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [(row["length"], row["dataset_from_index"], row["dataset_to_index"]) for row in rows] == [
+        (251, 0, 251), (90, 251, 341)]  # fmt: skip
     low = episodes[1].columns["position"].min(axis=0).astype(np.float32)
-    np.testing.assert_array_equal(np.float32(stats[1]["stats"]["observation.state"]["min"]), low)
-    assert stats[1]["stats"]["action"]["count"] == [90]
+    np.testing.assert_array_equal(np.float32(rows[1]["stats/observation.state/min"]), low)
+    assert rows[1]["stats/action/count"] == [90]
+    stats = json.loads((folder / "meta/stats.json").read_text(), parse_constant=pytest.fail)  # No NaN: not JSON.
+    assert stats["action"]["count"] == [341]
+    assert "recording.temperature" not in stats  # It was not reported: no statistics would be true.
+
+
+def test_a_long_set_goes_on_in_another_file(
+    episodes: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lerobot, "MEGABYTES", 0.01)
+    to_lerobot(episodes, tmp_path / "set")
+    assert len(list((tmp_path / "set/data").rglob("*.parquet"))) == 2
+    for number, episode in enumerate(episodes):
+        same(episode, from_lerobot(tmp_path / "set", number))
+
+
+def test_a_set_of_another_version_says_what_makes_it_one_of_ours(episodes: list[Recording], tmp_path: Path) -> None:
+    to_lerobot(episodes, tmp_path / "set")
+    info = tmp_path / "set/meta/info.json"
+    info.write_text(info.read_text().replace("v3.0", "v2.1"))
+    with pytest.raises(RecordingError, match=r"has version v2.1; this program reads v3.0: lerobot's convert_dataset"):
+        from_lerobot(tmp_path / "set")
+
+
+@pytest.mark.long
+def test_lerobots_own_recording_loop_drives_the_hand_through_the_plugin() -> None:
+    python = os.environ.get("LEROBOT_PYTHON", "")
+    if not python:
+        pytest.skip("needs LEROBOT_PYTHON, the Python of an environment with lerobot 0.4 (CONTRIBUTING.md)")
+    check = Path(__file__).resolve().parents[2] / "plugins/lerobot_robot_allegro/tests/check.py"
+    alone = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run([python, str(check)], capture_output=True, text=True, env=alone)
+    assert done.returncode == 0, done.stderr
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["sim_right", "can_virtual"]
+
+
+@pytest.mark.long
+def test_lerobots_own_library_library_loads_what_is_written_for_it(episodes: list[Recording], tmp_path: Path) -> None:
+    python = os.environ.get("LEROBOT_PYTHON", "")
+    if not python:
+        pytest.skip("needs LEROBOT_PYTHON, the Python of an environment with lerobot 0.4 (CONTRIBUTING.md)")
+    to_lerobot(episodes, tmp_path / "set")
+    reader = Path(__file__).with_name("reads_lerobot.py")
+    found = json.loads(
+        subprocess.run(
+            [python, str(reader), str(tmp_path / "set")], check=True, capture_output=True, text=True,
+            env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"HF_HOME": str(tmp_path / "hf")},
+        ).stdout.splitlines()[-1]
+    )  # fmt: skip
+    position = [each.columns["position"].astype(np.float32) for each in episodes]
+    assert (found["version"], found["episodes"], found["frames"], found["fps"]) == ("3.0", 2, 341, 333)
+    assert (found["robot"], found["second_frames"], found["batches"]) == ("allegro_right", 90, 341)
+    np.testing.assert_array_equal(np.array(found["state"], dtype=np.float32), position[0][100])
+    np.testing.assert_array_equal(np.array(found["second"], dtype=np.float32), position[1][0])
+    assert found["window"] == [3, 16]
+    assert found["temperature"], "what a hand does not report stays NaN"
+    assert found["features"] == ["action", "observation.state", "observation.velocity"]
+    np.testing.assert_allclose(found["mean"], np.concatenate(position).mean(axis=0), rtol=1e-5, atol=1e-8)
+    assert set(found["features"]) < set(found["stats"])
 
 
 def test_minari_reads_what_is_written_for_it(episodes: list[Recording], tmp_path: Path) -> None:

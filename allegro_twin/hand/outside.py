@@ -1,0 +1,98 @@
+"""Wishes of programs outside: set-points that come in a stream, and trajectories that they have timed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from allegro_twin.control.pursuit import Pursuit
+from allegro_twin.control.timed import Timed
+from allegro_twin.control.trajectory import FASTEST, Following
+from allegro_twin.errors import ConfigError
+from allegro_twin.hand.facade import Hand
+from allegro_twin.types import Array, Vector, frozen
+
+_STEP = 0.02  # rad between two postures at which a way is looked at.
+_MOST = 4000  # Such postures: some seconds of looking.
+_HERE = 0.05  # rad. A first posture without a time must be so near.
+
+
+class Outside:
+    """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
+
+    def __init__(self, hand: Hand, speed: float = 2.0) -> None:
+        """`speed`, rad/s: of a set-point's joints at most."""
+        self._hand, self._mover, self._speed = hand, hand._mover, speed
+        self._pursuit: Pursuit | None = None
+        self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
+
+    def track(self, posture: Vector) -> None:
+        """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time."""
+        goal = self._inside(posture, "joint_cmd")
+        driving = self._pursuit is not None and self._mover.goal is not None and self._mover.goal.path is self._pursuit
+        here = self._pursuit.goal if driving and self._pursuit is not None else self._mover.state.position
+        self._look(np.array([here, goal]), "joint_cmd")
+        if driving and self._pursuit is not None:
+            self._pursuit.goal = goal
+            return
+        self._pursuit = Pursuit(goal, self._speed)
+        self._mover.follow(self._mover.position_kind, self._pursuit, "joint_cmd")
+
+    def follow(self, times: Vector, postures: Array, velocities: Array | None = None, *, late: float = 0.0) -> float:
+        """Go through postures, (k, n), rad, at times, (k,), s from now on; with velocities, (k, n), rad/s, on smooth
+        curves. How long that takes, s. `late`, s: wait so long first. Raises ConfigError for times that do not
+        ascend, for a posture or a speed that a hand cannot have, and SelfCollision."""
+        what, here = "joint_trajectory", self._mover.state.position
+        times = np.asarray(times, dtype=np.float64)
+        if not len(times) or not np.isfinite(times).all() or times[0] < 0.0 or (np.diff(times) <= 0.0).any():
+            raise ConfigError(f"{what}: time_from_start must ascend from 0, s; it is {_few(times)}")
+        for row in postures:
+            self._inside(row, what)
+        if times[0] < 1e-9:
+            if (off := float(np.abs(postures[0] - here).max())) > _HERE:
+                raise ConfigError(f"{what}: its first point is {off:.2f} rad from the hand, at once: give it a time")
+            times, postures = times[1:], postures[1:]
+            velocities = None if velocities is None else velocities[1:]
+        if not len(times):
+            return 0.0
+        path = _through(here, times + late, postures, velocities, late)
+        self._check(path, what)
+        self._mover.follow(self._mover.position_kind, Following(path), what)
+        return path.seconds
+
+    def _inside(self, posture: Vector, what: str) -> Vector:
+        """A posture that the hand may be asked for. Raises ConfigError that names `what` asked."""
+        self._hand.spec.posture(posture, what)
+        return self._hand._bounds.check(frozen(posture))
+
+    def _check(self, path: Timed, what: str) -> None:
+        spans = np.abs(np.diff(path.postures, axis=0)).max(axis=1)
+        count = int(min(max(math.ceil(float(spans.sum()) / _STEP), 2 * len(path.times), 20), _MOST))
+        points = [path(t) for t in np.linspace(0.0, path.seconds, count)]
+        fastest = max(float(np.abs(point.velocity).max()) for point in points)
+        if fastest > FASTEST:
+            raise ConfigError(f"{what}: asks for {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
+        rows = np.array([point.position for point in points])
+        for row in rows[1:]:
+            self._inside(row, what)
+        self._look(rows, what)
+
+    def _look(self, rows: Array, what: str) -> None:
+        if len(rows) == 2:
+            steps = max(int(np.ceil(np.abs(rows[1] - rows[0]).max() / _STEP)), 1)
+            rows = np.linspace(rows[0], rows[1], steps + 1)
+        self._mover.ways.check_line(rows, what)
+
+
+def _through(here: Vector, times: Vector, postures: Array, velocities: Array | None, late: float) -> Timed:
+    """From where the hand is, at rest."""
+    lead = [0.0] if late <= 0.0 else [0.0, late]
+    still = np.repeat(here[None], len(lead), axis=0)
+    rates = None if velocities is None else np.vstack([np.zeros_like(still), velocities])
+    return Timed(np.concatenate([lead, times]), np.vstack([still, postures]), rates)
+
+
+def _few(times: Vector) -> str:
+    text = ", ".join(f"{t:g}" for t in times[:6])
+    return text + (", …" if len(times) > 6 else "") if len(times) else "empty"

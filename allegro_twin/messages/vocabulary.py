@@ -1,0 +1,92 @@
+"""The message types of a ROS 2 distribution: made, turned into bytes and back, and named as DDS and ROS name them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Literal, TypeAlias, get_args
+
+from allegro_twin.errors import ConfigError, unknown
+
+Distro: TypeAlias = Literal["humble", "iron", "jazzy", "kilted", "lyrical"]
+DISTROS: tuple[Distro, ...] = get_args(Distro)
+Message: TypeAlias = Any
+"""A message of rosbags: a dataclass made from its definition, with arrays for numbers."""
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TF = "tf2_msgs/msg/TFMessage"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+STRING = "std_msgs/msg/String"
+FLOAT = "std_msgs/msg/Float32"
+VECTOR = "geometry_msgs/msg/Vector3"
+LOG = "rcl_interfaces/msg/Log"
+NODES = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+
+
+class Vocabulary:
+    """The types of one distribution."""
+
+    def __init__(self, distro: Distro) -> None:
+        self.distro, self.store = distro, _typestore(distro)
+
+    def make(self, kind: str, **fields: Any) -> Message:
+        """A message of a type, `std_msgs/msg/String` say."""
+        return self.store.types[kind](**fields)
+
+    def encode(self, message: Message) -> bytes:
+        """CDR, little-endian, with its header of four bytes, as it goes over the wire and into a bag."""
+        return bytes(self.store.serialize_cdr(message, message.__msgtype__))
+
+    def decode(self, data: bytes, kind: str) -> Message:
+        """The message in CDR bytes. Raises ConfigError for bytes that are none of that type."""
+        try:
+            return self.store.deserialize_cdr(data, kind)
+        except Exception as error:
+            raise ConfigError(f"{len(data)} bytes are no {kind}: {error}") from error
+
+    def definition(self, kind: str) -> str:
+        """The .msg text with those of every type inside it, as bags carry it."""
+        return str(self.store.generate_msgdef(kind, ros_version=2)[0])
+
+    def hash(self, kind: str) -> str:
+        """`RIHS01_…`, which ROS 2 since Iron compares types by."""
+        return str(self.store.hash_rihs01(kind))
+
+    def fields(self, kind: str) -> list[tuple[str, tuple[Any, Any]]]:
+        """Names of a type's fields, with what they are as rosbags writes it: a node type and its arguments."""
+        return list(self.store.fielddefs[kind][1])
+
+    def time(self, nanoseconds: int) -> Message:
+        """A moment since 1970, ns."""
+        return self.make("builtin_interfaces/msg/Time", sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+
+    def header(self, nanoseconds: int, frame: str = "") -> Message:
+        return self.make("std_msgs/msg/Header", stamp=self.time(nanoseconds), frame_id=frame)
+
+
+@cache
+def vocabulary(distro: Distro = "jazzy") -> Vocabulary:
+    """Made once a distribution. Raises ConfigError without the extra."""
+    return Vocabulary(distro)
+
+
+def named(distro: str) -> Vocabulary:
+    """The same for a name that somebody has typed. Raises ConfigError with those that there are."""
+    for known in DISTROS:
+        if distro == known:
+            return vocabulary(known)
+    raise ConfigError(unknown("ROS 2 distribution", distro, DISTROS))
+
+
+def nanoseconds(time: Message) -> int:
+    """Of a Time or a Duration."""
+    return int(time.sec) * 10**9 + int(time.nanosec)
+
+
+def _typestore(distro: Distro) -> Any:
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise ConfigError(f"ROS messages need rosbags: pip install 'allegro-twin[ros2]' ({error})") from error
+    return get_typestore(Stores(f"ros2_{distro}"))

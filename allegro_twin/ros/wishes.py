@@ -1,0 +1,121 @@
+"""What programs on ROS ask of a hand, checked and passed on to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+from uuid import UUID
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.hand import Hand
+from allegro_twin.hand.outside import Outside
+from allegro_twin.library.named import grasp_names, posture_names
+from allegro_twin.messages import vocabulary as v
+from allegro_twin.messages.states import in_order, row
+from allegro_twin.ros.topics import TRAJECTORY
+from allegro_twin.types import Vector
+
+GRASPS = {"pinch_it": "pinch_index", "pinch_mt": "pinch_middle"}
+"""The manufacturer's words that are not names of our library: allegro_node_grasp.cpp of its ROS package."""
+OFF = "off"
+WORDS = (OFF, "gravcomp", "save", "pdControl")
+"""The manufacturer's that are neither a posture nor a grasp."""
+LATE, SOON = 0.5, 60.0
+"""s. A trajectory whose beginning is further in the past, or in the future, is refused: clocks differ."""
+
+
+class Wishes:
+    """Carries out messages, one after the other. What it refuses raises ConfigError before anything moves."""
+
+    def __init__(self, hand: Hand, words: v.Vocabulary, clock: Callable[[], int], *, speed: float = 2.0) -> None:
+        """`clock`: ns since 1970; `speed`: rad/s, of what is asked for without a time."""
+        self._hand, self._words, self._clock, self._speed = hand, words, clock, speed
+        self._outside = Outside(hand, speed)
+        self._stamps: dict[UUID, int] = {}
+        self._saved: Vector | None = None
+        self._scale: float | None = None
+        self._acts: dict[str, tuple[str, Callable[[Any, UUID], float]]] = {
+            "joint_cmd": (v.JOINT_STATE, self._joint_cmd),
+            "lib_cmd": (v.STRING, self._lib_cmd),
+            "envelop_torque": (v.FLOAT, self._envelop_torque),
+            TRAJECTORY: (v.TRAJECTORY, self._trajectory),
+            "gravity": (v.VECTOR, self._gravity),
+        }
+
+    def stops(self, topic: str, data: bytes) -> bool:
+        """Whether a message only asks the hand to go limp, which everybody may."""
+        return topic == "lib_cmd" and self._words.decode(data, v.STRING).data == OFF
+
+    def carry_out(self, topic: str, data: bytes, sender: UUID) -> float:
+        """Do what a message says. How long its motion takes, s, where it is one that was timed."""
+        kind, act = self._acts[topic]
+        return act(self._words.decode(data, kind), sender)
+
+    def _joint_cmd(self, message: Any, sender: UUID) -> float:
+        stamp, last = v.nanoseconds(message.header.stamp), self._stamps.get(sender, 0)
+        if 0 < stamp < last:
+            raise ConfigError(f"joint_cmd: its stamp is {(last - stamp) / 1e9:.3f} s before that of the one before it")
+        spec = self._hand.spec
+        order = in_order(spec, message.name, "joint_cmd")
+        self._outside.track(row(spec, message.position, order, "joint_cmd"))
+        self._stamps[sender] = stamp
+        return 0.0
+
+    def _lib_cmd(self, message: Any, sender: UUID) -> float:
+        word, hand = message.data, self._hand
+        if word == OFF:
+            hand.set_controller("torque")
+        elif word == "gravcomp":
+            hand.set_controller("gravity")
+        elif word == "save":
+            self._saved = hand.state.position
+        elif word == "pdControl":
+            hand.move_to(hand.state.position if self._saved is None else self._saved, self._speed, wait=False)
+        elif word == "envelop":
+            hand.grasp("envelop", force=self._scale, wait=False)
+        elif GRASPS.get(word, word) in grasp_names():
+            hand.grasp(GRASPS.get(word, word), wait=False)
+        elif word in posture_names():  # A path would be read as well, and who is on the network is not asked in.
+            hand.move_to(word, self._speed, wait=False)
+        else:
+            raise ConfigError(f"lib_cmd: {unknown('word', word, [*WORDS, *GRASPS, *grasp_names(), *posture_names()])}")
+        return 0.0
+
+    def _envelop_torque(self, message: Any, sender: UUID) -> float:
+        scale = float(message.data)
+        if not 0.0 <= scale <= 1.0:
+            raise ConfigError(f"envelop_torque must be 0 to 1, not {scale:g}")
+        self._scale = scale
+        return 0.0
+
+    def _gravity(self, message: Any, sender: UUID) -> float:
+        self._hand.gravity = np.array([message.x, message.y, message.z])
+        return 0.0
+
+    def _trajectory(self, message: Any, sender: UUID) -> float:
+        what, spec, points = "joint_trajectory", self._hand.spec, message.points
+        if not points:  # As joint_trajectory_controller takes it: cancel.
+            self._hand.stop()
+            return 0.0
+        order = in_order(spec, message.joint_names or ["(none)"], what)
+        late = self._wait(v.nanoseconds(message.header.stamp))
+        times = np.array([v.nanoseconds(point.time_from_start) / 1e9 for point in points])
+        postures = np.array([row(spec, point.positions, order, f"{what} positions") for point in points])
+        with_speed = [len(point.velocities) > 0 for point in points]
+        rates = None
+        if all(with_speed):
+            rates = np.array([row(spec, point.velocities, order, f"{what} velocities") for point in points])
+        elif any(with_speed):
+            raise ConfigError(f"{what}: either all of its points have velocities, or none")
+        return self._outside.follow(times, postures, rates, late=late)
+
+    def _wait(self, stamp: int) -> float:
+        """s until a trajectory begins; a stamp of zero is now."""
+        late = (stamp - self._clock()) / 1e9 if stamp else 0.0
+        if not -LATE <= late <= SOON:
+            when = f"{abs(late):.1f} s {'ago' if late < 0 else 'from now'}"
+            raise ConfigError(f"joint_trajectory: it begins {when} by its stamp; set the clocks, or leave the stamp 0")
+        return max(late, 0.0) if math.isfinite(late) else 0.0
