@@ -16,6 +16,7 @@ from allegro_twin.cli import (
     exchange,
     live,
     looking,
+    panel,
     planning,
     running,
     shipped,
@@ -52,6 +53,7 @@ running.register(app)
 shipped.register(app)
 live.register(app)
 looking.register(app)
+panel.register(app)
 planning.register(app)
 exchange.register(app)
 bus.register(app)
