@@ -23,6 +23,7 @@ LAYERS = [
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
     {"hand"},
+    {"panel"},
     {"cli"},
 ]
 HOMES = {
@@ -50,6 +51,8 @@ HOMES = {
     "platformdirs": {"files"},
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
+    "viser": {"panel"},
+    "trimesh": {"panel"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

@@ -40,9 +40,9 @@ def panel(
         Gone, typer.Option(help="What the hand does when nobody drives any more: a tab closed, a network lost.")
     ] = Gone.hold,
     out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("out"),
-    into: Annotated[
-        Path, typer.Option(help="Library file for what is taught.", callback=options.file(".yaml"))
-    ] = Path("library/taught.yaml"),
+    into: Annotated[Path, typer.Option(help="Library file for what is taught.", callback=options.file(".yaml"))] = Path(
+        "library/taught.yaml"
+    ),
     browser: Annotated[bool, typer.Option(help="Open the page in this computer's browser.")] = False,
 ) -> None:
     """Drive a hand from a browser: any config, with a stop that is always in sight."""

@@ -18,7 +18,7 @@ def eyes_of(rig: Rig) -> Eyes:
     """For the thread that turns the loop, between two periods."""
     if rig.sim is None:
         extras = getattr(rig.backend, "extras", None)
-        return (lambda: {}) if extras is None else extras
+        return dict if extras is None else extras
     model, data = rig.sim.model, rig.sim.data
     palm = model.body("palm_link").id
     if rig.trial is None:

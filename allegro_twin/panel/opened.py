@@ -27,9 +27,7 @@ class OpenHand:
     """A hand that a config describes, limp, with its time passing. `perform`: doing what the config is for; else its
     wrist stays where its scene begins. Raises HandError."""
 
-    def __init__(
-        self, number: int, config: RunConfig, send: Callable[[Frame], None], *, perform: bool = False
-    ) -> None:
+    def __init__(self, number: int, config: RunConfig, send: Callable[[Frame], None], *, perform: bool = False) -> None:
         self.number, self.config, self.rig = number, config, assemble(config)
         self._send, self._eyes, self.verdict_due = send, eyes_of(self.rig), False
         self._next = self._lost = self._tick = 0.0

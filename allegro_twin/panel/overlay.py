@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 TITLE = "Allegro hand"
+_COARSE = 0.6
+"""Pixels of the picture for each of the screen's, each way, where no GPU draws it."""
+_BEFORE = """
+<script>
+(() => {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const more = gl && gl.getExtension("WEBGL_debug_renderer_info");
+  const name = more ? gl.getParameter(more.UNMASKED_RENDERER_WEBGL) : "";
+  const given = new URLSearchParams(location.search);
+  if (/swiftshader|llvmpipe|software/i.test(name) && !given.has("fixedDpr")) {
+    given.set("fixedDpr", COARSE);
+    history.replaceState(null, "", "?" + given);
+  }
+})();
+</script>
+""".replace("COARSE", str(_COARSE))
 _OVER = """
 <style>
-  #stop { position: fixed; left: 16px; top: 16px; z-index: 2147483647; width: 132px; height: 64px; border: 0;
+  #stop { position: fixed; left: 20px; bottom: 20px; z-index: 2147483647; width: 132px; height: 64px; border: 0;
     border-radius: 10px; background: #c8102e; color: #fff; font: 700 26px/1 system-ui, sans-serif;
     letter-spacing: 2px; box-shadow: 0 2px 8px #0006; cursor: pointer; touch-action: none; }
   #stop:active { background: #8a0b20; }
@@ -39,5 +55,5 @@ _OVER = """
 def page(index: str) -> bytes:
     """viser's page with the stop over it."""
     index = index.replace("<title>Viser</title>", f"<title>{TITLE}</title>")
-    end = index.rindex("</body>")
-    return (index[:end] + _OVER + index[end:]).encode()
+    begin, end = index.index("<head>") + len("<head>"), index.rindex("</body>")
+    return (index[:begin] + _BEFORE + index[begin:end] + _OVER + index[end:]).encode()

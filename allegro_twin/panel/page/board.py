@@ -56,6 +56,7 @@ class Board:
     def ask(self, who: int, wish: w.Wish) -> None:
         """Pass on what somebody wishes, if they drive."""
         if not self.wheel.drives(who):
+            self._tabs[who].tell(Notice("you look on; somebody else drives, or nobody: press Drive", bad=True))
             return
         self._goal = np.array(wish.position) if isinstance(wish, w.Joints) else None
         self._wish(wish)

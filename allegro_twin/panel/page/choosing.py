@@ -30,7 +30,7 @@ class Choosing:
         with gui.add_folder("Gravity"):
             self._reported = gui.add_checkbox("As the hand reports", initial_value=True)
             self._vector = gui.add_vector3("m/s², palm", _DOWN, step=0.01, visible=False)
-        self._inputs: list[Any] = [kinds, gains, self._reported, self._vector]
+        self._inputs: list[Any] = [gains, self._reported, self._vector]
         kinds.on_click(self._asking(lambda value: w.Control(value)))
         gains.on_update(self._asking(lambda value: w.UseGains(value)))
         self._reported.on_update(self._gravity)

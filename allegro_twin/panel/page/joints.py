@@ -56,7 +56,9 @@ class JointSliders:
 
     def refresh(self, frame: Frame) -> None:
         for finger, bars in zip(self._spec.fingers, self._bars, strict=True):
-            bars.content = finger_bars(self._spec, finger, frame)
+            content = finger_bars(self._spec, finger, frame)
+            if content != bars.content:
+                bars.content = content
         self._left_alone -= 1
         if self._left_alone >= 0:
             return

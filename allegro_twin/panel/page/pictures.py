@@ -36,7 +36,7 @@ def pictures(spec: HandSpec, scenery: Scenery, postures: Mapping[str, Vector]) -
 
 
 def _view(spec: HandSpec, skeleton: Skeleton) -> Array:
-    """Right, up and towards who looks, (3, 3), in the palm's frame: the fingers' direction is up, the palm looks out."""
+    """Right, up and towards who looks, (3, 3), in the palm's frame: stretched fingers point up."""
     straight, bent = skeleton.tips(spec)
     up = straight.mean(axis=0)
     up /= np.linalg.norm(up)

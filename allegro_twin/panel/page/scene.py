@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,11 @@ from allegro_twin.types import Array, Vector
 
 PALM = "/palm"
 _ARROW = 0.012  # m for each newton of contact force.
+_BELOW, _WIDE, _LINES = 0.14, 0.3, 13  # m under the palm, half its edge, and lines each way of the floor.
 _NOWHERE = np.array([[0.0, 0.0, -50.0], [0.0, 0.0, -50.001]])  # m. An arrow needs a length.
 _STILL = 1e-5  # m, and of a quaternion: what moves by less is not sent.
-_CLOSER = 0.85  # Of the camera's distance in pictures, which have no buttons beside them.
+_ASIDE, _CLOSER = 35.0, 1.0
+"""Degrees that one looks past the palm, and parts of the distance of pictures."""
 
 
 class Stage:
@@ -32,6 +35,7 @@ class Stage:
     def __init__(self, server: viser.ViserServer, opened: Opened) -> None:
         scene, scenery = server.scene, opened.scenery
         scene.reset()
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=4.0)
         self._server, self._skeleton = server, Skeleton(scenery.bodies)
         self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
         self._placed: dict[str, Vector] = {}
@@ -48,9 +52,8 @@ class Stage:
             self._mesh(f"{name}/{thing}", shapes)
         self._mesh("/fixed", scenery.fixed)
         if not scenery.fixed:
-            low = palm[:3] + (0.0, 0.0, -0.16)
-            scene.add_grid("/floor", width=0.8, height=0.8, cell_size=0.05, section_size=0.2, position=low,
-                           cell_color=(205, 212, 220), section_color=(170, 180, 190))  # fmt: skip
+            lines = _floor(palm[:3] - (0.0, 0.0, _BELOW))
+            scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
         self._place(PALM, palm)
         _aim(server, opened, scenery, palm)
@@ -95,7 +98,7 @@ class Stage:
         """An arrow for each part that presses on the object, towards where it does."""
         points = look.get("contact_point", np.full(3 * len(self._parts), np.nan)).reshape(-1, 3)
         vectors = look.get("contact_vector", np.zeros(points.size)).reshape(-1, 3)
-        there = np.isfinite(points).all(axis=1)
+        there = np.asarray(np.isfinite(points).all(axis=1))
         if not there.any():
             if self._arrows is not None:
                 self._arrows.visible = False
@@ -113,10 +116,20 @@ class Stage:
             self._arrows.points, self._arrows.visible = rows.astype(np.float32), True
 
 
+def _floor(middle: Vector) -> Array:
+    """Lines of a net, (k, 2, 3), m: something to see what is up by."""
+    steps = np.linspace(-_WIDE, _WIDE, _LINES)
+    ends = np.array([-_WIDE, _WIDE])
+    along = np.stack(np.broadcast_arrays(steps[:, None], ends[None], 0.0), axis=-1)
+    found: Array = np.concatenate([along, along[..., [1, 0, 2]]]) + middle
+    return found
+
+
 def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery, palm: Vector) -> None:
-    """The view that pictures and Rerun begin with."""
+    """On the palm, from aside."""
     turn = matrix_from_quaternion(palm[3:])
-    target, view = seen("side", opened.spec.side, *Skeleton(scenery.bodies).tips(opened.spec), turn)
+    target, palm_on = seen("palm", opened.spec.side, *Skeleton(scenery.bodies).tips(opened.spec), turn)
+    view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
     camera = server.initial_camera
     camera.look_at, camera.up = middle, np.array([0.0, 0.0, 1.0])

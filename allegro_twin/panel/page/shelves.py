@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from allegro_twin.panel.page.board import Board
     from allegro_twin.panel.page.tab import Tab
 
-_ROW = 3
-"""Pictures side by side."""
+_LETTERS = 30
+"""Of the names of pictures that stand side by side; three at most do."""
+_ASIDE = "29.5%"
+"""viser's room for a label, of which the buttons have none."""
 
 
 class Shelves:
@@ -23,8 +25,6 @@ class Shelves:
 
     def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
         self._tab, self._board, self._gui = tab, board, gui
-        self._buttons: list[Any] = []
-        self._able = False
         self._folders = [gui.add_folder("Postures"), gui.add_folder("Grasps")]
         self._filled: tuple[object, object] | None = None
         self.fill()
@@ -35,7 +35,7 @@ class Shelves:
         names = (tuple(shelf.postures), tuple(shelf.grasps))
         if names == self._filled or not self._board.pictures:
             return
-        self._filled, self._buttons = names, []
+        self._filled = names
         wishes: tuple[Callable[[str], w.Wish], ...] = (w.Posture, w.Grasp)
         for folder, entries, wish in zip(self._folders, names, wishes, strict=True):
             for child in list(folder._children.values()):
@@ -45,25 +45,28 @@ class Shelves:
                     self._row(row, wish)
 
     def _row(self, names: Sequence[str], wish: Callable[[str], w.Wish]) -> None:
-        cell = f"flex:1;max-width:{100 / _ROW:.1f}%;text-align:center"
+        cell = "flex:1;text-align:center"
         cells = "".join(f'<div style="{cell}">{self._board.pictures.get(name, "")}</div>' for name in names)
-        self._gui.add_html(f'<div style="display:flex;padding:6px 8px 0 8px">{cells}</div>')
-        group = self._gui.add_button_group("", names, disabled=not self._able)
+        self._gui.add_html(f'<div style="display:flex;padding:6px 8px 0 {_ASIDE}">{cells}</div>')
+        group = self._gui.add_button_group("", names)
 
         async def pressed(event: Any) -> None:
             self._tab.ask(wish(event.target.value))
 
         group.on_click(pressed)
-        self._buttons.append(group)
 
     def refresh(self, frame: Frame) -> None:
         """Nothing here changes with time."""
 
     def enable(self, on: bool) -> None:
-        self._able = on
-        for button in self._buttons:
-            button.disabled = not on
+        """viser's groups of buttons cannot be disabled; who may not press them is told so."""
 
 
 def _rows(names: Sequence[str]) -> list[tuple[str, ...]]:
-    return [tuple(names[k : k + _ROW]) for k in range(0, len(names), _ROW)]
+    """As many side by side as their names leave room for."""
+    rows: list[list[str]] = [[]]
+    for name in names:
+        if len(rows[-1]) == 3 or (rows[-1] and len("".join(rows[-1])) + len(name) > _LETTERS):
+            rows.append([])
+        rows[-1].append(name)
+    return [tuple(row) for row in rows if row]

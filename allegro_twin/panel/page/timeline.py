@@ -69,7 +69,7 @@ class Timeline:
         _put(self._play, visible=back)
 
     def enable(self, on: bool) -> None:
-        for each in (self._record, self._pause, self._back, self._play, self._teach, self._repeat, self._keep):
+        for each in (self._record, self._pause, self._back, self._play, self._teach, self._repeat):
             each.disabled = not on
 
     async def _paused(self, event: Any) -> None:
