@@ -37,7 +37,7 @@ def test_after_a_stop_every_wish_is_refused_until_it_is_released(hand: Hand) -> 
     hand.direct.limp()
     for wish in (lambda: hand.move_to("home"), hand.stop, lambda: hand.grasp("grasp_3"),
                  lambda: hand.set_controller("gravity"), lambda: hand.play("ripple"), hand.direct.perform,
-                 lambda: hand.direct.steer(hand.spec.upper)):  # fmt: skip
+                 lambda: hand.direct.steer(hand.state.position)):  # fmt: skip
         with pytest.raises(CommandError, match="release the stop first"):
             wish()
     assert hand.controller == "torque"

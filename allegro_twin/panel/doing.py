@@ -66,8 +66,8 @@ class Doing:
                 return self._keep(name, motion=motion)
             case w.Record(on):
                 return self._record(on)
-            case w.Scene():
-                raise ConfigError("this hand's scene cannot be changed while it is open")
+            case w.Scene() | w.Again():
+                raise ConfigError("an open hand cannot be opened by itself")
             case _:
                 assert_never(wish)
         return ""

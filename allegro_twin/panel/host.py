@@ -42,21 +42,36 @@ class Host:
         self._doing: Doing | None = None
         self._stalled: HandError | None = None
         self._page = pages.open()
+        self._send = Sender(self._page.frames)
 
     def serve(self, tell: Callable[[str], None]) -> None:
         """Raises HandError when the hand cannot be opened at all, or the page cannot be shown."""
         sys.setswitchinterval(_TURNS)
-        self._listen()
         try:
-            self._open(self._config, perform=False)
+            self.begin()
             tell(self._page.address())
             while True:
-                wish = self._wishes.get(_BEAT)
-                if wish is not None:
-                    self._do(wish)
-                self._look()
+                self.turn()
         finally:
+            self.close()
+
+    def begin(self) -> None:
+        """Open the hand and listen to the page."""
+        self._listen()
+        self._open(self._config, perform=False)
+
+    def turn(self) -> None:
+        """Do the next wish, if one comes soon, and look after hand and page."""
+        wish = self._wishes.get(_BEAT)
+        if wish is not None:
+            self._do(wish)
+        self._look()
+
+    def close(self) -> None:
+        """Leave the hand limp and end the page."""
+        try:
             self._close()
+        finally:
             self._page.close()
 
     def _listen(self) -> None:
@@ -85,7 +100,9 @@ class Host:
     def _do(self, wish: w.Wish) -> None:
         try:
             if isinstance(wish, w.Scene):
-                self._change(wish)
+                self._change(scene_of(self._config, wish), perform=wish.perform)
+            elif isinstance(wish, w.Again):
+                self._change(self._config, perform=False)
             elif self._doing is not None:
                 said = self._doing(wish)
                 if said:
@@ -98,7 +115,9 @@ class Host:
     def _look(self) -> None:
         """What the hand has to say of itself, and whether the page is still there."""
         if not self._page.alive:
+            self._page.close()
             self._page = self._pages.open()
+            self._send = Sender(self._page.frames)
             self._listen()
             if self._opened is not None:
                 self._introduce(self._opened)
@@ -123,19 +142,20 @@ class Host:
             self._page.tell(Ended(str(error)))
             self._close()
 
-    def _change(self, wish: w.Scene) -> None:
-        before, self._config = self._config, scene_of(self._config, wish)
+    def _change(self, config: RunConfig, *, perform: bool) -> None:
+        """Open the hand anew; as it was, where this one cannot be opened."""
+        before = self._config
         self._close()
         try:
-            self._open(self._config, perform=wish.perform)
+            self._open(config, perform=perform)
+            self._config = config
         except ConfigError:
-            self._config = before
             self._open(before, perform=False)
             raise
 
     def _open(self, config: RunConfig, *, perform: bool) -> None:
         self._count += 1
-        opened = OpenHand(self._count, config, Sender(self._page.frames), perform=perform)
+        opened = OpenHand(self._count, config, lambda frame: self._send(frame), perform=perform)
         self._opened = opened
         self._doing = Doing(opened, self._habits.recordings, self._habits.library)
         self._introduce(opened)

@@ -30,7 +30,7 @@ class OpenHand:
     def __init__(self, number: int, config: RunConfig, send: Callable[[Frame], None], *, perform: bool = False) -> None:
         self.number, self.config, self.rig = number, config, assemble(config)
         self._send, self._eyes, self.verdict_due = send, eyes_of(self.rig), False
-        self._next = self._lost = self._tick = 0.0
+        self._next, self._lost, self._tick = 0.0, 0, -1
         self._recorder: Recorder | None = None
         self._recorded_from, self.teaching, self.trouble = 0.0, False, ""
         trial = self.rig.trial
@@ -73,7 +73,7 @@ class OpenHand:
     def _look(self, sample: Sample) -> None:
         """In the loop's own thread: as little as can be, and nothing that waits."""
         state = sample.state
-        self._lost += max(state.tick - self._tick - 1, 0)
+        self._lost += 0 if self._tick < 0 else state.tick - self._tick - 1
         self._tick = state.tick
         if self._judged is not None:
             self._judged.see(state)
@@ -97,6 +97,6 @@ class OpenHand:
         state, direct, wire = sample.state, self.hand.direct, self.rig.wire
         return Frame(
             self.number, state.t, state.position, state.torque, state.temperature, direct.target, dict(self._eyes()),
-            self.hand.controller, direct.stopped, int(self._lost), () if wire is None else tuple(wire.warnings()),
+            self.hand.controller, direct.stopped, self._lost, () if wire is None else tuple(wire.warnings()),
             state.t - self._recorded_from if self._recorder is not None else -1.0, self.teaching,
         )  # fmt: skip

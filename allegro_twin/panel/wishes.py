@@ -103,6 +103,11 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
+class Again:
+    """Open the hand again, limp: after a fault, or at the end of a recording."""
+
+
+@dataclass(frozen=True, slots=True)
 class Gone:
     """Nobody drives any more."""
 
@@ -122,6 +127,7 @@ Wish: TypeAlias = (
     | Keep
     | Record
     | Scene
+    | Again
     | Gone
 )
 

@@ -25,6 +25,8 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no browser: apt-get install chromium"),
 ]
 _SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+COARSE = 0.1
+"""Pixels of the picture for each of the page's, each way: no test looks at it."""
 PATIENCE = 60_000.0  # ms: a busy computer draws without a GPU.
 _SLIDERS = """() => [...document.querySelectorAll('[role=slider]')].map(s => Number(s.getAttribute('aria-valuenow')))"""
 
@@ -80,7 +82,7 @@ def tab(browser: Any, url: str) -> Any:
     """A browser's tab of its own, once the hand is in it."""
     page = browser.new_context(viewport={"width": 820, "height": 460}).new_page()
     page.set_default_timeout(PATIENCE)
-    page.goto(url)
+    page.goto(f"{url}{'&' if '?' in url else '?'}fixedDpr={COARSE}")
     sees(page, "Controller")
     return page
 

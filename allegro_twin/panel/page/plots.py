@@ -28,7 +28,7 @@ class Plots:
         assert opened is not None
         self._board, self._gui, self._spec = board, gui, opened.spec
         names = tuple(finger.name for finger in self._spec.fingers)
-        self._on = gui.add_checkbox("Live", initial_value=True, hint="Off: they stand still")
+        self._on = gui.add_checkbox("Live", initial_value=False, hint="They cost the browser and the link their share")
         self._finger = gui.add_dropdown("Finger", names)
         self._charts: tuple[Any, Any] | None = None
         self._shown = ""
@@ -41,6 +41,7 @@ class Plots:
         t, position, target, torque = self._board.history.rows(_SECONDS, _ROWS)
         if len(t) < 2:
             return
+        target = np.where(np.isnan(target), position, target)  # uPlot never comes back from a NaN.
         limits = np.unique(self._spec.actuation.torque_limit[joints])
         lines = np.tile(np.concatenate([limits, -limits])[:, None], len(t))
         rows = ((t, *position[:, joints].T, *target[:, joints].T), (t, *torque[:, joints].T, *lines))

@@ -151,9 +151,7 @@ class Tab:
             self._board.changed()
 
     async def _reopen(self, event: object) -> None:
-        opened = self._board.opened
-        if opened is not None:
-            self.ask(w.Scene(opened.scenario, opened.thing, perform=False))
+        self.ask(w.Again())
 
     def _wishing(self, wish: w.Wish) -> Callable[[object], Coroutine[None, None, None]]:
         async def click(event: object) -> None:
