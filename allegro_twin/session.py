@@ -138,6 +138,12 @@ def _kept(
         return samples
     from allegro_twin.replay.recorder import recorded
 
+    meta = recording_meta(rig, config)
+    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
+
+
+def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
+    """What a recording of a rig says beside its rows."""
     meta: dict[str, Any] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         meta |= rig.sim.meta()
@@ -147,7 +153,7 @@ def _kept(
         meta |= _look(rig)
     if rig.wire is not None:
         meta["calibration"] = rig.wire.calibration
-    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
+    return meta
 
 
 def _drawn(

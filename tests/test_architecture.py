@@ -23,7 +23,7 @@ LAYERS = [
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
     {"hand"},
-    {"ros"},
+    {"ros", "panel"},
     {"cli"},
 ]
 HOMES = {
@@ -53,6 +53,8 @@ HOMES = {
     "platformdirs": {"files"},
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
+    "viser": {"panel"},
+    "trimesh": {"panel"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

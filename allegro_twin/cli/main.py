@@ -18,6 +18,7 @@ from allegro_twin.cli import (
     improving,
     live,
     looking,
+    panel,
     planning,
     ros,
     running,
@@ -56,6 +57,7 @@ running.register(app)
 shipped.register(app)
 live.register(app)
 looking.register(app)
+panel.register(app)
 planning.register(app)
 improving.register(app)
 exchange.register(app)

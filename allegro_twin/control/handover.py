@@ -33,21 +33,28 @@ class Relay:
 
     `switch` may be called from any thread; the new controller begins at the next state. At that moment the torque stays
     what it was; the difference to what the new controller wants fades over `HANDOVER`: τ = τ_new + (1 - s) (τ_before -
-    τ_new(t₀)), s the minimum-jerk step from 0 to 1.
+    τ_new(t₀)), s the minimum-jerk step from 0 to 1. `cut` is the exception, for a stop: nothing fades.
     """
 
     first: Any
     torque_limit: Vector
     """The hand's clip, (n,), N·m: torques beyond it are not what was sent."""
-    _waiting: list[Callable[[HandState, Driving], tuple[Any, Any]]] = field(default_factory=list)
+    _waiting: list[Callable[[HandState, Driving], Driving]] = field(default_factory=list)
 
     def switch(self, controller: Any) -> None:
         """Hand over to another controller at the next state."""
-        self._waiting.append(lambda state, memory: (controller, controller.start(state)))
+        self._waiting.append(lambda state, memory: self._take_over(controller, controller.start(state), state, memory))
+
+    def cut(self, controller: Any) -> None:
+        """Another controller at the next state, and nothing of the torque before it."""
+        nothing = np.zeros_like(self.torque_limit)
+        self._waiting.append(
+            lambda state, memory: Driving(controller, controller.start(state), state.t, nothing, nothing)
+        )
 
     def amend(self, change: Callable[[Any], Any]) -> None:
         """Replace the controller by a changed copy of itself, which goes on with the same memory."""
-        self._waiting.append(lambda state, memory: (change(memory.driver), memory.memory))
+        self._waiting.append(lambda state, memory: self._take_over(change(memory.driver), memory.memory, state, memory))
 
     def start(self, state: HandState) -> Driving:
         nothing = np.zeros_like(self.torque_limit)
@@ -55,7 +62,7 @@ class Relay:
 
     def __call__(self, state: HandState, memory: Driving) -> tuple[Command, Driving]:
         while self._waiting:
-            memory = self._take_over(*self._waiting.pop(0)(state, memory), state, memory)
+            memory = self._waiting.pop(0)(state, memory)
         command, inner = memory.driver(state, memory.memory)
         wanted = self._clipped(command)
         s = min((state.t - memory.since) / HANDOVER, 1.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
@@ -20,6 +19,7 @@ from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import agreed, straight
 from allegro_twin.hand.demonstration import Demonstration
+from allegro_twin.hand.direct import Direct
 from allegro_twin.hand.grasps import Grasped, begin, felt, for_width
 from allegro_twin.hand.mover import KINDS, Kind, Mover
 from allegro_twin.kinematics.model import Pose
@@ -46,6 +46,8 @@ class Hand:
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, Bounds(rig.spec)
         self._mover = Mover(rig, gains, background=background or rig.live)
+        self.direct = Direct(rig, self._mover, self._bounds)
+        """For a person who drives the hand live: a stop, steering, other gains."""
 
     @classmethod
     def open(cls, config: str | pathlib.Path | RunConfig, *, background: bool = False) -> Self:
@@ -59,9 +61,7 @@ class Hand:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def close(self) -> None:

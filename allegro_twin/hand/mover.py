@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from allegro_twin.build import Rig
 from allegro_twin.control.controllers import PD, PID, Gains, Gravity, GravityCompensation, Torque
 from allegro_twin.control.handover import Relay
-from allegro_twin.control.trajectory import Hold, Reference
-from allegro_twin.errors import ConfigError, MotionStalled, unknown
+from allegro_twin.control.steering import Steering
+from allegro_twin.control.trajectory import Following, Hold, Reference
+from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
 from allegro_twin.hand.driver import Driver
 from allegro_twin.hand.watch import Goal, Watch
 from allegro_twin.hand.ways import Ways
@@ -39,7 +40,7 @@ class Mover:
         self.listeners: list[Callable[[Sample], None]] = []
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
-        self._told, self._changing = True, threading.Lock()
+        self._told, self._changing, self._cut = True, threading.Lock(), False
         self._watch: Watch | None = None
         self._gravity = Gravity(self.model.gravity_torque)
         self._relay = Relay(Torque(np.zeros(rig.spec.n_joints)), rig.spec.actuation.torque_limit)
@@ -78,8 +79,11 @@ class Mover:
         return self._gravity.vector
 
     def drive(self, kind: Kind | str, controller: Any, goal: Goal | None = None) -> None:
-        """Hand over to a controller; `goal` says what its motion is, for those who wait."""
+        """Hand over to a controller; `goal` says what its motion is, for those who wait. Raises CommandError while the
+        hand is cut off."""
         with self._changing:
+            if self._cut:
+                raise CommandError("the hand was stopped and is limp: release the stop first")
             self.kind, self.stalled, self._watch = kind, None, self._watched(goal)
             self._relay.switch(controller)
 
@@ -93,6 +97,33 @@ class Mover:
             self.hold(kind)
         else:
             raise ConfigError(unknown("controller", kind, KINDS))
+
+    @property
+    def cut(self) -> bool:
+        """Whether the hand is limp and takes no wish, one that is being planned among them."""
+        return self._cut
+
+    @cut.setter
+    def cut(self, on: bool) -> None:
+        with self._changing:
+            self._cut = on
+            if on:
+                self.kind, self.stalled, self._watch = "torque", None, None
+                self._relay.cut(Torque(np.zeros(self._rig.spec.n_joints)))
+
+    def steer(self, posture: Vector, speed: float, what: str) -> None:
+        """Head for a posture, (n,), rad, at `speed`, rad/s, from whatever the last such wish is doing, or from rest."""
+        watch = self._watch
+        if watch is None or not isinstance(watch.goal.path, Steering):
+            self.follow(self.position_kind, Following(Steering(self.state.position)), what)
+            watch = self._watch
+        with self._changing:
+            if self._cut or watch is None or watch is not self._watch:
+                return  # Somebody wanted something else in the meantime.
+            path, began = watch.goal.path, watch.goal.began
+            assert isinstance(path, Steering)
+            seconds = path.head_for(self.state.t - began, posture, speed)
+            self._watch = self._watched(Goal(path, began, seconds, what))
 
     def hold(self, kind: Kind) -> None:
         """Stay where the hand is."""
@@ -158,7 +189,7 @@ class Mover:
 
     def _samples(self, background: bool) -> Iterator[Sample]:
         samples = run(self._rig.backend, self._relay)
-        for sample in paced(samples) if background and self._rig.sim is not None else samples:
+        for sample in paced(samples) if background and not self._rig.live else samples:
             self._look(sample)
             for listener in tuple(self.listeners):
                 listener(sample)

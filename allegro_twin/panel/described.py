@@ -1,0 +1,109 @@
+"""What the page is told once of a hand: who it is, what is there to choose, and what the library has for it."""
+
+from __future__ import annotations
+
+from allegro_twin.config import VIRTUAL, CanSettings, ReplaySettings, RunConfig, SimSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.files.schema import parse
+from allegro_twin.hand.cartesian import agreed
+from allegro_twin.hand.mover import KINDS
+from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.library.library import Library
+from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.panel.eyes import scenery_of
+from allegro_twin.panel.frame import Opened, Shelf
+from allegro_twin.panel.opened import OpenHand
+from allegro_twin.panel.wishes import Scene
+from allegro_twin.spec import HandSpec
+
+
+def described(opened: OpenHand) -> Opened:
+    """Raises ConfigError."""
+    rig, config = opened.rig, opened.config
+    choice = _has_scene(config)
+    return Opened(
+        opened.number,
+        f"{rig.spec.serial or rig.spec.name} · {_where(config)}",
+        rig.spec,
+        scenery_of(rig),
+        rig.backend.period,
+        KINDS,
+        tuple(read_yaml(data_root() / "conf" / "gains" / f"{rig.spec.model}.yaml")),
+        opened.gains,
+        _scenarios() if choice else (),
+        _things() if choice else (),
+        config.task.scenario,
+        config.task.object,
+        _no_tips(rig.spec, opened),
+    )
+
+
+def shelf(spec: HandSpec) -> Shelf:
+    """Postures and grasps that this hand can have; what is not for it is left out."""
+    postures, grasps, library = {}, {}, Library()
+    for listed in library.list("posture"):
+        try:
+            postures[listed.name] = load_posture(listed.name, spec)
+        except ConfigError:
+            continue  # Of another hand.
+    for listed in library.list("grasp"):
+        try:
+            grasps[listed.name] = load_grasp(listed.name, spec).close
+        except ConfigError:
+            continue
+    return Shelf(postures, grasps)
+
+
+def scene_of(config: RunConfig, wish: Scene) -> RunConfig:
+    """The config in another scene. Raises ConfigError."""
+    if not _has_scene(config):
+        raise ConfigError(f"only a simulated hand has a scene to change; this one is {_where(config)}")
+    content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
+    if wish.scenario is None:
+        return parse(RunConfig, content | {"task": {"posture": "home"}}, "the scene")
+    task = {"scenario": wish.scenario} | ({} if wish.thing is None else {"object": wish.thing})
+    return parse(RunConfig, content | {"task": task, "controller": {"kind": "pd"}}, "the scene")
+
+
+def _has_scene(config: RunConfig) -> bool:
+    match config.backend:
+        case SimSettings():
+            return True
+        case CanSettings(interface=interface):
+            return interface == VIRTUAL
+    return False
+
+
+def _where(config: RunConfig) -> str:
+    match config.backend:
+        case SimSettings():
+            return "simulated"
+        case CanSettings(interface=interface, channel=channel):
+            return "virtual" if interface == VIRTUAL else f"on {interface} {channel}"
+        case ReplaySettings(file=file):
+            return f"recording {file}"
+
+
+def _scenarios() -> tuple[str, ...]:
+    folder = data_root() / "scenarios"
+    return tuple(sorted(p.stem for p in folder.rglob("*.yaml") if "grasps" not in p.relative_to(folder).parts[:-1]))
+
+
+def _things() -> tuple[str, ...]:
+    from allegro_twin.sim.objects import catalogue
+
+    return tuple(catalogue())
+
+
+def _no_tips(spec: HandSpec, opened: OpenHand) -> str:
+    from allegro_twin.sim.statics import hand_model
+
+    try:
+        for finger in spec.fingers:
+            FingerKinematics(spec, finger.name)
+        agreed(spec, hand_model(spec), spec.posture(spec.lower.clip(0.0, None).clip(None, spec.upper)),
+               [finger.name for finger in spec.fingers])  # fmt: skip
+    except ConfigError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,80 @@
+"""A slider for every joint, finger by finger, with what the joint does below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+
+from allegro_twin.panel import wishes as w
+from allegro_twin.panel.frame import Frame
+from allegro_twin.panel.page.bars import finger_bars, name_of
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.board import Board
+    from allegro_twin.panel.page.tab import Tab
+
+_PAUSE = 3
+"""Refreshes for which a slider that was touched is left to the person: half a second."""
+_SAME = 2e-3  # rad: a slider this near to its joint is not moved.
+
+
+class JointSliders:
+    """A slider says where a joint shall go; left alone it follows where the joint is wished to be."""
+
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
+        opened = board.opened
+        assert opened is not None
+        self._tab, self._board, self._spec = tab, board, opened.spec
+        self._sliders: dict[int, Any] = {}
+        self._bars: list[Any] = []
+        self._left_alone = 0
+        for finger in self._spec.fingers:
+            with gui.add_folder(finger.name):
+                for joint in finger.joints:
+                    self._sliders[joint] = self._slider(gui, joint)
+                self._bars.append(gui.add_html(""))
+
+    def _slider(self, gui: viser.GuiApi, joint: int) -> Any:
+        spec = self._spec
+        lower, upper = _ceiled(spec.lower[joint]), _floored(spec.upper[joint])
+        start = min(max(0.0, lower), upper)
+        slider = gui.add_slider(name_of(spec, joint), lower, upper, 0.001, start, hint="rad")
+
+        async def moved(event: viser.GuiEvent[Any]) -> None:
+            if event.client_id is None:
+                return  # It followed the hand.
+            self._left_alone = _PAUSE
+            goal = self._board.goal.copy()
+            goal[joint] = event.target.value
+            inside = np.clip(goal, spec.lower, spec.upper)
+            self._tab.ask(w.Joints(tuple(inside.tolist())))
+
+        slider.on_update(moved)
+        return slider
+
+    def refresh(self, frame: Frame) -> None:
+        for finger, bars in zip(self._spec.fingers, self._bars, strict=True):
+            content = finger_bars(self._spec, finger, frame)
+            if content != bars.content:
+                bars.content = content
+        self._left_alone -= 1
+        if self._left_alone >= 0:
+            return
+        goal = self._board.goal
+        for joint, slider in self._sliders.items():
+            if abs(slider.value - goal[joint]) > _SAME:
+                slider.value = float(np.clip(goal[joint], slider.min, slider.max))
+
+    def enable(self, on: bool) -> None:
+        for slider in self._sliders.values():
+            slider.disabled = not on
+
+
+def _ceiled(value: float) -> float:
+    return float(np.ceil(value * 1000.0) / 1000.0)
+
+
+def _floored(value: float) -> float:
+    return float(np.floor(value * 1000.0) / 1000.0)

@@ -1,0 +1,72 @@
+"""The library as buttons below pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import viser
+
+from allegro_twin.panel import wishes as w
+from allegro_twin.panel.frame import Frame
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.board import Board
+    from allegro_twin.panel.page.tab import Tab
+
+_LETTERS = 30
+"""Of the names of pictures that stand side by side; three at most do."""
+_ASIDE = "29.5%"
+"""viser's room for a label, of which the buttons have none."""
+
+
+class Shelves:
+    """Postures and grasps; what is pressed is done at once."""
+
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
+        self._tab, self._board, self._gui = tab, board, gui
+        self._folders = [gui.add_folder("Postures"), gui.add_folder("Grasps")]
+        self._filled: tuple[object, object] | None = None
+        self.fill()
+
+    def fill(self) -> None:
+        """With what the library has now."""
+        shelf = self._board.shelf
+        names = (tuple(shelf.postures), tuple(shelf.grasps))
+        if names == self._filled or not self._board.pictures:
+            return
+        self._filled = names
+        wishes: tuple[Callable[[str], w.Wish], ...] = (w.Posture, w.Grasp)
+        for folder, entries, wish in zip(self._folders, names, wishes, strict=True):
+            for child in list(folder._children.values()):
+                child.remove()
+            with folder:
+                for row in _rows(entries):
+                    self._row(row, wish)
+
+    def _row(self, names: Sequence[str], wish: Callable[[str], w.Wish]) -> None:
+        cell = "flex:1;text-align:center"
+        cells = "".join(f'<div style="{cell}">{self._board.pictures.get(name, "")}</div>' for name in names)
+        self._gui.add_html(f'<div style="display:flex;padding:6px 8px 0 {_ASIDE}">{cells}</div>')
+        group = self._gui.add_button_group("", names)
+
+        async def pressed(event: Any) -> None:
+            self._tab.ask(wish(event.target.value))
+
+        group.on_click(pressed)
+
+    def refresh(self, frame: Frame) -> None:
+        """Nothing here changes with time."""
+
+    def enable(self, on: bool) -> None:
+        """viser's groups of buttons cannot be disabled; who may not press them is told so."""
+
+
+def _rows(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """As many side by side as their names leave room for."""
+    rows: list[list[str]] = [[]]
+    for name in names:
+        if len(rows[-1]) == 3 or (rows[-1] and len("".join(rows[-1])) + len(name) > _LETTERS):
+            rows.append([])
+        rows[-1].append(name)
+    return [tuple(row) for row in rows if row]

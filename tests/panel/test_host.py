@@ -1,0 +1,239 @@
+"""The hand's process: wishes are done or refused, a stop waits for none of them, and no page that dies moves the hand."""
+
+from __future__ import annotations
+
+import queue
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.config import RunConfig, load_config
+from allegro_twin.errors import ConfigError
+from allegro_twin.panel import wishes as w
+from allegro_twin.panel.frame import Ended, Frame, News, Notice, Opened, Shelf, received
+from allegro_twin.panel.host import Habits, Host
+from allegro_twin.replay.recording import load
+
+
+class FakePage:
+    """A page whose wishes are put into a queue, and whose news are kept."""
+
+    def __init__(self) -> None:
+        self.alive, self.said, self.given = True, list[News](), queue.SimpleQueue[w.Wish | None]()
+        self.frames, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.theirs.setblocking(False)
+
+    def wishes(self) -> Iterator[w.Wish]:
+        while (wish := self.given.get()) is not None:
+            yield wish
+        self.alive = False
+
+    def tell(self, news: News) -> None:
+        self.said.append(news)
+
+    def address(self) -> str:
+        return "here"
+
+    def close(self) -> None:
+        self.given.put(None)
+        self.frames.close()
+        self.theirs.close()
+
+    def frame(self) -> Frame:
+        """The newest, once there is one."""
+        newest = None
+        while newest is None:
+            try:
+                while True:
+                    newest = received(self.theirs)
+            except BlockingIOError:
+                threading.Event().wait(0.01)
+        return newest
+
+    def notices(self) -> str:
+        return "; ".join(news.text for news in self.said if isinstance(news, Notice))
+
+
+class FakePages:
+    def __init__(self) -> None:
+        self.opened: list[FakePage] = []
+
+    def open(self) -> FakePage:
+        self.opened.append(FakePage())
+        return self.opened[-1]
+
+
+class Desk:
+    """A host in the test's own hands."""
+
+    def __init__(self, folder: Path, config: RunConfig | None = None, gone: Any = "hold") -> None:
+        self.pages = FakePages()
+        habits = Habits(gone, folder / "out", folder / "library" / "mine.yaml")
+        self.host = Host(config or load_config("sim_right"), habits, self.pages)  # type: ignore[arg-type]  # Looks alike.
+        self.host.begin()
+
+    @property
+    def page(self) -> FakePage:
+        return self.pages.opened[-1]
+
+    def wish(self, wish: w.Wish) -> None:
+        self.page.given.put(wish)
+
+    def until(self, over: Callable[[], bool], most: int = 300) -> None:
+        for _ in range(most):
+            if over():
+                return
+            self.host.turn()
+        pytest.fail(f"it never came to that; {self.page.notices()}")
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+    monkeypatch.chdir(tmp_path)
+    found = Desk(tmp_path)
+    yield found
+    found.host.close()
+
+
+def test_the_page_is_told_who_the_hand_is_and_what_the_library_has_for_it(desk: Desk) -> None:
+    opened, shelf = desk.page.said[:2]
+    assert isinstance(opened, Opened)
+    assert isinstance(shelf, Shelf)
+    assert opened.title == "allegro_right · simulated"
+    assert {"pd", "pid", "gravity", "torque"} == set(opened.kinds)
+    assert "lemon" in opened.scenarios
+    assert not opened.no_tips
+    assert {"home", "fist"} <= set(shelf.postures)
+    assert "grasp_3" in shelf.grasps
+
+
+def test_frames_come_with_the_hands_time_and_a_wish_moves_it(desk: Desk) -> None:
+    opened = desk.page.said[0]
+    assert isinstance(opened, Opened)
+    goal = np.clip(desk.page.frame().position, opened.spec.lower, opened.spec.upper)
+    goal[1] = 0.7
+    desk.wish(w.Joints(tuple(goal)))
+    desk.until(lambda: abs(desk.page.frame().position[1] - 0.7) < 0.02)
+    assert desk.page.frame().kind == "pid"
+    assert desk.page.frame().lost == 0
+
+
+def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    planning, go_on = threading.Event(), threading.Event()
+    opened = desk.host._opened
+    assert opened is not None
+    legs = opened.hand._mover.ways.legs
+
+    def slowly(*given: Any) -> Any:
+        planning.set()
+        go_on.wait(10.0)
+        return legs(*given)
+
+    monkeypatch.setattr(opened.hand._mover.ways, "legs", slowly)
+    desk.wish(w.Posture("fist"))
+    turning = threading.Thread(target=lambda: desk.until(lambda: "release the stop" in desk.page.notices()))
+    turning.start()
+    assert planning.wait(10.0)
+    desk.wish(w.Stop())
+    while not desk.page.frame().stopped:
+        pass
+    go_on.set()
+    turning.join(30.0)
+    assert desk.page.frame().kind == "torque"
+
+
+@pytest.mark.parametrize(("gone", "stopped"), [("hold", False), ("limp", True)])
+def test_when_nobody_drives_a_motion_ends_as_configured(gone: str, stopped: bool, tmp_path: Path) -> None:
+    desk = Desk(tmp_path, gone=gone)
+    desk.wish(w.Posture("fist"))
+    desk.until(lambda: desk.page.frame().position[1] > 0.3)
+    desk.wish(w.Gone())
+    desk.until(lambda: desk.page.frame().kind == ("torque" if stopped else "pid"))
+    desk.until(lambda: not np.abs(np.diff([desk.page.frame().position for _ in range(2)], axis=0)).max() > 1e-3)
+    assert desk.page.frame().stopped is stopped
+    if not stopped:
+        assert np.nanmax(np.abs(desk.page.frame().target - desk.page.frame().position)) < 0.1
+    desk.host.close()
+
+
+def test_a_page_that_dies_is_opened_again_and_the_hand_holds(desk: Desk) -> None:
+    desk.wish(w.Posture("home"))
+    desk.until(lambda: desk.page.frame().kind == "pid")
+    first = desk.page
+    first.given.put(None)
+    desk.until(lambda: len(desk.pages.opened) == 2)
+    assert isinstance(desk.page.said[0], Opened)
+    assert desk.page.frame().kind == "pid"
+
+
+def test_what_cannot_be_is_refused_in_words_and_the_hand_goes_on(desk: Desk) -> None:
+    for wish, words in ((w.Posture("hmoe"), "did you mean 'home'"), (w.Joints((9.0,) * 16), "outside its limits"),
+                        (w.Joints((0.0,) * 3), "16, one per joint"), (w.Control("psd"), "no controller named"),
+                        (w.UseGains("x"), "no gains named"), (w.Joints((float("nan"),) * 16), "must be finite"),
+                        (w.Gravity((0.0, 0.0, float("inf"))), "finite"), (w.Keep("../x", motion=False), "name")):  # fmt: skip
+        desk.wish(wish)
+        desk.until(lambda words=words: words in desk.page.notices())  # type: ignore[misc]  # Bound for this turn.
+    assert desk.page.frame().kind == "torque"
+
+
+def test_a_recording_is_whole_and_says_what_it_is_of(desk: Desk, tmp_path: Path) -> None:
+    desk.wish(w.Record(on=True))
+    desk.until(lambda: desk.page.frame().recorded > 0.5)
+    desk.wish(w.Record(on=False))
+    desk.until(lambda: "is whole" in desk.page.notices())
+    recording = load(tmp_path / "out" / "panel_001.arrow")
+    assert recording.complete
+    assert recording.spec.name == "allegro_right"
+    assert "target" in recording.columns
+
+
+def test_what_is_shown_is_kept_in_the_users_library(desk: Desk, tmp_path: Path) -> None:
+    desk.wish(w.Teach(on=True))
+    desk.until(lambda: desk.page.frame().teaching)
+    desk.wish(w.Teach(on=False))
+    desk.until(lambda: not desk.page.frame().teaching)
+    desk.wish(w.Keep("mine", motion=False))
+    desk.until(lambda: "mine is in" in desk.page.notices())
+    shelf = [news for news in desk.page.said if isinstance(news, Shelf)][-1]
+    assert "mine" in shelf.postures
+    assert (tmp_path / "library" / "mine.yaml").is_file()
+
+
+def test_a_simulated_hand_is_opened_in_another_scene_and_one_that_is_not_there_is_refused(desk: Desk) -> None:
+    desk.wish(w.Scene("lemon", None, perform=False))
+    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
+    frame = desk.page.frame()
+    while frame.hand < 2:
+        frame = desk.page.frame()
+    assert {"palm", "object", "contact_vector"} <= set(frame.look)
+    begin = frame.look["object"]
+    desk.until(lambda: desk.page.frame().t > 0.5)
+    np.testing.assert_allclose(desk.page.frame().look["palm"], frame.look["palm"], atol=2e-3)
+    np.testing.assert_allclose(desk.page.frame().look["object"], begin, atol=2e-3)
+    desk.wish(w.Scene("lemmon", None, perform=False))
+    desk.until(lambda: "did you mean" in desk.page.notices())
+    assert desk.host._opened is not None
+
+
+def test_a_recording_is_a_hand_to_look_at_and_its_end_is_told(recording_path: Path, tmp_path: Path) -> None:
+    config = tmp_path / "replay.yaml"
+    config.write_text(f"backend: {{kind: replay, file: {recording_path}}}\ncontroller: {{kind: torque}}\n")
+    desk = Desk(tmp_path, load_config(config))
+    desk.until(lambda: any(isinstance(news, Ended) for news in desk.page.said))
+    desk.wish(w.Scene(None, None, perform=False))
+    desk.until(lambda: "only a simulated hand" in desk.page.notices())
+    desk.wish(w.Again())
+    desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
+    desk.host.close()
+
+
+def test_a_hand_that_cannot_be_opened_is_an_error_and_no_page(tmp_path: Path) -> None:
+    config = tmp_path / "replay.yaml"
+    config.write_text("backend: {kind: replay, file: nowhere.arrow}\ncontroller: {kind: torque}\n")
+    with pytest.raises(ConfigError, match="nowhere"):
+        Desk(tmp_path, load_config(config))
