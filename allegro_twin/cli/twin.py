@@ -186,11 +186,20 @@ def branch(
     record: Annotated[
         Path | None, typer.Option(help="Record it to this .arrow.", callback=options.file(".arrow"))
     ] = None,
+    rrd: Annotated[
+        Path | None,
+        typer.Option(help="Both futures in one Rerun file: the hand, and as it was.", callback=options.file(".rrd")),
+    ] = None,
+    image: Annotated[
+        Path | None, typer.Option(help="Both futures drawn joint by joint, .png.", callback=options.file(".png"))
+    ] = None,
 ) -> None:
     """What if: let a recorded simulation go on otherwise from some instant, and compare both futures."""
     from allegro_twin.cli import branching, console
 
-    found = branching.branched(recording, at, change or [], record)
+    found = branching.branched(recording, at, change or [], record, rrd)
+    if image is not None:
+        branching.picture(image, recording, found, at)
     console.console.print(branching.table(recording, found, at))
     for line in branching.lines(found, at):
         console.console.print(line, highlight=False, soft_wrap=True)

@@ -26,6 +26,8 @@ class Scenery:
     """Name, begin and end, s."""
     palm: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     """Where it begins: position, m, and quaternion w, x, y, z, in the world."""
+    ghost: str = "target"
+    """What the second, translucent hand is."""
 
 
 def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:
