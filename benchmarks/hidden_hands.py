@@ -16,6 +16,7 @@ from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
 from allegro_twin.identify.gap import Gap
 from allegro_twin.identify.method import Identified, gaps, identify
+from allegro_twin.identify.problem import SHAPE
 from allegro_twin.identify.stored import store
 from allegro_twin.types import Array
 
@@ -95,10 +96,11 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
     true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
     true["delay"] = np.array([truth["drive"]["delay"]])
+    true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in SHAPE}
     result: dict[str, Any] = {}
     for name, value in found.values.items():
         error = value.value - true[name]
-        relative = name in ("torque_constant", "armature", "damping")
+        relative = name in ("torque_constant", "armature", "damping", "stribeck_speed")
         result[name] = _text(error / true[name] if relative else error)
         result[f"{name}_inside"] = _text(np.abs(error) <= value.half)
         result[f"{name}_determined"] = _text(value.determined)

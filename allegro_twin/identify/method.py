@@ -13,10 +13,10 @@ from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.identify.doubt import Seen, Value, seen, values
 from allegro_twin.identify.fit import Fit, Friction, fit
-from allegro_twin.identify.gap import Gap, drive_of, gap
+from allegro_twin.identify.gap import Gap, breaks_away, drive_of, gap
 from allegro_twin.identify.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.problem import Masses
-from allegro_twin.identify.regress import regress
+from allegro_twin.identify.regress import breaking, regress
 from allegro_twin.identify.stored import shift
 from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
@@ -71,7 +71,7 @@ def identify(
     nominal = load_spec(spec.model, spec.side)
     base = drive_of(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
     tell("the motion as the model would make it")
-    found = fit(motions, start, base, masses, friction)
+    found = fit(motions, start, breaking(motions, player, start), base, masses, friction)
     return Identified(tuple(motions), looked, found, values(found, looked))
 
 
@@ -90,7 +90,7 @@ def _gap(motion: Motion, hand: str) -> Gap:
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
     player = Player(nominal, motion.period)
-    bristly = mine.drive is not None and bool(mine.drive.bristle.any())
+    bristly = breaks_away(mine.drive)
     own = Player(nominal, motion.period, bristly=True) if bristly else player
     after = drive_of(mine, constant, shift(motion.version, motion.calibration, wiring.calibration.encoder_offset))
     return gap(motion, (player, drive_of(nominal, ones, zero)), (own, after))

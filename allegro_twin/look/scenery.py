@@ -28,6 +28,9 @@ class Scenery:
     """Where it begins: position, m, and quaternion w, x, y, z, in the world."""
     ghost: str = "target"
     """What the second, translucent hand is."""
+    more: tuple[str, ...] = ()
+    """Further quantities of every joint that are drawn, of `layout.MORE`, and with them what happens (`mirror/event`)
+    and how the link is (`mirror/link`)."""
 
 
 def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:

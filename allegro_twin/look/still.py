@@ -28,7 +28,7 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
         _shapes(stream, f"world/objects/{name}/look", shapes)
     _shapes(stream, "world/fixed", scene.fixed)
     for finger in spec.fingers:
-        _series(stream, spec, finger, scene.ghost)
+        _series(stream, spec, finger, scene)
     parts = [finger.name for finger in spec.fingers] + ["palm"]
     colors = [_rgb(of_series(k)) for k in range(len(parts))]
     stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
@@ -73,14 +73,14 @@ def _shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, g
     stream.log(path, mesh, static=True)
 
 
-def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, ghost: str) -> None:
+def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
     names = [spec.aliases[joint] if spec.aliases else spec.joints[joint] for joint in finger.joints]
     colors = [of_series(k) for k in range(len(names))]
-    for kind in ("position", "velocity", "torque", "command"):
+    for kind in ("position", "velocity", "torque", "command", *scene.more):
         lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])
         stream.log(f"joints/{kind}/{finger.name}", lines, static=True)
     wanted = rr.SeriesLines(
-        names=[f"{n} {ghost}" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1]
+        names=[f"{n} {scene.ghost}" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1]
     )
     stream.log(f"joints/target/{finger.name}", wanted, static=True)
     count = len(np.unique(spec.actuation.torque_limit[list(finger.joints)]))

@@ -42,6 +42,7 @@ def parameters(spec: HandSpec, **changed: Any) -> Parameters:
     values: dict[str, Any] = {
         "torque_constant": one, "armature": own.armature, "damping": own.damping, "frictionloss": own.frictionloss,
         "offset": 0 * one, "delay": 0 * one, "mass_scale": one, "stiction": one, "stribeck_speed": one, "bristle": one,
+        "load_friction": 0 * one,
     }  # fmt: skip
     return Parameters(**values | changed)
 

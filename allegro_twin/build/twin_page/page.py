@@ -27,7 +27,7 @@ _UNITS = {
     "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
-    "bristle": ("bristle, mrad", 1e3),
+    "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
 }  # fmt: skip
 _SHOWN = 1.0  # s of motion in a picture.
 
