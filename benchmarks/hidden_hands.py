@@ -24,7 +24,7 @@ POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
 HELD_OUT = 8.0  # s of another motion in an unseen pose.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
-_LOAD, _STICTION, _STRIBECK, _BRISTLE = 0.05, (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
+_LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
 """Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/twin.md"""
 
 
@@ -48,7 +48,7 @@ def drawn(seed: int, kind: str) -> dict[str, Any]:
     if kind == "mismatched":
         truth["drive"] |= {
             "stiction": row(*_STICTION), "stribeck_speed": row(*_STRIBECK), "bristle": row(*_BRISTLE),
-            "load_friction": _LOAD,
+            "load_friction": row(*_LOAD),
         }  # fmt: skip
     return truth
 
@@ -61,6 +61,7 @@ def rows(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[
 
 def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
     truth = drawn(item["seed"], item["kind"])
+    truth["drive"] |= {"backlash": item.get("backlash", 0.0)}
     with TemporaryDirectory() as name:
         folder = Path(name)
         paths = [_recorded(truth, item, pose, seconds, folder, k) for k, pose in enumerate((*POSES, UNSEEN))]
@@ -97,7 +98,8 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
     true["delay"] = np.array([truth["drive"]["delay"]])
     true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in SHAPE}
-    result: dict[str, Any] = {}
+    # A table has the same columns for every hand.
+    result: dict[str, Any] = {f"{name}{end}": "[]" for name in SHAPE for end in ("", "_inside", "_determined")}
     for name, value in found.values.items():
         error = value.value - true[name]
         relative = name in ("torque_constant", "armature", "damping", "stribeck_speed")

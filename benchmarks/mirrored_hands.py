@@ -85,7 +85,7 @@ def mirror_of(spec: HandSpec) -> Mirror:
 
 
 def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
-    """A stage: as torque the counts that the host sent for the period, as on a bus, whatever the motors made of them."""
+    """A stage: as torque the counts that the host sent for the period, as on a bus, whatever motors make of it."""
     sent = np.zeros(N)
     for state, command in samples:
         yield Sample(replace(state, torque=frozen(sent)), command)
@@ -163,4 +163,4 @@ def touch(
         after = min(after, t - felt) if since >= PERIODS else after
         if t > begun + 0.2:
             known, found = known + torque[joints], found + estimate[joints]
-    return Touch(after, float(np.linalg.norm(found - known) / max(np.linalg.norm(known), 1e-9)))
+    return Touch(after, float(np.linalg.norm(found - known)) / max(float(np.linalg.norm(known)), 1e-9))

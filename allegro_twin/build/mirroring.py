@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,13 +68,15 @@ def make_mirror(
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop)
 
 
-def mirror_of(rig: Rig) -> Mirror:
-    """Of a hand on its bus. Raises ConfigError for any other."""
+def beside(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> Mirror:
+    """Of a hand on its bus, which sees what `listen` tells. Raises ConfigError for any other hand."""
     if rig.wire is None:
         raise ConfigError("a simulated hand is its own twin: a mirror is for hands on a bus")
     table = rig.wire.calibration
     used = calibration_of(table)
-    return make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
+    made = make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
+    listen(lambda sample: made.see(sample.state))
+    return made
 
 
 def mirrored(path: Path, hand: str, free: Path | None) -> Mirrored:

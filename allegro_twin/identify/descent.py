@@ -3,6 +3,8 @@
 Fingers share nothing but the delay. A step is solved for all at once, each finger damped by itself; where a finger's
 cost rises its old parameters stay. A piece in which a finger slips where the model sticks is off by tens of the noise
 for reasons that no derivative knows; its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean square (Cauchy's).
+A piece that is about to slip answers to the smallest change, so also to all in which the model is not the hand: it has
+a weight of 1 / (1 + s / (LARGE² median s)) besides, s: the mean square of its derivatives, parameters in their units.
 """
 
 from __future__ import annotations
@@ -46,15 +48,18 @@ class _Costs:
     """A finger each, (w,)."""
     scale: Vector
     """(fingers,)"""
+    calm: tuple[Vector, ...]
+    """The weights of pieces that are about to slip, (w,) each."""
 
     @property
     def weights(self) -> list[Vector]:
-        return [1.0 / (1.0 + each / scale) for each, scale in zip(self.pieces, self.scale, strict=True)]
+        each = zip(self.pieces, self.scale, self.calm, strict=True)
+        return [calm / (1.0 + mean / scale) for mean, scale, calm in each]
 
     def total(self) -> Vector:
         """(fingers,)"""
-        pairs = zip(self.pieces, self.scale, strict=True)
-        return np.array([float(scale * np.log1p(each / scale).mean()) for each, scale in pairs])
+        each = zip(self.pieces, self.scale, self.calm, strict=True)
+        return np.array([float((scale * calm * np.log1p(mean / scale)).mean()) for mean, scale, calm in each])
 
     @property
     def left(self) -> float:
@@ -70,7 +75,7 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> 
         problem.shooting.better_starts(drive)
         x = problem.x_of(drive)
         J, r = problem.jacobian(x), problem.residuals(x)
-        costs = _costs(problem, r)
+        costs = _costs(problem, r, _calm(problem, J))
         before, weight = costs.total(), _rows(problem, costs)
         x, r, costs = _steps(problem, x, r, J * weight[:, None], weight, costs)
         drive = problem.drive_of(x)
@@ -89,7 +94,7 @@ def _steps(
         gradient = J.T @ (weight * r)
         tried = x + _step(problem, x, normal, gradient, damping)
         residuals = problem.residuals(tried)
-        found = _costs(problem, residuals, costs.scale)
+        found = _costs(problem, residuals, costs.calm, costs.scale)
         better = found.total() <= now
         damping *= np.where(better, _LESS, _MORE)
         if not better.any():
@@ -99,7 +104,7 @@ def _steps(
             tried[own] = x[own]
         x = tried
         r = residuals if better.all() else problem.residuals(x)
-        costs = _costs(problem, r, costs.scale)
+        costs = _costs(problem, r, costs.calm, costs.scale)
         now = costs.total()
     return x, r, costs
 
@@ -136,12 +141,21 @@ def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping:
     return np.asarray(np.maximum(x + step, problem.least) - x)
 
 
-def _costs(problem: Problem, r: Vector, scale: Vector | None = None) -> _Costs:
+def _calm(problem: Problem, J: Array) -> tuple[Vector, ...]:
+    """The weight of each finger's pieces, (w,) each, by how much they answer to its parameters."""
+    w, found = len(problem.cuts.recording), []
+    for number, rows in problem.parts():
+        lever = np.square(J[rows][:, problem.columns(number)]).sum(axis=1).reshape(w, -1).mean(axis=1)
+        found.append(1.0 / (1.0 + lever / (LARGE**2 * _usual(lever))))
+    return tuple(found)
+
+
+def _costs(problem: Problem, r: Vector, calm: tuple[Vector, ...], scale: Vector | None = None) -> _Costs:
     w = len(problem.cuts.recording)
     pieces = tuple(np.square(r[rows].reshape(w, -1)).mean(axis=1) for _, rows in problem.parts())
     if scale is None:
         scale = np.array([LARGE**2 * _usual(each) for each in pieces])
-    return _Costs(pieces, scale)
+    return _Costs(pieces, scale, calm)
 
 
 def _usual(pieces: Vector) -> float:

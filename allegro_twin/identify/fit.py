@@ -16,10 +16,12 @@ from allegro_twin.sim.windows import STEP, Parameters, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
-FEW = 40
+FEW = 30
 """Pieces to begin with."""
-COARSE, BREAKING, FINE = 2, 5, 2
-"""Rounds of new derivatives at most: roughly, the same where friction breaks away, and in the end."""
+COARSE, BREAKING = 2, 5
+"""Rounds of new derivatives at most: roughly, and the same where friction breaks away."""
+FINE = {False: 2, True: 1}
+"""In the end, likewise."""
 ROUGHLY, FINELY = 0.1, 0.01
 """The share of the cost that a round must gain for another one."""
 SUSPICIOUS = 3.0
@@ -72,7 +74,7 @@ def fit(
         bristly = friction == "lugre" or other.left < rough.left
         rough = other if bristly else rough
     whole = problem(bristly, 1)
-    last = descend(whole, rough.drive, FINE, FINELY)
+    last = descend(whole, rough.drive, FINE[bristly], FINELY)
     spreads = spread(whole, last, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)

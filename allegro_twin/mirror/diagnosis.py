@@ -18,7 +18,7 @@ EVERY = 8
 """Rows between two looks: 0.24 s."""
 WAIT = ROWS + EVERY
 """Rows from the first sign to the name: then no row of the window is from before, and shapes are told apart."""
-LONGEST = 90
+LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
 AT_ONCE = ("encoder_step", "hot", "stuck")
 CLEAR = 0.05

@@ -42,6 +42,11 @@ class Mirror:
         return self._spec
 
     @property
+    def observer(self) -> Observer:
+        """The simulation beside the hand."""
+        return self._observer
+
+    @property
     def external_torque(self) -> Vector:
         """What pushes the joints from outside, (n,), N·m; NaN before the second sample."""
         return self.latest()["disturbance"]

@@ -14,6 +14,7 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.hand import Hand
 from allegro_twin.identify.gap import drive_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
@@ -169,3 +170,15 @@ def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) ->
         else:
             where = observer.step(sample.state.torque, sample.state.gravity, sample.state.position).position
             np.testing.assert_allclose(where, hand.data.qpos[:N], atol=1e-4)
+
+
+def test_a_hand_on_a_bus_has_a_mirror_and_a_simulated_one_is_its_own() -> None:
+    with Hand.open("can_virtual") as hand:
+        hand.move_to("rock")
+        assert not hand.mirror.contacts
+        hand.move_to("home")
+        assert np.abs(hand.mirror.external_torque).max() < 0.01
+        assert hand.mirror.anomaly is None
+        assert hand.mirror is hand.mirror
+    with Hand.open("sim_right") as hand, pytest.raises(ConfigError, match="a simulated hand is its own twin"):
+        hand.mirror  # noqa: B018  # Asking is what fails.
