@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from allegro_twin.look.layout import MORE
 from allegro_twin.look.scenery import Scenery, scenery
 from allegro_twin.look.viewer import Viewer
 from allegro_twin.mirror.anomalies import words
@@ -26,7 +27,7 @@ COUNTS = ("missed", "incomplete", "behind", "throttled")
 
 def stage(spec: HandSpec) -> Scenery:
     """What a viewer is to draw for a mirror."""
-    return replace(scenery(spec, {}), ghost="expected", more=("disturbance", "residual", "temperature"))
+    return replace(scenery(spec, {}), ghost="expected", more=tuple(MORE), link=COUNTS)
 
 
 def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:

@@ -31,7 +31,7 @@ def layout(spec: HandSpec, scenery: Scenery, start: str) -> rrb.Blueprint:
     ]
     for kind in scenery.more:
         tabs.append(rrb.Vertical(*(_plot(finger.name, (kind,)) for finger in spec.fingers), name=MORE[kind]))
-    if scenery.more:
+    if scenery.link:
         tabs.append(rrb.TimeSeriesView(origin="mirror/link", name="Link (losses)"))
     if scenery.objects:
         tabs.append(rrb.TimeSeriesView(origin="contact/force", name="Contact force (N)"))

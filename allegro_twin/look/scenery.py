@@ -29,8 +29,9 @@ class Scenery:
     ghost: str = "target"
     """What the second, translucent hand is."""
     more: tuple[str, ...] = ()
-    """Further quantities of every joint that are drawn, of `layout.MORE`, and with them what happens (`mirror/event`)
-    and how the link is (`mirror/link`)."""
+    """Further quantities of every joint that are drawn, of `layout.MORE`, and with them what happens."""
+    link: tuple[str, ...] = ()
+    """What is counted on the link."""
 
 
 def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:

@@ -33,6 +33,8 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     colors = [_rgb(of_series(k)) for k in range(len(parts))]
     stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
     stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.002]), static=True)
+    if scene.link:
+        stream.log("mirror/link", rr.SeriesLines(names=list(scene.link)), static=True)
     if scene.phases:
         begins = [begin for _, begin, _ in scene.phases]
         _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])

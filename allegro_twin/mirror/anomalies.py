@@ -41,6 +41,8 @@ class Window(NamedTuple):
     """Of the motors, as the mirror's file says, (k, n), N·m."""
     velocity: Array
     """(k, n), rad/s."""
+    side: Array
+    """To which side friction acts, (k, n), -1 to 1: tanh(speed / CREEP) of every period."""
     position: Array
     """(k, n), rad."""
     jump: Array
@@ -147,7 +149,7 @@ def _shapes(window: Window, own: Sequence[int]) -> Iterator[tuple[Name, int, Arr
         alone = np.zeros((len(window.torque), len(own)))
         alone[:, place] = 1.0
         yield "weak", joint, -alone * _late(window.torque[:, joint])[:, None]
-        yield "friction", joint, -alone * np.tanh(_late(window.velocity[:, joint]) / CREEP)[:, None]
+        yield "friction", joint, -alone * _late(window.side[:, joint])[:, None]
         yield "payload", joint, window.pull[:, joint][:, own]
 
 

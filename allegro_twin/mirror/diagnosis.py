@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.mirror.anomalies import ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, ROW, Anomaly, Window, largest, named
 from allegro_twin.mirror.events import EULER, thresholds
+from allegro_twin.sim.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Vector
 
@@ -20,8 +21,8 @@ WAIT = ROWS + EVERY
 """Rows from the first sign to the name: then no row of the window is from before, and shapes are told apart."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
-AT_ONCE = ("encoder_step", "hot", "stuck")
-CLEAR = 0.05
+AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
+CLEAR = 0.03
 """What the next likely name must lack of the squares that the likeliest takes away."""
 RARE = 3e5
 """Looks in which a free finger reaches its threshold once: 20 hours."""
@@ -61,13 +62,12 @@ class Calm(NamedTuple):
 class Diagnosis:
     """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,)."""
 
-    def __init__(self, spec: HandSpec, period: float, quiet: Vector) -> None:
-        self._spec, self._span, self._quiet = spec, ROW * period, quiet
+    def __init__(self, spec: HandSpec, quiet: Vector) -> None:
+        self._spec, self._quiet = spec, quiet
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
         self._rows: deque[tuple[Array, ...]] = deque(maxlen=ROWS)
-        self._before: Vector | None = None
         self._count, self._sign = 0, -1
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
@@ -79,18 +79,16 @@ class Diagnosis:
             return None
         return Window(*(np.array(column) for column in zip(*self._rows, strict=True)))
 
-    def add(self, state: HandState, disturbance: Vector, torque: Vector, off: Vector, pull: Array | None) -> None:
+    def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, pull: Array | None) -> None:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `pull` is
         wanted in the last of ROW periods."""
-        self._periods.append((disturbance, torque, np.abs(off), state.position))
+        v = estimate.velocity
+        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, np.abs(off)))
         if len(self._periods) < ROW or pull is None:
             return
-        d, u, away, position = (np.array(each) for each in zip(*self._periods, strict=True))
+        *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
-        place = position.mean(axis=0)
-        speed = np.zeros_like(place) if self._before is None else (place - self._before) / self._span
-        self._before = place
-        self._rows.append((d.mean(axis=0), u.mean(axis=0), speed, place, away.max(axis=0), pull, state.temperature))
+        self._rows.append((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
         self._count += 1
         if self._count % EVERY == 0 and self.window is not None:
             self._look()

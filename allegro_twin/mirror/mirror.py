@@ -35,7 +35,7 @@ class Mirror:
         self._estimate: Estimate | None = None
         self._begun: float | None = None
         self._over = np.zeros(len(spec.fingers), dtype=int)
-        self._diagnosis = Diagnosis(spec, observer.period, self._calm.gains)
+        self._diagnosis = Diagnosis(spec, self._calm.gains)
 
     @property
     def spec(self) -> HandSpec:
@@ -105,7 +105,7 @@ class Mirror:
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
         torque, off = duty * self._observer.torque_constant, state.position - estimate.predicted
-        diagnosis.add(state, estimate.disturbance, torque, off, self._observer.pull() if diagnosis.due else None)
+        diagnosis.add(state, estimate, torque, off, self._observer.pull() if diagnosis.due else None)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self._calm.above))
             raise HandFault(

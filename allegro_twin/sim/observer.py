@@ -34,6 +34,8 @@ class Estimate(NamedTuple):
     """As corrected, without offsets, (n,), rad."""
     disturbance: Vector
     """Torque from outside, (n,), N·m."""
+    velocity: Vector
+    """As corrected, (n,), rad/s."""
 
 
 class Observer:
@@ -70,7 +72,8 @@ class Observer:
         data.qpos[player.qpos] += self._gains[0] * error
         data.qvel[player.dofs] += self._gains[1] * error
         data.qfrc_applied[player.dofs] += self._gains[2] * error
-        return Estimate(predicted, data.qpos[player.qpos].copy(), data.qfrc_applied[player.dofs].copy())
+        pushed, speed = data.qfrc_applied[player.dofs].copy(), data.qvel[player.dofs].copy()
+        return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
 
     def pull(self) -> Array:
         """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the

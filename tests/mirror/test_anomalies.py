@@ -23,7 +23,7 @@ from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, ga
 from allegro_twin.mirror.diagnosis import EVERY, RARE, ROWS, WAIT, Calm, Diagnosis
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.observer import Observer
+from allegro_twin.sim.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample
 from tests.conftest import MakeSim
@@ -42,6 +42,7 @@ def window(**changed: Any) -> Window:
         "disturbance": 0.0005 * rng.standard_normal((K, N)),
         "torque": 0.1 * np.sin(2.3 * pace * t + phase[1]),
         "velocity": 0.5 * np.cos(pace * t + phase[0]),
+        "side": np.tanh(0.5 * np.cos(pace * t + phase[0]) / CREEP),
         "position": 0.5 / pace * np.sin(pace * t + phase[0]),
         "jump": np.full((K, N), 1e-4),
         "pull": PULL,
@@ -64,7 +65,7 @@ def test_each_fault_is_called_by_its_name_with_its_joint_and_its_size(spec: Hand
     d = free.disturbance
     for name, amount, push in (
         ("weak", 0.4, -0.4 * np.eye(N)[joint] * late(free.torque)),
-        ("friction", 0.03, -0.03 * np.eye(N)[joint] * np.tanh(late(free.velocity) / CREEP)),
+        ("friction", 0.03, -0.03 * np.eye(N)[joint] * late(free.side)),
         ("payload", 0.02, 0.02 * free.pull[:, joint] * (np.arange(N) // 4 == joint // 4)),
     ):
         found = named(free._replace(disturbance=d + push), QUIET, spec)
@@ -118,13 +119,15 @@ def states(spec: HandSpec) -> Iterator[HandState]:
 
 
 def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -> None:
-    each, pull, sign = Diagnosis(spec, 0.003, QUIET), np.zeros((N, N)), 3 * ROWS * ROW
+    each, pull, sign = Diagnosis(spec, QUIET), np.zeros((N, N)), 3 * ROWS * ROW
     named_at = None
     for tick, state in enumerate(states(spec)):
         wrong = tick > sign
         torque = 0.1 * np.sin(0.02 * tick + np.arange(N))
         push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0) if wrong else np.zeros(N)
-        each.add(state, push, torque, np.zeros(N), pull if each.due else None)
+        speed = 0.9 * np.cos(3.0 * state.t + np.arange(N))
+        estimate = Estimate(state.position, state.position, push, speed)
+        each.add(state, estimate, torque, np.zeros(N), pull if each.due else None)
         if each.found is not None:
             named_at = (tick - sign) / ROW
             break

@@ -111,6 +111,22 @@ def test_one_period_above_is_no_touch_and_a_short_pause_no_end(spec: HandSpec) -
     assert only.end == pytest.approx(2.097)
 
 
+def test_joints_that_are_pushed_a_little_each_are_a_touch_together(spec: HandSpec) -> None:
+    above, disturbance = np.full(N, 0.01), np.zeros((3, N))
+    disturbance[:, [9, 10]] = 0.008, -0.008
+    assert touched(disturbance, above, spec)[2].tolist() == [False, False, True, False]
+    disturbance[:, 10] = 0.0
+    assert not touched(disturbance, above, spec).any()
+
+
+def test_a_minute_of_noise_sets_thresholds_that_half_an_hour_of_it_does_not_reach(spec: HandSpec) -> None:
+    rng, usual = np.random.default_rng(0), np.linspace(0.002, 0.004, N)
+    above = thresholds(usual * rng.standard_normal((20_000, N)), 0.003, spec)
+    assert (above / usual < 8.5).all()
+    for _ in range(10):
+        assert not touched(usual * rng.standard_normal((60_000, N)), above, spec).any()
+
+
 def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_no_mirror(
     spec: HandSpec, hand: SimBackend
 ) -> None:
