@@ -29,6 +29,8 @@ class Drive:
     """How far a joint gives before it breaks away, rad (LuGre); 0: not at all, and friction is Coulomb's."""
     load_friction: Vector
     """Dry friction that a motor's torque adds, as a share of it."""
+    backlash: Vector
+    """How far a link moves freely between its motor's teeth, rad, both ways together. The encoder sees the link."""
     encoder_noise: Vector
     """Standard deviation of a reported joint position, rad."""
     encoder_offset: Vector

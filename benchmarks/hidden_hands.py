@@ -16,6 +16,7 @@ from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
 from allegro_twin.identify.gap import Gap
 from allegro_twin.identify.method import Identified, gaps, identify
+from allegro_twin.identify.problem import SHAPE
 from allegro_twin.identify.stored import store
 from allegro_twin.types import Array
 
@@ -23,7 +24,7 @@ POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
 HELD_OUT = 8.0  # s of another motion in an unseen pose.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
-_LOAD, _STICTION, _STRIBECK, _BRISTLE = 0.05, (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
+_LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
 """Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/twin.md"""
 
 
@@ -47,7 +48,7 @@ def drawn(seed: int, kind: str) -> dict[str, Any]:
     if kind == "mismatched":
         truth["drive"] |= {
             "stiction": row(*_STICTION), "stribeck_speed": row(*_STRIBECK), "bristle": row(*_BRISTLE),
-            "load_friction": _LOAD,
+            "load_friction": row(*_LOAD),
         }  # fmt: skip
     return truth
 
@@ -60,6 +61,7 @@ def rows(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[
 
 def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
     truth = drawn(item["seed"], item["kind"])
+    truth["drive"] |= {"backlash": item.get("backlash", 0.0)}
     with TemporaryDirectory() as name:
         folder = Path(name)
         paths = [_recorded(truth, item, pose, seconds, folder, k) for k, pose in enumerate((*POSES, UNSEEN))]
@@ -95,10 +97,12 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
     true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
     true["delay"] = np.array([truth["drive"]["delay"]])
-    result: dict[str, Any] = {}
+    true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in SHAPE}
+    # A table has the same columns for every hand.
+    result: dict[str, Any] = {f"{name}{end}": "[]" for name in SHAPE for end in ("", "_inside", "_determined")}
     for name, value in found.values.items():
         error = value.value - true[name]
-        relative = name in ("torque_constant", "armature", "damping")
+        relative = name in ("torque_constant", "armature", "damping", "stribeck_speed")
         result[name] = _text(error / true[name] if relative else error)
         result[f"{name}_inside"] = _text(np.abs(error) <= value.half)
         result[f"{name}_determined"] = _text(value.determined)

@@ -1,4 +1,8 @@
-"""`python -m benchmarks.twins`: hidden hands identified, against the bars of docs/twin.md; goes on where it stopped."""
+"""`python -m benchmarks.twins`: hidden hands identified, against the bars of docs/twin.md; goes on where it stopped.
+
+The campaign: 20 matched hands and 20 mismatched ones in turn, every third with 5 mrad of backlash. A hand is written
+when it is done, so that a kill loses one; the same command goes on, and prints what there is with `--show`.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,7 @@ class Bar(NamedTuple):
     unit: str
 
 
+_NONE = float("nan")
 BARS = {  # Matched, mismatched; median and 90th percentile.
     "torque_constant": ((0.5, 2.0), (3.0, 10.0), "%", 100.0),
     "damping": ((1.0, 5.0), (5.0, 15.0), "%", 100.0),
@@ -30,32 +35,47 @@ BARS = {  # Matched, mismatched; median and 90th percentile.
     "frictionloss": ((0.5, 0.5), (1.0, 1.0), "mN·m", 1000.0),
     "offset": ((2.0, 2.0), (2.0, 2.0), "mrad", 1000.0),
     "delay": ((0.3, 0.3), (0.5, 0.5), "ms", 1000.0),
+    "stiction": ((_NONE, _NONE), (0.2, 0.2), "", 1.0),
+    "stribeck_speed": ((_NONE, _NONE), (30.0, 30.0), "%", 100.0),
+    "load_friction": ((_NONE, _NONE), (_NONE, _NONE), "% of the torque", 100.0),
 }
+BACKLASH = 0.005  # rad
 _KINDS = ("matched", "mismatched")
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--kind", choices=_KINDS, default="matched")
+    options.add_argument("--kind", choices=(*_KINDS, "both"), default="both")
     options.add_argument("--masses", choices=("known", "assumed"), default="known")
     options.add_argument("--hands", type=int, default=20)
-    options.add_argument("--first", type=int, default=0, help="seed of the first")
-    options.add_argument("--seconds", type=float, default=20.0, help="in each of three poses")
+    options.add_argument("--first", type=int, default=0, help="seed of the first; mismatched ones are 100 later")
+    options.add_argument("--seconds", type=float, default=16.0, help="in each of three poses")
+    options.add_argument("--show", action="store_true", help="what is there, and compute nothing")
     options.add_argument("--out", type=Path, default=Path("out/twins"))
     chosen = options.parse_args()
+    kinds = _KINDS if chosen.kind == "both" else (chosen.kind,)
     seeds = range(chosen.first, chosen.first + chosen.hands)
-    items = [
-        {"seed": seed, "kind": chosen.kind, "masses": chosen.masses, "side": ("right", "left")[seed // 2 % 2]}
-        for seed in seeds
-    ]
+    items = [item(seed, kind, chosen.masses) for seed in seeds for kind in kinds]
     sweep = Sweep("benchmarks.hidden_hands:rows", items, {"seconds": chosen.seconds}, unit=1)
-    table = run(sweep, Store(chosen.out), Local(1), lambda done, total: print(f"{done} of {total}", flush=True))
-    rows = [row for row in table.to_pylist() if not row["error"]]
-    for row in table.to_pylist():
+    store = Store(chosen.out)
+    if not chosen.show:
+        run(sweep, store, Local(1), lambda done, total: print(f"{done} of {total}", flush=True))
+    table = [row for part in store.tables() for row in part.to_pylist()]
+    for kind in kinds:
+        rows = [row for row in table if row["kind"] == kind and not row["error"]]
+        print(f"{kind}: {len(rows)} hands, seeds {sorted(row['seed'] for row in rows)}")
+        for bar in figures(rows, kind) if rows else ():
+            print(f"{bar.what:<64}{bar.figure:>10.2f} {bar.unit:<6}{bar.bar:>8.2f}")
+    for row in table:
         if row["error"]:
-            print(f"not computed: {row['error']}")
-    for bar in figures(rows, chosen.kind):
-        print(f"{bar.what:<64}{bar.figure:>10.2f} {bar.unit:<6}{bar.bar:>8.2f}")
+            print(f"{row['kind']} {row['seed']} not computed: {row['error']}")
+
+
+def item(seed: int, kind: str, masses: str) -> dict[str, Any]:
+    """A hand of the campaign."""
+    own = seed + (100 if kind == "mismatched" else 0)
+    backlash = BACKLASH if own % 3 == 2 else 0.0
+    return {"seed": own, "kind": kind, "masses": masses, "side": ("right", "left")[seed // 2 % 2], "backlash": backlash}
 
 
 def figures(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[Bar]:
@@ -63,6 +83,8 @@ def figures(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[Bar]:
     for name, (*bars, unit, by) in BARS.items():
         median, tail = bars[_KINDS.index(kind)]
         errors, inside, determined = (_all(rows, f"{name}{end}") for end in ("", "_inside", "_determined"))
+        if not len(determined):
+            continue
         chosen = determined > 0
         yield Bar(f"{name}: determined", 100 * float(determined.mean()), 100.0, "%")
         if chosen.any():

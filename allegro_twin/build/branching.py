@@ -7,7 +7,7 @@ guessing them from what was recorded; every row up to it is compared, bit for bi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,8 +41,11 @@ from allegro_twin.files.schema import parse
 from allegro_twin.loop import Controller
 from allegro_twin.replay.recording import Recording, load
 from allegro_twin.sim.backend import ENGINE, SimBackend
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
+Beside: TypeAlias = Callable[[], dict[str, Array]]
+"""What is known beside a sample: where the recording's joints were (`target`), and what a trial sees."""
 Changes: TypeAlias = Mapping[str, Any]
 """By key: `friction`, `damping`, `frictionloss`, or `controller.…` as in a config."""
 _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
@@ -71,12 +74,19 @@ class Branched:
     """Joint positions as they were, (k, n), rad."""
     branched: Array
     """As they would have been."""
+    spec: HandSpec
     report: Report | None
     """The verdict on the branch, where the recording is of a scenario."""
 
 
-def branch(path: Path, at: float, changes: Changes, seen: Callable[[Sample], None] = lambda sample: None) -> Branched:
-    """Go on otherwise from `at`, s. Raises ConfigError for a recording that cannot be repeated, or an odd change."""
+def branch(
+    path: Path,
+    at: float,
+    changes: Changes,
+    through: Callable[[Iterator[Sample], Beside], Iterator[Sample]] = lambda samples, beside: samples,
+) -> Branched:
+    """Go on otherwise from `at`, s; `through`: stages for its samples. Raises ConfigError for a recording that cannot
+    be repeated, or an odd change."""
     recording = load(path)
     config = _config(recording)
     after = _checked(config, changes)
@@ -87,22 +97,39 @@ def branch(path: Path, at: float, changes: Changes, seen: Callable[[Sample], Non
     if rig.sim is None:
         raise ConfigError(f"{path} is of a hand that is not simulated: only a simulation can go on otherwise")
     other = assemble(after).controller if after is not config else None
-    found = []
     with closing(rig.backend):
         samples = _run(rig, rig.sim, at, changes, other)
-        for row, sample in enumerate(rig.trial.watched(samples) if rig.trial is not None else samples):
-            if sample.state.t <= at + 1e-9 and (sample.state.position != recording.columns["position"][row]).any():
+        follower = _Follower(recording, at, rig)
+        samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)
+        found = [sample.state.position for sample in through(samples, follower.beside)]
+        whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
+        report = rig.trial.report() if whole and rig.trial is not None else None
+    return Branched(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
+
+
+class _Follower:
+    """Keeps up with the recording row by row, to its end."""
+
+    def __init__(self, recording: Recording, at: float, rig: Rig) -> None:
+        self._recording, self._at, self._trial, self._row = recording, at, rig.trial, 0
+
+    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """A stage. Raises ConfigError where the samples are not the recording's before `at`."""
+        path, position = self._recording.path, self._recording.columns["position"]
+        for row, sample in enumerate(samples):
+            self._row = row
+            if sample.state.t <= self._at + 1e-9 and (sample.state.position != position[row]).any():
                 raise ConfigError(
                     f"{path} is not repeated by this program: it differs at {sample.state.t:.3f} s. Was it made by "
                     "another version, or interrupted by hand?"
                 )
-            seen(sample)
-            found.append(sample.state.position)
-            if row + 1 == len(recording):
-                break
-        whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
-        report = rig.trial.report() if whole and rig.trial is not None else None
-    return Branched(recording.columns["t"], recording.columns["position"], np.array(found), report)
+            yield sample
+            if row + 1 == len(self._recording):
+                return
+
+    def beside(self) -> dict[str, Array]:
+        own: dict[str, Array] = dict(self._trial.latest()) if self._trial is not None else {}
+        return own | {"target": self._recording.columns["position"][self._row]}
 
 
 def changes_of(texts: list[str]) -> dict[str, Any]:

@@ -112,6 +112,14 @@ def lines(found: Identified) -> Iterator[str]:
                 reasons.setdefault(why, []).append(_name(spec, joint) if name != "delay" else "all")
         for why, joints in reasons.items():
             yield f"{name.replace('_', ' ')} of {', '.join(joints)}: not determined, because {why}"
+    offset = found.values["offset"]
+    if np.isfinite(found.stops).all() and offset.determined.any():
+        apart = np.where(offset.determined, np.abs(offset.value - found.stops), 0.0)
+        most, usual = int(apart.argmax()), float(np.median(apart[offset.determined]))
+        yield (
+            f"Encoder offsets by weight and by end stops are {1000 * usual:.1f} mrad apart "
+            f"in the median, {1000 * apart[most]:.1f} at most ({_name(spec, most)})."
+        )
     worst = int(np.argmax(found.fit.spread.residual))
     if found.fit.spread.residual[worst] > _WEAK:
         yield (

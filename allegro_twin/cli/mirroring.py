@@ -2,56 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.whole import whole_file
 
 if TYPE_CHECKING:
     from allegro_twin.build.mirroring import Mirrored
+    from allegro_twin.build.rig import Rig
     from allegro_twin.config import RunConfig
+    from allegro_twin.mirror.mirror import Mirror
+    from allegro_twin.spec import HandSpec
+    from allegro_twin.types import Sample
+
+
+class Wanted(NamedTuple):
+    """What is to become of a run."""
+
+    free: Path | None = None
+    stop: tuple[str, ...] = ()
+    record: Path | None = None
+    rrd: Path | None = None
+    live: str | None = None
+    """`native` or `web`."""
 
 
 def live(
-    config: RunConfig, hand: str, free: Path | None, stop: bool, record: Path | None, advance: Callable[[float], None]
+    config: RunConfig, hand: str, wanted: Wanted, advance: Callable[[float], None], tell: Callable[[str], None]
 ) -> Mirrored:
-    """Run a config's hand with its mirror beside it. Raises HandError; HandFault for a touch that is to stop it."""
+    """Run a config's hand with its mirror beside it. Raises HandError; HandFault for what is to stop it."""
     from allegro_twin.build.assemble import assemble
-    from allegro_twin.build.mirroring import DEFAULT, Mirrored, limits, make_mirror
+    from allegro_twin.build.mirroring import Mirrored, limits, make_mirror
     from allegro_twin.build.wired import codec_of
     from allegro_twin.config import CanSettings
     from allegro_twin.loop import run, to_the_end, until
+    from allegro_twin.mirror.diagnosis import Calm
     from allegro_twin.mirror.events import contacts
-    from allegro_twin.replay.recorder import recorded
 
     if not isinstance(config.backend, CanSettings):
         raise ConfigError(
             f"a {config.backend.kind} hand is its own twin: `mirror` is for hands on a bus, and recordings"
         )
     codec, rig = codec_of(config, config.backend), assemble(config)
-    above = np.full(rig.spec.n_joints, DEFAULT) if free is None else limits(free, hand or rig.spec.serial)
-    each = make_mirror(rig.spec, hand or rig.spec.serial, codec.version, codec.calibration, config.period,
-                       above if stop else None)  # fmt: skip
+    calm = Calm.usual(rig.spec) if wanted.free is None else limits(wanted.free, hand or rig.spec.serial)
+    each = make_mirror(
+        rig.spec, hand or rig.spec.serial, codec.version, codec.calibration, config.period, calm, wanted.stop
+    )
     rows = []
-    with closing(rig.backend):
+    with closing(rig.backend), ExitStack() as stack:
         samples = each.watched(to_the_end(run(rig.backend, rig.controller)))
         if rig.seconds is not None:
             samples = until(rig.seconds, samples)
-        if record is not None and rig.wire is not None:
-            meta: dict[str, object] = {"calibration": rig.wire.calibration, "config": config.model_dump(mode="json")}
-            meta |= rig.sim.meta() if rig.sim is not None else {}
-            samples = recorded(samples, record, rig.spec, config.period, meta=meta, extras=each.latest)
+        samples = _kept(samples, config, rig, each, wanted)
+        samples = _drawn(samples, rig, each, wanted, stack, tell)
         for sample in samples:
             latest = each.latest()
             rows.append((sample.state.t, latest["disturbance"], sample.state.position - latest["predicted"]))
             advance(sample.state.t)
     t, disturbance, off = (np.array(column) for column in zip(*rows[1:], strict=True))
-    return Mirrored(t, disturbance, off, above, tuple(contacts(t, disturbance, above, rig.spec)))
+    touches = tuple(contacts(t, disturbance, calm.above, rig.spec))
+    return Mirrored(t, disturbance, off, calm.above, touches, each.anomaly)
+
+
+def _kept(samples: Iterator[Sample], config: RunConfig, rig: Rig, mirror: Mirror, wanted: Wanted) -> Iterator[Sample]:
+    from allegro_twin.replay.recorder import recorded
+
+    if wanted.record is None or rig.wire is None:
+        return samples
+    meta: dict[str, object] = {"calibration": rig.wire.calibration, "config": config.model_dump(mode="json")}
+    meta |= rig.sim.meta() if rig.sim is not None else {}
+    return recorded(samples, wanted.record, rig.spec, config.period, meta=meta, extras=mirror.latest)
+
+
+def _drawn(
+    samples: Iterator[Sample], rig: Rig, mirror: Mirror, wanted: Wanted, stack: ExitStack, tell: Callable[[str], None]
+) -> Iterator[Sample]:
+    from allegro_twin.loop import paced
+    from allegro_twin.session import rerun_stage
+
+    if wanted.rrd is None and wanted.live is None:
+        return samples
+    viewer_of, _ = rerun_stage()
+    from allegro_twin.build.mirror_view import RATE, drawn, stage
+
+    health = rig.wire.health if rig.wire is not None else None
+    if wanted.rrd is not None:
+        temporary = stack.enter_context(whole_file(wanted.rrd))
+        viewer = viewer_of(rig.spec, stage(rig.spec), rate=RATE)
+        stack.callback(viewer.close)
+        samples = drawn(samples, mirror, viewer.to_file(temporary), health)
+    if wanted.live is not None:
+        viewer = viewer_of(rig.spec, stage(rig.spec), rate=RATE, live=True)
+        stack.callback(viewer.close)
+        if wanted.live == "web":
+            tell(f"Open {viewer.serve()}")
+        else:
+            viewer.spawn()
+        samples = drawn(paced(samples) if not rig.live else samples, mirror, viewer, health)
+    return samples
 
 
 def table(found: Mirrored, joints: tuple[str, ...]) -> Table:
@@ -69,10 +123,15 @@ def table(found: Mirrored, joints: tuple[str, ...]) -> Table:
     return made
 
 
-def lines(found: Mirrored) -> list[str]:
-    """The touches."""
+def lines(found: Mirrored, spec: HandSpec) -> list[str]:
+    """The touches, and what is wrong."""
     said = [
         f"{each.finger} is touched from {each.begin:.3f} to {each.end:.3f} s, by up to {1000 * each.torque:.0f} mN·m"
         for each in found.contacts
     ]
-    return said or ["Nothing touched it."]
+    said = said or ["Nothing touched it."]
+    if found.anomaly is not None:
+        from allegro_twin.mirror.anomalies import words
+
+        said.append(f"Something is wrong: {words(found.anomaly, spec)}.")
+    return said

@@ -142,13 +142,23 @@ def mirror(
     free: Annotated[
         Path | None, typer.Option(help="A recording that touched nothing: it says from where on a push is a touch.")
     ] = None,
-    stop: Annotated[bool, typer.Option("--stop-on-contact", help="Leave the hand limp at a touch.")] = False,
+    stop_on: Annotated[
+        str, typer.Option(help="What leaves the hand limp: contact, weak, stuck, …, with commas between.")
+    ] = "",
     record: Annotated[
         Path | None,
-        typer.Option(help="Record a run, with `predicted` and `disturbance`.", callback=options.file(".arrow")),
+        typer.Option(
+            help="Record a run, with `predicted`, `disturbance` and `event`.", callback=options.file(".arrow")
+        ),
     ] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Draw a run into a Rerun file.", callback=options.file(".rrd"))
+    ] = None,
+    view: Annotated[bool, typer.Option(help="Watch a run live in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch a run live in the browser.")] = False,
 ) -> None:
-    """Run the model beside a hand: what it expects, and what pushes the fingers; a recording plays past it faster."""
+    """Run the model beside a hand: what it expects, what pushes the fingers, and what is wrong with them; a recording
+    plays past it faster."""
     from allegro_twin.cli import console, identifying, mirroring
 
     identifying.check_scipy()
@@ -156,8 +166,10 @@ def mirror(
         from allegro_twin.build.mirroring import mirrored
         from allegro_twin.replay.recording import load
 
-        if stop or record is not None:
-            raise ConfigError(f"{target} is a recording: --stop-on-contact and --record are for a hand that runs")
+        if stop_on or record is not None or rrd is not None or view or web:
+            raise ConfigError(
+                f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
+            )
         found, spec = mirrored(Path(target), hand or "", free), load(Path(target)).spec
     else:
         from allegro_twin.build.wired import spec_of
@@ -166,10 +178,14 @@ def mirror(
         config = load_config(target)
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
-            found = mirroring.live(config, hand or "", free, stop, record, lambda t: bar.update(job, completed=t))
+            stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
+            wanted = mirroring.Wanted(free, stop, record, rrd, "web" if web else "native" if view else None)
+            found = mirroring.live(
+                config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
+            )
         spec = spec_of(config)
     console.console.print(mirroring.table(found, spec.aliases or spec.joints))
-    for line in mirroring.lines(found):
+    for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)
 
 
@@ -186,11 +202,20 @@ def branch(
     record: Annotated[
         Path | None, typer.Option(help="Record it to this .arrow.", callback=options.file(".arrow"))
     ] = None,
+    rrd: Annotated[
+        Path | None,
+        typer.Option(help="Both futures in one Rerun file: the hand, and as it was.", callback=options.file(".rrd")),
+    ] = None,
+    image: Annotated[
+        Path | None, typer.Option(help="Both futures drawn joint by joint, .png.", callback=options.file(".png"))
+    ] = None,
 ) -> None:
     """What if: let a recorded simulation go on otherwise from some instant, and compare both futures."""
     from allegro_twin.cli import branching, console
 
-    found = branching.branched(recording, at, change or [], record)
+    found = branching.branched(recording, at, change or [], record, rrd)
+    if image is not None:
+        branching.picture(image, recording, found, at)
     console.console.print(branching.table(recording, found, at))
     for line in branching.lines(found, at):
         console.console.print(line, highlight=False, soft_wrap=True)

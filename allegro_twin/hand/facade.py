@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pathlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
@@ -29,6 +30,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
+    from allegro_twin.mirror.mirror import Mirror
     from allegro_twin.sim.backend import SimBackend
 
 Posture: TypeAlias = str | ArrayLike
@@ -80,6 +82,14 @@ class Hand:
         """The simulation, where the hand is one: its scene, and `push` from outside."""
         return self._rig.sim
 
+    @cached_property
+    def mirror(self) -> Mirror:
+        """The model that runs beside a hand on a bus from the first time that one asks: `external_torque`, `contacts`,
+        `anomaly`; docs/twin.md. Raises ConfigError for a hand that is not on a bus."""
+        from allegro_twin.build.mirroring import beside  # It needs SciPy, which a hand alone does not.
+
+        return beside(self._rig, self.listen)
+
     @property
     def state(self) -> HandState:
         """The newest state."""
@@ -109,8 +119,7 @@ class Hand:
     @property
     def gravity(self) -> Vector:
         """The gravity that controllers compensate, palm frame, (3,), m/s²."""
-        given = self._mover.given_gravity()
-        return self.state.gravity if given is None else given
+        return self.state.gravity if (given := self._mover.given_gravity()) is None else given
 
     @gravity.setter
     def gravity(self, vector: ArrayLike | None) -> None:
@@ -235,14 +244,9 @@ class Hand:
         """Call somebody with every sample from now on."""
         self._mover.listeners.append(listener)
 
-    @contextmanager
-    def listening(self, listener: Callable[[Sample], None]) -> Iterator[None]:
+    def listening(self, listener: Callable[[Sample], None]) -> AbstractContextManager[None]:
         """Call somebody with every sample for a while: a plot, a scripted guide."""
-        self.listen(listener)
-        try:
-            yield
-        finally:
-            self._mover.listeners.remove(listener)
+        return self._mover.listening(listener)
 
     def _posture(self, posture: Posture) -> Vector:
         values = load_posture(posture, self.spec) if isinstance(posture, str) else self.spec.posture(posture)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -194,3 +195,12 @@ class Mover:
             for listener in tuple(self.listeners):
                 listener(sample)
             yield sample
+
+    @contextmanager
+    def listening(self, listener: Callable[[Sample], None]) -> Iterator[None]:
+        """Call somebody with every sample for a while."""
+        self.listeners.append(listener)
+        try:
+            yield
+        finally:
+            self.listeners.remove(listener)

@@ -30,7 +30,17 @@ WIDEST = {
     "stribeck_speed": 0.6,
     "bristle": 1.0,
 }  # Of the value, half the 95 % interval.
-WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_DELAY = 0.01, 0.03, 0.003  # N·m at 1 N·m of full PWM, rad, s.
+WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
+    0.01,
+    0.03,
+    0.03,
+    0.003,
+)  # N·m at 1 N·m of full PWM, rad, 1, s.
+_WIDEST_ABSOLUTE = {
+    "frictionloss": (WIDEST_FRICTION, 1000.0, "mN·m"),
+    "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
+    "load_friction": (WIDEST_LOAD, 100.0, "% of the torque"),
+}
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
 
@@ -155,12 +165,13 @@ def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -
                f"{FAST} rad/s: `excite` moves it faster")  # fmt: skip
     if name in ("frictionloss", *SHAPE) and looked.creeping[:, joint].min() <= 0.0:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
-    widest = WIDEST_FRICTION if name == "frictionloss" else WIDEST_OFFSET
     if name in WIDEST:
         if half[joint] > WIDEST[name] * value[joint]:
             yield f"its interval is ± {100 * half[joint] / value[joint]:.0f} %: record more of `excite`"
-    elif half[joint] > widest:
-        yield f"its interval is ± {1000 * half[joint]:.0f} {'mN·m' if name == 'frictionloss' else 'mrad'}: record more"
+        return
+    widest, by, unit = _WIDEST_ABSOLUTE[name]
+    if half[joint] > widest:
+        yield f"its interval is ± {by * half[joint]:.0f} {unit}: record more"
 
 
 def _directions(motions: list[Motion]) -> int:

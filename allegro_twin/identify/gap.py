@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
 from allegro_twin.identify.motion import Motion
 from allegro_twin.identify.shooting import Cuts, cut
@@ -64,7 +65,13 @@ def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Paramet
         stiction=np.ones(n) if drive is None else drive.stiction,
         stribeck_speed=np.ones(n) if drive is None else drive.stribeck_speed,
         bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
+        load_friction=np.zeros(n) if drive is None else drive.load_friction,
     )
+
+
+def breaks_away(drive: Drive | None) -> bool:
+    """Whether a model of it needs bristles: its friction breaks away, or grows with the motor's torque."""
+    return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
 def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:

@@ -13,10 +13,11 @@ from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.identify.doubt import Seen, Value, seen, values
 from allegro_twin.identify.fit import Fit, Friction, fit
-from allegro_twin.identify.gap import Gap, drive_of, gap
+from allegro_twin.identify.gap import Gap, breaks_away, drive_of, gap
+from allegro_twin.identify.limits import FoundLimits, centring_offsets
 from allegro_twin.identify.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.problem import Masses
-from allegro_twin.identify.regress import regress
+from allegro_twin.identify.regress import breaking, regress
 from allegro_twin.identify.stored import shift
 from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
@@ -46,6 +47,8 @@ class Identified:
     seen: Seen
     fit: Fit
     values: Mapping[str, Value]
+    stops: Vector
+    """Encoder offsets by the joints' end stops, (n,), rad, where the hand's file has measured limits; else NaN."""
 
 
 def identify(
@@ -71,8 +74,15 @@ def identify(
     nominal = load_spec(spec.model, spec.side)
     base = drive_of(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
     tell("the motion as the model would make it")
-    found = fit(motions, start, base, masses, friction)
-    return Identified(tuple(motions), looked, found, values(found, looked))
+    found = fit(motions, start, breaking(motions, player, start), base, masses, friction)
+    stops = _stops(file, nominal) if file is not None else np.full(spec.n_joints, np.nan)
+    return Identified(tuple(motions), looked, found, values(found, looked), stops)
+
+
+def _stops(file: HandSpec, model: HandSpec) -> Vector:
+    limits = FoundLimits(file.lower, file.upper)
+    measured = not (np.array_equal(file.lower, model.lower) and np.array_equal(file.upper, model.upper))
+    return centring_offsets(limits, model) if measured else np.full(model.n_joints, np.nan)
 
 
 def gaps(paths: Sequence[Path], hand: str) -> list[Gap]:
@@ -90,7 +100,7 @@ def _gap(motion: Motion, hand: str) -> Gap:
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
     player = Player(nominal, motion.period)
-    bristly = mine.drive is not None and bool(mine.drive.bristle.any())
+    bristly = breaks_away(mine.drive)
     own = Player(nominal, motion.period, bristly=True) if bristly else player
     after = drive_of(mine, constant, shift(motion.version, motion.calibration, wiring.calibration.encoder_offset))
     return gap(motion, (player, drive_of(nominal, ones, zero)), (own, after))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.identify.motion import Motion
 from allegro_twin.identify.shooting import PIECE, Shooting, cut
@@ -19,22 +20,24 @@ MASS_SPREAD, MASS_SCALE = 0.06, 0.16
 """Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
 for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
-SHAPE = ("stiction", "stribeck_speed", "bristle")
-"""Of friction that breaks away."""
+SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
+"""Of friction that breaks away and grows with the motor's torque."""
 _BOTH = (*NAMES, *SHAPE)
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
+    "load_friction": 0.02,
 }  # fmt: skip
-"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad."""
+"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1."""
 PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
+    "load_friction": 0.1,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
-    "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4,
+    "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
 }  # fmt: skip
 _KNOWN = 1e-4  # Of masses that do not move.
 
@@ -105,6 +108,10 @@ class Problem:
                 if place < len(self.fingers[finger]):
                     column = index(name, self.n).start + self.fingers[finger][place]
                     into[rows, column] = self.shooting.projected(change, finger).ravel() * self.unit[column]
+
+    def columns(self, finger: int) -> NDArray[np.int_]:
+        """A finger's own parameters, all but the delay."""
+        return np.concatenate([index(name, self.n).start + np.array(self.fingers[finger]) for name in _BOTH])
 
     def flat(self, values: Array, *, start: bool = False) -> Vector:
         """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""

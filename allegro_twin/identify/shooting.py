@@ -24,13 +24,16 @@ START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
 """rad, rad/s, rad: how far a smoothed start may be off; the last where friction has bristles."""
 FURTHEST = 4.0
 """Times that: a model that is still wrong would explain itself by starts."""
+SHARES = (1.0, 0.4, 0.15)
+"""Of a step of the starts, tried one after the other: friction is not linear."""
 NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
     "mass_scale": 0.03,
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
+    "load_friction": 0.01,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad."""
+rad, 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +82,7 @@ class Shooting:
         self._sigma = sigma / np.sqrt(MEAN)
         self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
+        self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
         self._bases: list[Array] = []
 
     def raw(self, drive: Parameters, player: Player | None = None) -> Array:
@@ -105,20 +109,31 @@ class Shooting:
             self._solvers.append(np.linalg.inv(R))
 
     def better_starts(self, drive: Parameters) -> None:
-        """Move the starts to where the residuals are least, each finger's in each piece only where that is so."""
+        """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
         residual, before = self.raw(drive), self._off.copy()
-        costs = self._costs(residual)
+        costs, steps = self._costs(residual), self._steps(residual)
+        left = np.ones(costs.shape, dtype=bool)  # Of which pieces and fingers a step is still looked for.
+        for share in SHARES:
+            for number, finger in enumerate(self._fingers):
+                rows = np.ix_(np.arange(3), np.flatnonzero(left[:, number]), np.array(finger))
+                self._off[rows] = (before + share * steps)[rows]
+            self._off = np.clip(self._off, -self._furthest, self._furthest)
+            left &= self._costs(self.raw(drive)) > costs
+            if not left.any():
+                return
+        for number, finger in enumerate(self._fingers):
+            rows = np.ix_(np.arange(3), np.flatnonzero(left[:, number]), np.array(finger))
+            self._off[rows] = before[rows]
+
+    def _steps(self, residual: Array) -> Array:
+        """What linear starts would be moved by, (3, w, n)."""
+        found = np.zeros_like(self._off)
         for finger, Q, inverse in zip(self._fingers, self._bases, self._solvers, strict=True):
-            r = self._augmented(residual, finger)
-            step = -np.einsum("wij,wj->wi", inverse, _within(Q, r))  # (w, starts)
+            step = -np.einsum("wij,wj->wi", inverse, _within(Q, self._augmented(residual, finger)))  # (w, starts)
             for place, joint in enumerate(finger):
                 for which, name in enumerate(self._states):
-                    moved = self._off[which][:, joint] + START[name] * step[:, len(self._states) * place + which]
-                    self._off[which][:, joint] = np.clip(moved, -FURTHEST * START[name], FURTHEST * START[name])
-        worse = self._costs(self.raw(drive)) > costs
-        for number, finger in enumerate(self._fingers):
-            rows = np.flatnonzero(worse[:, number])
-            self._off[:, rows[:, None], finger] = before[:, rows[:, None], finger]
+                    found[which][:, joint] = START[name] * step[:, len(self._states) * place + which]
+        return found
 
     def _costs(self, residual: Array) -> Array:
         """Σ r² of every finger in every piece, (w, fingers)."""

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from allegro_twin.identify.descent import Descended
 from allegro_twin.identify.problem import Masses, Problem, index, mass_covariance
 from allegro_twin.identify.shooting import MEAN, PIECE
-from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
-
-FINER = 0.0005  # s: half the time step of the fit.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +31,11 @@ class Spread:
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, drive: Parameters, J: Array, r: Vector, masses: Masses) -> Spread:
-    """From the last derivatives `J` and residuals `r`, with those of the prior at their end."""
-    data = len(r) - len(problem.prior)
-    J, r, w = J[:data], r[:data], len(problem.cuts.recording)
+def spread(problem: Problem, last: Descended, masses: Masses) -> Spread:
+    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end."""
+    drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
+    J, weight = last.jacobian[:data], last.weight[:data]
+    r = weight * last.residuals[:data]
     information = J.T @ J + problem.prior.T @ problem.prior
     inverse: Array = np.asarray(np.linalg.inv(information), np.float64)
     gradient = _by_piece(problem, J, r)
@@ -43,12 +43,13 @@ def spread(problem: Problem, drive: Parameters, J: Array, r: Vector, masses: Mas
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    unit = problem.unit
+    unit, player = problem.unit, problem.player
     raw = problem.shooting.raw(drive)
     fine = problem.shooting.raw(
-        drive, Player(problem.player.spec, problem.motions[0].period, FINER, bristly=problem.player.bristly)
+        drive,
+        Player(player.spec, problem.motions[0].period, player.timestep / 2.0, bristly=player.bristly),
     )
-    step = -inverse @ (J.T @ problem.flat(fine - raw))
+    step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
     recordings = np.unique(problem.cuts.recording)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
     sd = np.sqrt(np.diag(inverse))
@@ -56,9 +57,9 @@ def spread(problem: Problem, drive: Parameters, J: Array, r: Vector, masses: Mas
         covariance=by_noise * np.outer(larger * unit, larger * unit),
         by_recording=without * unit,
         step=step * unit,
-        mass=_mass_effect(problem, drive, J, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
+        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
         correlation=inverse / np.outer(sd, sd),
-        residual=_rms(problem, r),
+        residual=_rms(problem, last.residuals),
     )
 
 
@@ -82,10 +83,12 @@ def _without(problem: Problem, J: Array, r: Vector, information: Array, number: 
     return np.asarray(np.linalg.solve(left, gradient))
 
 
-def _mass_effect(problem: Problem, drive: Parameters, J: Array, inverse: Array, raw: Array) -> Array:
+def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) -> Array:
     """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
-    by_mass = np.zeros_like(J)
-    problem.by(drive, raw, "mass_scale", by_mass)
+    data = len(last.residuals) - len(problem.prior)
+    J, by_mass = last.jacobian[:data], np.zeros((data, len(inverse)))
+    problem.by(last.drive, raw, "mass_scale", by_mass)
+    by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
     return np.asarray(effect * problem.unit[:, None])

@@ -30,6 +30,8 @@ SCALE = {
     "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
     "weighed": "a known weight at a fingertip",
 }
+_NEUTRAL = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0}
+"""Of friction that does not break away: all three are found, or none is written."""
 _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
@@ -80,9 +82,10 @@ def _blocks(
     if values["delay"].determined[0]:
         drive["delay"] = float(f"{values['delay'].value[0]:.3g}")
     if found.bristly:
-        shape = np.all([values[name].determined for name in SHAPE], axis=0)
-        neutral = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0}
-        drive |= {name: _plain(np.where(shape, values[name].value, neutral[name])) for name in SHAPE}
+        breaking = np.all([values[name].determined for name in _NEUTRAL], axis=0)
+        drive |= {name: _plain(np.where(breaking, values[name].value, none)) for name, none in _NEUTRAL.items()}
+        load = values["load_friction"]
+        drive["load_friction"] = _plain(np.where(load.determined, load.value, 0.0))
     else:
         drive = {name: value for name, value in drive.items() if name not in SHAPE}
     if found.masses == "weighed":

@@ -19,12 +19,20 @@ _TABS = {
 }
 
 
+MORE = {"disturbance": "External torque (N·m)", "residual": "Off by (rad)", "temperature": "Temperature (°C)"}
+"""What a mirror adds."""
+
+
 def layout(spec: HandSpec, scenery: Scenery, start: str) -> rrb.Blueprint:
     """`start` is the view of the hand that one begins with."""
     tabs = [
         rrb.Vertical(*(_plot(finger.name, kinds) for finger in spec.fingers), name=title)
         for title, kinds in _TABS.items()
     ]
+    for kind in scenery.more:
+        tabs.append(rrb.Vertical(*(_plot(finger.name, (kind,)) for finger in spec.fingers), name=MORE[kind]))
+    if scenery.link:
+        tabs.append(rrb.TimeSeriesView(origin="mirror/link", name="Link (losses)"))
     if scenery.objects:
         tabs.append(rrb.TimeSeriesView(origin="contact/force", name="Contact force (N)"))
     hand = rrb.Spatial3DView(
@@ -36,6 +44,9 @@ def layout(spec: HandSpec, scenery: Scenery, start: str) -> rrb.Blueprint:
         marks = rrb.StateTimelineView(origin="trial", name="Phases and verdict")
         words = rrb.TextDocumentView(origin="verdict", name="Verdict")
         body = rrb.Vertical(body, rrb.Horizontal(marks, words, column_shares=[3, 2]), row_shares=[5, 1])
+    if scenery.more:
+        events = rrb.StateTimelineView(origin="mirror/event", name="What happens")
+        body = rrb.Vertical(body, events, row_shares=[6, 1])
     panel = rrb.TimePanel(timeline="time", state="collapsed")
     return rrb.Blueprint(body, panel, collapse_panels=True)
 

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.look.layout import MORE
 from allegro_twin.look.scenery import Scenery
 from allegro_twin.look.skeleton import Skeleton
 from allegro_twin.look.still import draw_ghost
@@ -39,6 +40,7 @@ class Row:
         joints = {"position": state.position, "velocity": state.velocity, "torque": state.torque, "command": goal}
         if "target" in look:
             joints["target"] = look["target"]
+        joints |= {name: look[name] for name in MORE if name in look}
         return Row(state.t, joints, look)
 
 
@@ -65,7 +67,7 @@ class Rows:
         if not self._rows:
             return
         rows, self._rows = self._rows, []
-        for name in (*_STATE, "target"):
+        for name in (*_STATE, "target", *self._scene.more):
             having = [row for row in rows if name in row.joints]
             self._series(name, having, np.array([row.joints[name] for row in having]))
         self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
@@ -119,11 +121,12 @@ class Rows:
                 turns = poses[:, [4, 5, 6, 3]]
                 moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=turns)
                 self._stream.send_columns(path, indexes=_times(having), columns=moved)
-        having = [row for row in rows if "contact_force" in row.look]
-        if having:
-            force = np.array([row.look["contact_force"] for row in having])
-            data = rr.Scalars.columns(scalars=force.reshape(-1)).partition([force.shape[1]] * len(having))
-            self._stream.send_columns("contact/force", indexes=_times(having), columns=data)
+        for name, path in (("contact_force", "contact/force"), ("link", "mirror/link")):
+            having = [row for row in rows if name in row.look]
+            if having:
+                values = np.array([row.look[name] for row in having])
+                data = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(having))
+                self._stream.send_columns(path, indexes=_times(having), columns=data)
         having = [row for row in rows if "contact_vector" in row.look]
         if having:
             self._arrows(having)

@@ -26,6 +26,12 @@ class Scenery:
     """Name, begin and end, s."""
     palm: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     """Where it begins: position, m, and quaternion w, x, y, z, in the world."""
+    ghost: str = "target"
+    """What the second, translucent hand is."""
+    more: tuple[str, ...] = ()
+    """Further quantities of every joint that are drawn, of `layout.MORE`, and with them what happens."""
+    link: tuple[str, ...] = ()
+    """What is counted on the link."""
 
 
 def scenery(spec: HandSpec, meta: Mapping[str, Any]) -> Scenery:

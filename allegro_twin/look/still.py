@@ -14,7 +14,7 @@ from allegro_twin.look.surfaces import joined, surface
 from allegro_twin.spec import Finger, HandSpec
 
 _GHOST = (40, 140, 240, 90)
-"""RGBA of a hand that is only wanted."""
+"""RGBA of a hand that is only wanted, or expected."""
 _THINNER = 0.0012  # m: such a hand is hidden in the real one where that is where it should be.
 
 
@@ -28,11 +28,13 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
         _shapes(stream, f"world/objects/{name}/look", shapes)
     _shapes(stream, "world/fixed", scene.fixed)
     for finger in spec.fingers:
-        _series(stream, spec, finger)
+        _series(stream, spec, finger, scene)
     parts = [finger.name for finger in spec.fingers] + ["palm"]
     colors = [_rgb(of_series(k)) for k in range(len(parts))]
     stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
     stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.002]), static=True)
+    if scene.link:
+        stream.log("mirror/link", rr.SeriesLines(names=list(scene.link)), static=True)
     if scene.phases:
         begins = [begin for _, begin, _ in scene.phases]
         _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])
@@ -73,13 +75,15 @@ def _shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, g
     stream.log(path, mesh, static=True)
 
 
-def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger) -> None:
+def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
     names = [spec.aliases[joint] if spec.aliases else spec.joints[joint] for joint in finger.joints]
     colors = [of_series(k) for k in range(len(names))]
-    for kind in ("position", "velocity", "torque", "command"):
+    for kind in ("position", "velocity", "torque", "command", *scene.more):
         lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])
         stream.log(f"joints/{kind}/{finger.name}", lines, static=True)
-    wanted = rr.SeriesLines(names=[f"{n} target" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1])
+    wanted = rr.SeriesLines(
+        names=[f"{n} {scene.ghost}" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1]
+    )
     stream.log(f"joints/target/{finger.name}", wanted, static=True)
     count = len(np.unique(spec.actuation.torque_limit[list(finger.joints)]))
     limits = rr.SeriesLines(names=["limit"] * count + ["- limit"] * count, colors=[_rgb(LIMIT)] * 2 * count, widths=[1])

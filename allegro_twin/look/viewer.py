@@ -74,6 +74,12 @@ class Viewer:
         if t - self._rows.begin >= self._together:
             self._rows.send()
 
+    def happens(self, t: float, what: str) -> None:
+        """Mark that from a moment, s, on something is so; an empty word ends it."""
+        self._stream.set_time("time", duration=t)
+        self._stream.log("mirror/event", rr.StateChange(state=what))
+        self._stream.reset_time()
+
     def conclude(self, held: Mapping[str, bool], words: str) -> None:
         """Say how the trial ended: in each phase that was checked, and in words (Markdown)."""
         self._rows.send()

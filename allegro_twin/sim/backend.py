@@ -143,7 +143,7 @@ class SimBackend:
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
         if self._train is not None:
-            position = self._train.reported(position)
+            position = self._train.reported(position, data)
         velocity = data.qvel[self._dof].copy()
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)

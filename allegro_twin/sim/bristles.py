@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from mujoco import batch
 from numpy.typing import NDArray
 
 from allegro_twin.types import Array, Vector
@@ -50,6 +51,22 @@ def tune(
     model.actuator_biasprm[elements, 3] = dry
     model.actuator_biasprm[elements, 4] = dry * ratio
     model.actuator_biasprm[elements, 5] = speed
+
+
+class Rubbing:
+    """Friction of many simulations of a model that was tuned, set anew from step to step."""
+
+    def __init__(self, sims: batch.Batch, elements: Indices) -> None:
+        rows = slice(int(elements[0]), int(elements[-1]) + 1)  # `add` makes them one after the other.
+        self._dynamics, self._bias = (sims.expand(f"actuator_{name}")[:, rows] for name in ("dynprm", "biasprm"))
+
+    def set(self, dry: Array, ratio: Vector, bristle: Vector, armature: Vector) -> None:
+        """As in `tune`, the first (w, n), the others (n,)."""
+        dry = np.maximum(dry, 1e-6)
+        breakaway = dry * ratio
+        stiffness = breakaway / bristle
+        self._dynamics[:, :, 5], self._dynamics[:, :, 6] = stiffness, np.sqrt(stiffness * armature)
+        self._bias[:, :, 3], self._bias[:, :, 4] = dry, breakaway
 
 
 def bent(ratio: Vector, speed: Vector, bristle: Vector, velocity: Array) -> Array:

@@ -13,6 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 _WEIGHT = 0.005  # m, radius of a weight at a fingertip.
+_GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
 
 
 def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
@@ -24,6 +25,8 @@ def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
         if drive.bristle[index] > 0.0:
             bristles.add(hand, name)
         link = hand.joint(name).parent
+        if drive.backlash[index] > 0.0:
+            _loosen(hand.joint(name), drive.backlash[index])
         if drive.mass_scale[index] != 1.0:
             link.mass *= drive.mass_scale[index]
             link.inertia *= drive.mass_scale[index]
@@ -37,6 +40,17 @@ def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
             weight.explicitinertial = True
 
 
+def _loosen(joint: mujoco.MjsJoint, backlash: float) -> None:
+    """A second joint on the first one's axis: what moves with the motor (its armature) stays at the first."""
+    play = joint.parent.add_joint(name=_play_of(joint.name), pos=joint.pos, axis=joint.axis)
+    play.limited, play.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-backlash / 2.0, backlash / 2.0]
+    play.damping, play.solref_limit = [_GREASE, 0, 0], [_TEETH, 1.0]
+
+
+def _play_of(joint: str) -> str:
+    return f"{joint}_play"
+
+
 class Drivetrain:
     """What a drive does while time passes."""
 
@@ -48,6 +62,8 @@ class Drivetrain:
         self._soft = np.flatnonzero(drive.bristle > 0.0)
         self._elements = np.array([model.actuator(bristles.name_of(spec.joints[k])).id for k in self._soft], dtype=int)
         self._rub(self._dry)
+        plays = np.flatnonzero(drive.backlash > 0.0)
+        self._plays = plays, [int(model.joint(_play_of(spec.joints[k])).qposadr[0]) for k in plays]
         self._joints = [model.joint(name).id for name in spec.joints]
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.
         self._share, self._moved, self._drift = np.ones((3, spec.n_joints)) * [[1.0], [0.0], [0.0]]
@@ -99,10 +115,11 @@ class Drivetrain:
             rows = (each[soft] for each in (dry, drive.stiction, drive.stribeck_speed, drive.bristle, self._armature))
             bristles.tune(self._model, self._elements, *rows)
 
-    def reported(self, position: Vector) -> Vector:
+    def reported(self, position: Vector, data: mujoco.MjData) -> Vector:
         """What the encoders say of joint positions (n,), rad."""
-        drive = self._drive
+        drive, (loose, plays) = self._drive, self._plays
         seen: Vector = position + drive.encoder_offset + self._moved
+        seen[loose] += data.qpos[plays]
         seen += drive.encoder_noise * self._noise.standard_normal(len(seen))
         coarse = drive.quantisation > 0.0
         return np.where(coarse, np.rint(seen / np.where(coarse, drive.quantisation, 1.0)) * drive.quantisation, seen)

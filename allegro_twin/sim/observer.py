@@ -34,6 +34,8 @@ class Estimate(NamedTuple):
     """As corrected, without offsets, (n,), rad."""
     disturbance: Vector
     """Torque from outside, (n,), N·m."""
+    velocity: Vector
+    """As corrected, (n,), rad/s."""
 
 
 class Observer:
@@ -46,6 +48,8 @@ class Observer:
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
         self._gains = self._kalman(spec, drive, period)
         self._offset = drive.offset
+        self.period, self.torque_constant = period, drive.torque_constant
+        self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
 
     def reset(self, position: Vector) -> None:
         """Begin where the hand reports to be, (n,), rad, at rest."""
@@ -61,13 +65,25 @@ class Observer:
         self._model.opt.gravity[:] = gravity
         for control in np.einsum("skn,kn->sn", self._weights, np.array(self._sent)):
             data.ctrl[player.motors] = control
+            player.rub(self._drive, control)
             mujoco.mj_step(self._model, data)
         predicted = data.qpos[player.qpos] + self._offset
         error = reported - predicted
         data.qpos[player.qpos] += self._gains[0] * error
         data.qvel[player.dofs] += self._gains[1] * error
         data.qfrc_applied[player.dofs] += self._gains[2] * error
-        return Estimate(predicted, data.qpos[player.qpos].copy(), data.qfrc_applied[player.dofs].copy())
+        pushed, speed = data.qfrc_applied[player.dofs].copy(), data.qvel[player.dofs].copy()
+        return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
+
+    def pull(self) -> Array:
+        """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the
+        joint that moves them."""
+        model, data, down = self._model, self._data, self._model.opt.gravity
+        jacobian, found = np.empty((3, model.nv)), np.empty((len(self._links), len(self._links)))
+        for row, body in enumerate(self._links):
+            mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
+            found[row] = (down @ jacobian)[self._player.dofs]
+        return found
 
     def _kalman(self, spec: HandSpec, drive: Parameters, period: float) -> Array:
         """Steady gains on position, speed and disturbance, (3, n)."""

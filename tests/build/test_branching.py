@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import json
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import branch, changes_of
+from allegro_twin.build.branching import Branched, branch, changes_of
+from allegro_twin.cli import branching
 from allegro_twin.config import RunConfig, load_config
+from allegro_twin.description.appearance import lighter, of_series
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.session import Outputs, perform
+from allegro_twin.spec import Finger, HandSpec
+from tests.look.test_viewer import rows_of
 
 
 def made(tmp_path: Path, config: RunConfig) -> Path:
@@ -54,6 +60,39 @@ def test_a_change_acts_from_its_instant_on(tmp_path: Path, change: dict[str, obj
     off = np.abs(found.branched - found.recorded).max(axis=1)
     assert not off[found.t <= 0.3].any()
     assert off[-1] > 1e-5
+
+
+def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_path: Path) -> None:
+    path = made(tmp_path, load_config("sim_right").changed(seconds=0.6, task={"posture": "rock"}))
+    record, rrd, png = (tmp_path / f"if.{suffix}" for suffix in ("arrow", "rrd", "png"))
+    found = branching.branched(path, 0.3, ["damping=0.3"], record, rrd)
+    branching.picture(png, path, found, 0.3)
+    both = load(record).columns
+    np.testing.assert_array_equal(both["position"], found.branched)
+    np.testing.assert_array_equal(both["target"], load(path).columns["position"])
+    assert (both["target"][-1] != both["position"][-1]).any()
+    drawn = rows_of(rrd)
+    names = [row["names"] for t, row in drawn["joints/target/index"] if t is None]
+    assert names[0][0] == "index_0 as it was"
+    for kind in ("position", "target"):
+        t, row = drawn[f"joints/{kind}/thumb"][-1]
+        assert t is not None
+        np.testing.assert_allclose(row["scalars"], both[kind][round(t / 0.003), 12:])
+    assert drawn["world/palm/target/link_13.0"]
+    with Image.open(png) as picture:
+        pixels = np.asarray(picture).reshape(-1, 3)
+    color = [round(255 * part) for part in lighter(of_series(1))]
+    assert (pixels == color).all(axis=1).sum() > 100
+
+
+def test_the_table_has_a_column_for_every_finger_of_whatever_hand(spec: HandSpec) -> None:
+    two = (Finger("claw", (0, 1, 2), "claw_tip"), Finger("paw", (3, 4, 5, 6, 7), "paw_tip"))
+    was, would = np.zeros((2, 8)), np.zeros((2, 8))
+    would[1, 2], would[1, 7] = 0.001, 0.005
+    found = Branched(np.array([0.0, 0.1]), was, would, replace(spec, fingers=two), None)
+    table = branching.table(Path("r.arrow"), found, 0.0)
+    assert [column.header for column in table.columns] == ["after", "claw", "paw"]
+    assert [list(column.cells)[-1] for column in table.columns] == ["0.1 s", "1.000", "5.000"]
 
 
 def test_what_cannot_be_repeated_says_why(tmp_path: Path, recording_path: Path) -> None:

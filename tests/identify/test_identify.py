@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
+from allegro_twin.build.twin_page.page import page
+from allegro_twin.cli.identifying import lines
 from allegro_twin.cli.twin import weight_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.identify import stored
+from allegro_twin.identify import method, stored
 from allegro_twin.identify.doubt import seen, values
 from allegro_twin.identify.method import gaps, identify
 from allegro_twin.identify.motion import Motion, noise_floor, read_motion
@@ -228,3 +230,21 @@ def test_a_weight_is_told_with_its_recording() -> None:
             weight_of(wrong)
     with pytest.raises(ConfigError, match="recording"):
         identify(hidden.recordings()[:1], [weight], masses_known=False)
+
+
+def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> None:
+    nominal, found = load_spec(), hidden.found()
+    shift = np.linspace(-0.02, 0.02, 16)
+    own = replace(nominal, lower=nominal.lower + shift, upper=nominal.upper + shift)
+    stops = method._stops(own, nominal)
+    np.testing.assert_allclose(stops, shift, atol=1e-12)
+    assert np.isnan(method._stops(nominal, nominal)).all()
+    with_stops = replace(found, stops=stops)
+    off = found.values["offset"]
+    first = int(np.flatnonzero(off.determined)[0])
+    row = page(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
+    assert f"{1e3 * (off.value[first] - shift[first]):+.1f}</td>" in row
+    apart = np.abs(off.value - shift)[off.determined]
+    said = next(line for line in lines(with_stops) if "end stops" in line)
+    assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
+    assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))

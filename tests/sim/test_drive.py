@@ -52,6 +52,22 @@ def test_a_torque_acts_after_the_delay_and_not_before(spec: HandSpec, make_sim: 
     np.testing.assert_array_equal(soon[:3], limp[:3])
 
 
+def test_a_link_lags_its_motor_by_the_backlash_where_the_push_turns_round(spec: HandSpec, make_sim: MakeSim) -> None:
+    backend = make_sim(driven(spec, backlash=0.005), period=0.003)
+    address = int(backend.model.joint(f"{spec.joints[5]}_play").qposadr[0])
+    backend.reset()
+    there = []
+    for torque in (0.3, -0.3):
+        for _ in range(30):
+            backend.write(TorqueCommand(np.full(16, torque) * (np.arange(16) == 5)))
+            state = backend.read()
+        motor = backend.data.qpos[backend.model.joint(spec.joints[5]).qposadr[0]]
+        there.append(state.position[5] - motor)
+        assert there[-1] == pytest.approx(backend.data.qpos[address], abs=1e-12)
+    assert sorted(np.sign(there)) == [-1.0, 1.0]
+    assert np.abs(there) == pytest.approx([0.0025, 0.0025], abs=4e-4)
+
+
 def test_a_weak_motor_gives_its_share_and_no_more_at_its_limit(spec: HandSpec, make_sim: MakeSim) -> None:
     weak = driven(spec, strength=0.5)
     np.testing.assert_allclose(moved(make_sim(weak), 1)[-1].torque, 0.5 * TORQUE, rtol=1e-12)

@@ -42,6 +42,7 @@ def parameters(spec: HandSpec, **changed: Any) -> Parameters:
     values: dict[str, Any] = {
         "torque_constant": one, "armature": own.armature, "damping": own.damping, "frictionloss": own.frictionloss,
         "offset": 0 * one, "delay": 0 * one, "mass_scale": one, "stiction": one, "stribeck_speed": one, "bristle": one,
+        "load_friction": 0 * one,
     }  # fmt: skip
     return Parameters(**values | changed)
 
@@ -49,7 +50,7 @@ def parameters(spec: HandSpec, **changed: Any) -> Parameters:
 def played(spec: HandSpec, drive: Parameters, duty: Array, *, bristly: bool = False) -> Array:
     before = np.zeros((BEFORE, 16))
     pieces = Pieces(np.concatenate([before, duty])[None], np.array([[0.0, 0.0, -9.81]]), np.zeros((1, 16)))
-    player = Player(spec, 0.003, bristly=bristly)
+    player = Player(spec, 0.003, 0.001, bristly=bristly)  # The scene's time step.
     found: Array = player.play(drive, MIDDLE[None] + drive.offset, np.zeros((1, 16)), pieces)[0]
     return found
 
@@ -81,6 +82,15 @@ def test_friction_that_breaks_away_is_the_same_in_both(spec: HandSpec, make_sim:
     drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
     np.testing.assert_allclose(played(spec, drive, duties(), bristly=True), truth, atol=4e-4)
     assert np.abs(played(spec, parameters(spec), duties()) - truth).max() > 2e-3
+
+
+def test_friction_that_grows_with_the_motors_torque_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
+    shape = {"stiction": 1.3, "stribeck_speed": 0.15, "bristle": 1e-3}
+    rows = {name: np.full(16, value) for name, value in shape.items()}
+    truth = simulated(make_sim, replace(spec, drive=Drive.made(shape | {"load_friction": 0.2}, 16)), duties())
+    loaded = parameters(spec, **rows, load_friction=np.full(16, 0.2))
+    np.testing.assert_allclose(played(spec, loaded, duties(), bristly=True), truth, atol=6e-4)
+    assert np.abs(played(spec, parameters(spec, **rows), duties(), bristly=True) - truth).max() > 2e-3
 
 
 def test_a_joint_gives_a_little_before_it_breaks_away(spec: HandSpec, make_sim: MakeSim) -> None:

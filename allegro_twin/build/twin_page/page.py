@@ -27,7 +27,7 @@ _UNITS = {
     "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
-    "bristle": ("bristle, mrad", 1e3),
+    "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
 }  # fmt: skip
 _SHOWN = 1.0  # s of motion in a picture.
 
@@ -52,10 +52,12 @@ def page(found: Identified) -> str:
 def values(found: Identified) -> str:
     """One row a joint."""
     names = [name for name in _UNITS if name in found.values]
-    heads = "".join(f"<th>{escape(said)}</th>" for said in ("joint", *(_UNITS[name][0] for name in names), "residual"))
-    lines = []
+    stops = np.isfinite(found.stops).all()
+    both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
+    said = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
+    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in said), []
     for joint, alias in enumerate(_joints(found)):
-        cells = [_cell(found, name, joint) for name in names]
+        cells = [_cell(found, name, joint) for name in names] + (_by_stops(found, joint) if stops else [])
         left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
         lines.append(f"<tr><td>{escape(alias)}</td>{''.join(cells)}{left}</tr>")
     late = found.values["delay"]
@@ -64,6 +66,13 @@ def values(found: Identified) -> str:
         f"of 1 N·m at full PWM. Delay {1000 * late.value[0]:.2f} ± {1000 * late.half[0]:.2f} ms.</p>"
         f"<div class='wide'><table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
+
+
+def _by_stops(found: Identified, joint: int) -> list[str]:
+    """Two cells: what the end stops say, and how far weight disagrees."""
+    stop, weight = 1e3 * found.stops[joint], found.values["offset"]
+    apart = "–" if weight.reason[joint] else f"{1e3 * weight.value[joint] - stop:+.1f}"
+    return [f"<td class='n'>{stop:.1f}</td>", f"<td class='n'>{apart}</td>"]
 
 
 def missing(found: Identified) -> str:

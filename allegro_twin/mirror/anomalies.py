@@ -1,0 +1,171 @@
+"""What is wrong with a hand, by name: pure functions of a second and a half of what its mirror saw.
+
+Each fault of physics leaves a disturbance of its own shape x on a finger's joints, times one unknown c: a weak motor
+minus its own torque, friction the sign of the speed, a payload the weight of its link as every joint before it carries
+it. Of the shapes of all joints that counts which takes away most of the squares, G = (Σ x d)² / Σ x², with a c that
+can be. Only joints that move are looked at: at rest dry friction hides all of it. An encoder that jumps, a joint that
+stays where its motor pushes, and a hot motor are seen more directly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.types import Array, Vector
+
+Name: TypeAlias = Literal["weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file"]
+NAMES: tuple[Name, ...] = ("weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file")
+ROW = 10
+"""Periods whose means make a row of a window."""
+MOVING = 0.03  # rad/s
+CREEP = 0.02  # rad/s over which friction turns round.
+JUMP = 0.01  # rad in a period, 3.3 rad/s out of nothing: no joint moves so.
+STILL, PUSHED = 0.003, 0.03  # rad that a stuck joint moves at most; N·m that its motor must push in the mean.
+HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/protocol.md.
+SHARE = 0.5  # Of the squares that one shape must take away.
+LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: smaller ones are not named.
+MANY, FINGERS = 5, 3  # Joints with something wrong, on so many fingers: then it is the file.
+
+
+class Window(NamedTuple):
+    """Rows of a mirror, k of them, in the mean over ROW periods each."""
+
+    disturbance: Array
+    """(k, n), N·m."""
+    torque: Array
+    """Of the motors, as the mirror's file says, (k, n), N·m."""
+    velocity: Array
+    """(k, n), rad/s."""
+    side: Array
+    """To which side friction acts, (k, n), -1 to 1: tanh(speed / CREEP) of every period."""
+    position: Array
+    """(k, n), rad."""
+    jump: Array
+    """The largest difference of what was reported and expected in a row's periods, (k, n), rad."""
+    pull: Array
+    """What a kilogram at each link's centre of mass would weigh on each joint, (k, links, n), N·m."""
+    temperature: Array
+    """(k, n), °C; NaN where it is not known."""
+
+
+class Anomaly(NamedTuple):
+    """Something that is wrong."""
+
+    name: Name
+    joint: int
+    """Which; the first that is found where it is of the whole hand."""
+    amount: float
+    """Missing share of a motor, N·m of friction, kg, rad, °C; of a file the number of fingers."""
+    margin: float = 1.0
+    """By what share the next likely name explains less."""
+
+
+def words(found: Anomaly, spec: HandSpec) -> str:
+    """For a person."""
+    joint = (spec.aliases or spec.joints)[found.joint]
+    match found.name:
+        case "weak":
+            return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"
+        case "stuck":
+            return f"{joint} is stuck"
+        case "encoder_step":
+            return f"the encoder of {joint} jumped by {1000 * found.amount:.0f} mrad"
+        case "payload":
+            return f"{joint} carries {1000 * found.amount:.0f} g too much"
+        case "friction":
+            return f"{joint} has {1000 * found.amount:.0f} mN·m of friction too much"
+        case "hot":
+            return f"the motor of {joint} is at {found.amount:.0f} °C"
+        case "wrong_file":
+            return "the file is of another hand, or of this one long ago: identify it again"
+
+
+class Gain(NamedTuple):
+    """What one shape takes away of a finger's disturbances."""
+
+    name: Name
+    joint: int
+    amount: float
+    gain: float
+    """Sum of squares, N²m²."""
+    share: float
+
+
+def named(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
+    """What is wrong, or None. `quiet`: for each finger a gain that free motions do not reach, (fingers,)."""
+    hot = np.argwhere(np.nan_to_num(window.temperature[-1:]) > HOT)
+    if len(hot):
+        joint = int(hot[0][1])
+        return Anomaly("hot", joint, float(window.temperature[-1, joint]))
+    if window.jump.max() > JUMP:
+        joint = int(window.jump.max(axis=0).argmax())
+        return Anomaly("encoder_step", joint, float(window.jump[:, joint].max()))
+    stuck = _stuck(window)
+    if stuck is not None:
+        return Anomaly("stuck", stuck, float(np.abs(window.disturbance[:, stuck]).max()))
+    best = [max(gains(window, finger), key=lambda each: each.gain, default=None) for finger in spec.fingers]
+    odd = [each for each, above in zip(best, quiet, strict=True) if each is not None and each.gain > above]
+    if (
+        len(odd) >= FINGERS
+        and sum(_odd_joints(window, f, above) for f, above in zip(spec.fingers, quiet, strict=True)) >= MANY
+    ):
+        return Anomaly("wrong_file", odd[0].joint, float(len(odd)))
+    sure = [each for each in odd if each.share > SHARE and each.amount > LEAST[each.name]]
+    if not sure:
+        return None
+    most = max(sure, key=lambda each: each.gain)
+    finger = next(f for f in spec.fingers if most.joint in f.joints)
+    others = [each.gain for each in gains(window, finger) if each.name != most.name]
+    return Anomaly(most.name, most.joint, most.amount, 1.0 - max(others, default=0.0) / most.gain)
+
+
+def gains(window: Window, finger: Finger) -> Iterator[Gain]:
+    """Of every shape of every joint of a finger."""
+    own = list(finger.joints)
+    moving = np.abs(window.velocity[:, own]) > MOVING
+    d = np.where(moving, window.disturbance[:, own], 0.0)
+    whole = float(np.square(d).sum())
+    for name, joint, x in _shapes(window, own):
+        x = np.where(moving, x, 0.0)
+        size = float(np.square(x).sum())
+        along = float((x * d).sum())
+        if size <= 1e-12 or along <= 0.0:
+            continue
+        yield Gain(name, joint, along / size, along**2 / size, along**2 / size / max(whole, 1e-12))
+
+
+def largest(window: Window, spec: HandSpec) -> Vector:
+    """The largest gain of every finger, (fingers,): of free motions, to set `quiet`."""
+    return np.array([max((each.gain for each in gains(window, f)), default=0.0) for f in spec.fingers])
+
+
+def _shapes(window: Window, own: Sequence[int]) -> Iterator[tuple[Name, int, Array]]:
+    for place, joint in enumerate(own):
+        alone = np.zeros((len(window.torque), len(own)))
+        alone[:, place] = 1.0
+        yield "weak", joint, -alone * _late(window.torque[:, joint])[:, None]
+        yield "friction", joint, -alone * _late(window.side[:, joint])[:, None]
+        yield "payload", joint, window.pull[:, joint][:, own]
+
+
+def _late(row: Vector) -> Vector:
+    """As a disturbance follows what makes it: a third of a row later."""
+    return np.asarray((2.0 * row + np.concatenate([row[:1], row[:-1]])) / 3.0)
+
+
+def _stuck(window: Window) -> int | None:
+    still = np.ptp(window.position, axis=0) < STILL
+    push = np.abs(window.disturbance)
+    held: NDArray[np.bool_] = still & (push.mean(axis=0) > PUSHED) & (np.ptp(window.torque, axis=0) > PUSHED)
+    against = (window.disturbance * window.torque).sum(axis=0) < 0.0
+    found = np.flatnonzero(held & against)
+    return int(found[push[:, found].mean(axis=0).argmax()]) if len(found) else None
+
+
+def _odd_joints(window: Window, finger: Finger, above: float) -> int:
+    return len({each.joint for each in gains(window, finger) if each.gain > above and each.name != "payload"})

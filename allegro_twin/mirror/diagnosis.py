@@ -1,0 +1,114 @@
+"""Collects what a mirror sees into windows, and says once what is wrong."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.mirror.anomalies import CREEP, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.events import EULER, thresholds
+from allegro_twin.sim.observer import Estimate
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, HandState, Vector
+
+ROWS = 50
+"""Of a window: 1.5 s at 3 ms."""
+EVERY = 8
+"""Rows between two looks: 0.24 s."""
+WAIT = ROWS + EVERY
+"""Rows from the first sign to the name: then no row of the window is from before, and shapes are told apart."""
+LONGEST = 72
+"""Rows from the first sign after which the likelier of two is named, however near the other comes."""
+AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
+CLEAR = 0.03
+"""What the next likely name must lack of the squares that the likeliest takes away."""
+RARE = 3e5
+"""Looks in which a free finger reaches its threshold once: 20 hours."""
+DEFAULT = 0.02
+"""N·m, where no free motion says what a touch is."""
+BLOCK, FEWEST = 20, 4
+"""Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
+
+
+class Calm(NamedTuple):
+    """What free motions of a hand do not reach."""
+
+    above: Vector
+    """Of disturbances, as `events.thresholds` gives it, (n,), N·m."""
+    gains: Vector
+    """Of shapes, as `anomalies.named` wants it, (fingers,); infinite where no free motion tells."""
+
+    @staticmethod
+    def usual(spec: HandSpec) -> Calm:
+        """Where no free motion was seen."""
+        return Calm(np.full(spec.n_joints, DEFAULT), np.full(len(spec.fingers), np.inf))
+
+    @staticmethod
+    def of(disturbance: Array, gains: Array, period: float, spec: HandSpec) -> Calm:
+        """Of a free motion: disturbances (k, n), N·m, and the largest gains of its looks, (looks, fingers). A gain is
+        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
+        where it is too short."""
+        above, blocks = thresholds(disturbance, period, spec), len(gains) // BLOCK
+        if blocks < FEWEST:
+            return Calm(above, np.full(len(spec.fingers), np.inf))
+        cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
+        scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
+        rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
+        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))))
+
+
+class Diagnosis:
+    """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,)."""
+
+    def __init__(self, spec: HandSpec, quiet: Vector) -> None:
+        self._spec, self._quiet = spec, quiet
+        self.gains: list[Vector] = []
+        """The largest of every finger, look by look, (fingers,) each."""
+        self._periods: list[tuple[Vector, ...]] = []
+        self._rows: deque[tuple[Array, ...]] = deque(maxlen=ROWS)
+        self._count, self._sign = 0, -1
+        self.found: Anomaly | None = None
+        """What is wrong, as soon as that is sure."""
+
+    @property
+    def window(self) -> Window | None:
+        """The last 1.5 s; None before they are full."""
+        if len(self._rows) < ROWS:
+            return None
+        return Window(*(np.array(column) for column in zip(*self._rows, strict=True)))
+
+    def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, pull: Array | None) -> None:
+        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `pull` is
+        wanted in the last of ROW periods."""
+        v = estimate.velocity
+        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, np.abs(off)))
+        if len(self._periods) < ROW or pull is None:
+            return
+        *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
+        self._periods.clear()
+        self._rows.append((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
+        self._count += 1
+        if self._count % EVERY == 0 and self.window is not None:
+            self._look()
+
+    @property
+    def due(self) -> bool:
+        """Whether the next period ends a row."""
+        return len(self._periods) == ROW - 1
+
+    def _look(self) -> None:
+        window = self.window
+        assert window is not None
+        self.gains.append(largest(window, self._spec))
+        seen = named(window, self._quiet, self._spec)
+        odd = seen is not None or bool((self.gains[-1] > self._quiet).any())
+        if self._sign < 0 and odd:
+            self._sign = self._count
+        waited = self._count - self._sign
+        if self.found is None and seen is not None:
+            ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
+            self.found = seen if ready or seen.name in AT_ONCE else None
+        if not odd:
+            self._sign = -1

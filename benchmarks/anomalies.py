@@ -1,0 +1,93 @@
+"""`python -m benchmarks.anomalies`: faults injected into simulated hands, and what their mirrors call them.
+
+Hands and motions as in `benchmarks.mirror`, amounts as `drive.AILMENTS` draws them; thresholds are learned on other
+motions of each hand. A payload sits on one of the outer three links of a finger: the first carries none of its weight.
+A fault on a joint that does not move afterwards cannot show; such draws stay in the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from allegro_twin.control.controllers import PD
+from allegro_twin.drive import AILMENTS, Ailment
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, until
+from allegro_twin.mirror.diagnosis import Calm
+from allegro_twin.mirror.mirror import Mirror
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+from benchmarks.mirrored_hands import PERIOD, N, hand, heard, mirror_of, moves, simulated
+
+KINDS = ("weak", "stuck", "encoder_step", "payload", "friction")
+BEGIN, WITHIN = 4.0, 3.0  # s: when something goes wrong, and by when it is to be named.
+
+
+def learned(seed: int, spec: HandSpec, seconds: float) -> Calm:
+    """From a free motion."""
+    each, disturbance = mirror_of(spec), []
+    backend = simulated(spec, seed)
+    controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
+    for _ in each.watched(heard(until(seconds, run(backend, controller)), spec)):
+        disturbance.append(each.latest()["disturbance"])
+    gains: Array = np.array(each.diagnosis.gains)
+    return Calm.of(np.array(disturbance[1:]), gains, PERIOD, spec)
+
+
+def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> tuple[str, int, int, float]:
+    """What the mirror says, of which joint, and of which it was true; and after how many seconds."""
+    rng, backend = np.random.default_rng((seed, 6)), simulated(spec, seed)
+    file = replace(hand(seed + 500), drive=spec.drive) if what == "wrong_file" else spec
+    each = Mirror(spec, mirror_of(file).observer, np.ones(N), calm)
+    joint = int(rng.integers(N)) if what != "payload" else int(4 * rng.integers(4) + 1 + rng.integers(3))
+    amount = rng.uniform(*AILMENTS[cast(Ailment, what)]) if what in KINDS else 0.0
+    controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
+    done = False
+    for sample in each.watched(heard(until(seconds, run(backend, controller)), spec)):
+        if what in KINDS and not done and sample.state.t >= BEGIN:
+            backend.suffer(cast(Ailment, what), joint, float(amount))
+            done = True
+        if each.anomaly is not None:
+            return each.anomaly.name, each.anomaly.joint, joint, sample.state.t - (BEGIN if what in KINDS else 1.0)
+    return "nothing", -1, joint, float("inf")
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--injections", type=int, default=20, help="of each kind")
+    options.add_argument("--hands", type=int, default=5)
+    options.add_argument("--first", type=int, default=30, help="seed of the first hand")
+    options.add_argument("--minutes", type=float, default=60.0, help="of free motion for false names, in all")
+    options.add_argument("--learn", type=float, default=120.0, help="s of free motion for thresholds, each hand")
+    chosen = options.parse_args()
+    seeds = range(chosen.first, chosen.first + chosen.hands)
+    specs = [hand(seed) for seed in seeds]
+    calms = [learned(3000 + seed, spec, chosen.learn) for seed, spec in zip(seeds, specs, strict=True)]
+    for what in (*KINDS, "wrong_file"):
+        told, right, late = Counter[str](), 0, 0
+        for k in range(chosen.injections):
+            which = k % len(specs)
+            name, joint, true, after = called(specs[which], calms[which], 100 * chosen.first + k, what, 12.0)
+            told[name] += 1
+            same = name == what and (joint == true or what == "wrong_file")
+            right += int(same and after <= WITHIN)
+            late += int(same and after > WITHIN)
+        print(
+            f"{what:<14}{right} of {chosen.injections} named right within 3 s, {late} later; called {dict(told)}",
+            flush=True,
+        )
+    false = 0
+    for k in range(round(chosen.minutes)):
+        which = k % len(specs)
+        name, *_ = called(specs[which], calms[which], 7000 + k, None, 60.0)
+        false += name != "nothing"
+    print(f"{false} of {round(chosen.minutes)} minutes of free motion with something named", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""What is wrong with a hand is called by its name: from windows that are made up, and from a hand that goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.build.mirroring import make_mirror
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.calibration import Calibration
+from allegro_twin.description.hands import load_spec
+from allegro_twin.drive import Ailment
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.identify.gap import drive_of
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, until
+from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, gains, named, words
+from allegro_twin.mirror.diagnosis import EVERY, RARE, ROWS, WAIT, Calm, Diagnosis
+from allegro_twin.mirror.mirror import Mirror
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.observer import Estimate, Observer
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, HandState, Sample
+from tests.conftest import MakeSim
+
+N, K = 16, 50
+QUIET = np.full(4, 1e-4)
+PULL = np.random.default_rng(3).uniform(-1.0, 1.0, (K, N, N)) * np.tril(np.ones((N, N))).T  # Any will do.
+
+
+def window(**changed: Any) -> Window:
+    """A free motion of every joint, each at a pace of its own, with torques of its own."""
+    t = np.arange(K)[:, None] * ROW * 0.003
+    rng = np.random.default_rng(1)
+    pace, phase = rng.uniform(2.0, 6.0, N), rng.uniform(0.0, 6.0, (2, N))
+    values: dict[str, Any] = {
+        "disturbance": 0.0005 * rng.standard_normal((K, N)),
+        "torque": 0.1 * np.sin(2.3 * pace * t + phase[1]),
+        "velocity": 0.5 * np.cos(pace * t + phase[0]),
+        "side": np.tanh(0.5 * np.cos(pace * t + phase[0]) / CREEP),
+        "position": 0.5 / pace * np.sin(pace * t + phase[0]),
+        "jump": np.full((K, N), 1e-4),
+        "pull": PULL,
+        "temperature": np.full((K, N), np.nan),
+    }
+    return Window(**values | changed)
+
+
+def late(row: Array) -> Array:
+    return np.asarray((2.0 * row + np.concatenate([row[:1], row[:-1]])) / 3.0)
+
+
+def test_a_free_motion_has_no_name(spec: HandSpec) -> None:
+    assert named(window(), QUIET, spec) is None
+
+
+@pytest.mark.parametrize("joint", [1, 6, 15])
+def test_each_fault_is_called_by_its_name_with_its_joint_and_its_size(spec: HandSpec, joint: int) -> None:
+    free = window()
+    d = free.disturbance
+    for name, amount, push in (
+        ("weak", 0.4, -0.4 * np.eye(N)[joint] * late(free.torque)),
+        ("friction", 0.03, -0.03 * np.eye(N)[joint] * late(free.side)),
+        ("payload", 0.02, 0.02 * free.pull[:, joint] * (np.arange(N) // 4 == joint // 4)),
+    ):
+        found = named(free._replace(disturbance=d + push), QUIET, spec)
+        assert found is not None, name
+        assert (found.name, found.joint) == (name, joint)
+        assert found.amount == pytest.approx(amount, rel=0.1)
+        assert found.margin > 0.05
+
+
+def test_a_jump_a_joint_that_stays_and_a_hot_motor_are_seen_directly(spec: HandSpec) -> None:
+    free = window()
+    jump, position, warm, push = free.jump.copy(), free.position.copy(), np.full((K, N), 40.0), free.disturbance.copy()
+    jump[20, 9] = 0.05
+    assert named(free._replace(jump=jump), QUIET, spec) == Anomaly("encoder_step", 9, 0.05)
+    position[:, 4], push[:, 4] = 0.3, -free.torque[:, 4]
+    found = named(free._replace(position=position, disturbance=push), QUIET, spec)
+    assert found is not None
+    assert (found.name, found.joint) == ("stuck", 4)
+    warm[-1, 12] = 71.0
+    assert named(free._replace(temperature=warm), QUIET, spec) == Anomaly("hot", 12, 71.0)
+
+
+def test_many_weak_joints_on_many_fingers_are_the_wrong_file(spec: HandSpec) -> None:
+    free = window()
+    found = named(free._replace(disturbance=free.disturbance - 0.3 * late(free.torque)), QUIET, spec)
+    assert found is not None
+    assert found.name == "wrong_file"
+
+
+def test_a_joint_at_rest_says_nothing(spec: HandSpec) -> None:
+    free = window()
+    still = free.velocity.copy()
+    still[:, :4] = 0.0
+    pushed = free.disturbance.copy()
+    pushed[:, :4] = 0.05
+    assert not list(gains(free._replace(velocity=still, disturbance=pushed), spec.fingers[0]))
+
+
+def test_every_name_has_words(spec: HandSpec) -> None:
+    said = {words(Anomaly(name, 5, 0.02), spec) for name in NAMES}
+    assert len(said) == len(NAMES)
+    assert "middle_1 carries 20 g too much" in said
+
+
+def states(spec: HandSpec) -> Iterator[HandState]:
+    t = 0
+    while True:
+        t += 1
+        position = 0.3 * np.sin(3.0 * 0.003 * t + np.arange(N))
+        yield HandState(0.003 * t, t, position, np.zeros(N), np.zeros(N), np.full(N, np.nan), np.zeros(3))
+
+
+def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -> None:
+    each, pull, sign = Diagnosis(spec, QUIET), np.zeros((N, N)), 3 * ROWS * ROW
+    named_at = None
+    for tick, state in enumerate(states(spec)):
+        wrong = tick > sign
+        torque = 0.1 * np.sin(0.02 * tick + np.arange(N))
+        push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0) if wrong else np.zeros(N)
+        speed = 0.9 * np.cos(3.0 * state.t + np.arange(N))
+        estimate = Estimate(state.position, state.position, push, speed)
+        each.add(state, estimate, torque, np.zeros(N), pull if each.due else None)
+        if each.found is not None:
+            named_at = (tick - sign) / ROW
+            break
+        assert tick < 10000
+    assert each.found is not None
+    assert (each.found.name, each.found.joint) == ("weak", 7)
+    assert named_at is not None
+    assert WAIT <= named_at <= WAIT + 3 * EVERY
+
+
+def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
+    rng = np.random.default_rng(0)
+    free = 0.002 * rng.standard_normal((4000, N))
+    few, many = (Calm.of(free, 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec) for count in (79, 400))
+    assert np.isinf(few.gains).all()
+    exact = 1e-6 * np.log(RARE)  # Of an exponential tail.
+    np.testing.assert_allclose(many.gains, exact, rtol=0.4)
+
+
+def suffering(
+    spec: HandSpec, hand: SimBackend, what: Ailment, joint: int, amount: float, at: float = 2.0
+) -> Iterator[Sample]:
+    """To and fro with something that goes wrong; the torques are those that were sent."""
+    sent, done, middle = np.zeros(N), False, (spec.lower + spec.upper) / 2.0
+    ways = Moves([Waypoint(middle + d, seconds=1.0) for d in (0.2, -0.2, 0.15, -0.1, 0.2, -0.2)])
+    for sample in until(6.0, run(hand, PD(ways, load_gains("v4", spec)))):
+        yield Sample(replace(sample.state, torque=sent), sample.command)
+        sent = sample.command.torque  # type: ignore[union-attr]
+        if not done and sample.state.t >= at:
+            hand.suffer(what, joint, amount)
+            done = True
+
+
+@pytest.mark.parametrize(("what", "joint", "amount"), [("weak", 6, 0.4), ("encoder_step", 9, 0.05)])
+def test_what_goes_wrong_with_a_hand_can_stop_it(
+    spec: HandSpec, make_sim: MakeSim, what: Ailment, joint: int, amount: float
+) -> None:
+    hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+    calm = Calm(np.full(N, 0.02), np.full(4, 3e-4))
+    observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003)
+    each = Mirror(spec, observer, np.ones(N), calm, (what,))
+    with pytest.raises(
+        HandFault, match=r"(the motor of middle_2 gives \d+ %|the encoder of ring_1 jumped by \d+ mrad)"
+    ):
+        for _ in each.watched(suffering(spec, hand, what, joint, amount)):
+            pass
+    assert each.latest()["event"][4] == 1 + NAMES.index(what)
+    assert each.latest()["event"][5] == joint
+
+
+def test_an_event_that_is_none_is_refused() -> None:
+    with pytest.raises(ConfigError, match="--stop-on: no event named 'wek'; did you mean 'weak'"):
+        make_mirror(load_spec(), "", "v4", Calibration(), 0.003, stop=("wek",))
