@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: demo demo-all test test-lowest test-socketcan test-socketcan-timing test-all bench models install clean
+.PHONY: demo demo-all docs test test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -45,6 +45,20 @@ $(LOWEST)/.ready: pyproject.toml
 	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
 	  --only-binary :all: --no-binary allegro-twin --editable '.[dev]'
 	@touch $@
+
+# The site, in out/site, tested: python3 -m http.server -d out/site (without a server its search does not work).
+DOCS := $(VENV)/.docs
+docs: $(DOCS)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	$(BIN)/pytest tests/test_site.py
+
+$(DOCS): $(READY)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
+# Runs the tutorials anew and keeps what they show: minutes.
+tutorials: $(DOCS)
+	$(BIN)/python docs/site/execute.py
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

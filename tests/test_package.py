@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -19,11 +21,15 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    return zipfile.ZipFile(built(tmp_path_factory.mktemp("wheel"), "wheel"))
+
+
+def built(folder: Path, target: str) -> Path:
+    """A `wheel` or an `sdist`, as `pip` would have it made."""
+    command = [sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", str(folder)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    return zipfile.ZipFile(next(folder.glob("*.whl")))
+    return next(folder.glob("*.whl" if target == "wheel" else "*.tar.gz"))
 
 
 def test_the_wheel_has_the_license_the_types_and_the_data(wheel: zipfile.ZipFile) -> None:
@@ -40,6 +46,42 @@ def test_the_wheel_says_who_made_it_and_under_which_license(wheel: zipfile.ZipFi
     assert said["License-Expression"] == PROJECT["license"] == "Apache-2.0"
     assert said["Author"] == "The allegro_twin authors"
     assert "Typing :: Typed" in said.get_all("Classifier", [])
+
+
+def test_a_wheel_that_is_built_again_is_the_same_to_the_byte(wheel: zipfile.ZipFile, tmp_path: Path) -> None:
+    again = built(tmp_path, "wheel")
+    assert wheel.filename is not None
+    assert again.read_bytes() == Path(wheel.filename).read_bytes()
+
+
+PYTHONS = [found for version in ("3.11", "3.12", "3.13") if (found := shutil.which(f"python{version}"))]
+TOUR = """
+import gymnasium, pathlib, allegro_twin
+assert "site-packages" in allegro_twin.__file__, allegro_twin.__file__
+env = gymnasium.make("allegro_twin.gym:AllegroTwin/Reach-v0")
+env.reset(seed=0); env.step(env.action_space.sample())
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("target", ["wheel", "sdist"])
+@pytest.mark.parametrize("python", PYTHONS)
+def test_what_is_built_runs_in_an_environment_of_its_own(python: str, target: str, tmp_path: Path) -> None:
+    """Outside of the checkout, with the versions that an index gives today."""
+    made, own = built(tmp_path, target), tmp_path / "venv" / "bin"
+    quiet = [str(own / "pip"), "install", "--quiet", "--disable-pip-version-check"]
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    for command in (
+        [python, "-m", "venv", str(tmp_path / "venv")],
+        [*quiet, f"{made}[view]"],
+        [str(own / "allegro-twin"), "list"],
+        [str(own / "allegro-twin"), "envs"],
+        [str(own / "allegro-twin"), "run", "lemon", "--out", str(tmp_path / "out")],
+        [str(own / "python"), "-c", TOUR],
+    ):
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900)
+        assert done.returncode == 0, (command, done.stdout[-1000:], done.stderr[-2000:])
+    assert (tmp_path / "out" / "lemon_right.png").is_file()
 
 
 def test_one_version_is_told_everywhere() -> None:

@@ -26,9 +26,10 @@ errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A bar that vanishes when it is done; nothing where the output is no terminal."""
+    """A bar that vanishes when it is done; nothing where the output is no terminal, whatever a notebook says that it
+    is (FORCE_COLOR): it would show every step of the bar."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+    with Progress(*columns, console=errors, transient=True, disable=not sys.stderr.isatty()) as bar:
         yield bar
 
 
@@ -75,14 +76,17 @@ def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
 
 
 def planned(name: str, found: Sequence[Planned]) -> Table:
-    """One row a grasp, best first."""
+    """One row a grasp, best first. The intervals do not know that the search has chosen among its own draws."""
+    from allegro_twin.build.outcomes import rate
+
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
     for title in ("", "from", "like", "type", "held in\ndraws", "limits\nleft", "at\nlimit"):
         table.add_column(title, justify="left" if title in ("from", "like", "type") else "right")
     for number, each in enumerate(found, 1):
+        drawn = str(rate("", each.held, each.tried)) if each.tried else ""
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, each.grasp.taxonomy.name,
-            f"{each.held} of {each.tried}" if each.tried else "", f"{each.margin:.0%}", f"{each.stall:.0%}",
+            drawn, f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 

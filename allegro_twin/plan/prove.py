@@ -107,8 +107,21 @@ class Prover:
         self.options += new
         looked = [o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good]
         self._draw(looked[: self._affordable(deadline, MORE)], MORE)
-        unknown = [o for o in self.ranked(self.options, n + SPARE) if o.confirmed is None]
-        self._confirm(unknown[: max(n, self._affordable(deadline, WHOLE))])
+        self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
+
+    def reserve(self, n: int) -> float:
+        """How long the whole trials of so many take, s."""
+        return n * WHOLE * self.pace
+
+    def settle(self, n: int, deadline: float) -> None:
+        """Try the best in the whole trial, and others for those that do not hold there, while there is time."""
+        begun = False
+        while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None]:
+            fits = self._affordable(deadline, WHOLE)
+            if begun and not fits:
+                break
+            self._confirm(unknown if not begun else unknown[:fits])
+            begun = True
 
     def _affordable(self, deadline: float, each: float) -> int:
         """How many things there is time for that cost so many quick trials each."""

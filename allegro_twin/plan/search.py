@@ -76,7 +76,11 @@ class Search:
         step = FINE if protocol.floating else COARSE
         proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
         proposed, elite = proposer.fresh(), list[Candidate]()
-        while sum(each.good for each in prover.best(n)) < n and (left := seconds - (time.monotonic() - began)) > 0.0:
+        deadline = began + seconds
+        while sum(each.good for each in prover.best(n)) < n:
+            until = deadline - (0.0 if protocol.floating else prover.reserve(n))
+            if (left := until - time.monotonic()) <= 0.0:
+                break
             guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
             if not guessed:
                 break
@@ -88,9 +92,10 @@ class Search:
                 outcomes = tried(bench, closed, self._performer(protocol), friction, random)
                 self.ends.update(outcome.where for outcome in outcomes)
                 passed = [outcome.candidate for outcome in outcomes if outcome.passed]
-                prover.add(self._apart(passed, prover)[: self.effort.drawn], n, began + seconds)
+                prover.add(self._apart(passed, prover)[: self.effort.drawn], n, until)
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
-            tell(prover.best(n), time.monotonic() - began)
+            tell([each for each in prover.ranked(prover.options, n) if each.good], time.monotonic() - began)
+        prover.settle(n, deadline)
         return prover.best(n)
 
     def _prover(self, bench: Workbench) -> Prover:
