@@ -11,6 +11,7 @@ import typer
 
 from allegro_twin.cli import (
     bus,
+    collecting,
     doctor,
     ends,
     evaluating,
@@ -63,6 +64,7 @@ improving.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)
+collecting.register(app)
 evaluating.register(app)
 twin.register(app)
 ros.register(app)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.whole import whole_folder
 from allegro_twin.replay.episodes import KEPT, action_of, begin, rebuilt, task_of
-from allegro_twin.replay.lerobot_meta import episode_rows, info, statistics, task_table
+from allegro_twin.replay.lerobot_meta import Origin, episode_rows, info, statistics, task_table
 from allegro_twin.replay.recording import Recording
 
 VERSION = "v3.0"
@@ -30,6 +30,15 @@ EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 OURS = "meta/allegro_twin.jsonl"
 """What the format has no place for: the metadata of every recording."""
 Columns = dict[str, NDArray[Any]]
+
+
+class Told(NamedTuple):
+    """An episode as the format wants it."""
+
+    task: str
+    """In words."""
+    columns: Columns
+    """Its features, a row a frame: `action`, and whatever else there is."""
 
 
 class Place(NamedTuple):
@@ -45,27 +54,32 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
     """Write a new data set, whole or not at all. Raises ConfigError for a folder that has something in it, or for
     recordings of different hands, periods or columns; RecordingError when the disk does not let it."""
     begin(recordings, folder)
+    first = recordings[0]
+    names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
+    labels = {name: [f"{what}.{alias}" for alias in first.spec.aliases] for name, what in names.items()}
     with whole_folder(folder) as temporary:
-        _write(recordings, temporary)
+        origin = Origin(first.spec.name, first.period, labels)
+        write_set([Told(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary)
+        (temporary / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
 
 
-def _write(recordings: Sequence[Recording], folder: Path) -> None:
-    tasks = sorted({task_of(recording) for recording in recordings})
+def write_set(told: Sequence[Told], origin: Origin, folder: Path) -> None:
+    """Write a data set into an empty folder: an element an episode."""
+    tasks = sorted({each.task for each in told})
     episodes, index = [], 0
-    for number, recording in enumerate(recordings):
-        episodes.append(_columns(recording, number, index, tasks.index(task_of(recording))))
-        index += len(recording)
+    for number, each in enumerate(told):
+        episodes.append(each.columns | _numbered(each, origin.period, number, index, tasks.index(each.task)))
+        index += len(each.columns["action"])
     places = list(_data(episodes, folder))
     (folder / EPISODES).parent.mkdir(parents=True)
     known = [name for name in episodes[0] if not any(np.isnan(columns[name]).any() for columns in episodes)]
     stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
     whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
-    rows = episode_rows(places, [task_of(recording) for recording in recordings], stats)
+    rows = episode_rows(places, [each.task for each in told], stats)
     pa.parquet.write_table(rows, folder / EPISODES)
     pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
     (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
-    (folder / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
-    content = info(recordings, episodes[0], len(tasks), index) | {
+    content = info(origin, episodes[0], len(told), len(tasks), index) | {
         "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
     }  # fmt: skip
     (folder / "meta/info.json").write_text(json.dumps(content, indent=4))
@@ -122,20 +136,27 @@ def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
     writer.close()
 
 
-def _columns(recording: Recording, episode: int, index: int, task: int) -> Columns:
-    """Every feature of an episode, a row a frame."""
-    rows, columns = np.arange(len(recording)), recording.columns
+def _columns(recording: Recording) -> Columns:
+    """Every feature of an episode, a row a frame, and every column as it was."""
+    columns = recording.columns
     found: Columns = {
         "observation.state": columns["position"].astype(np.float32),
         "observation.velocity": columns["velocity"].astype(np.float32),
         "action": action_of(recording)[1].astype(np.float32),
-        "timestamp": (rows * recording.period).astype(np.float32),
+    }
+    return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
+
+
+def _numbered(told: Told, period: float, episode: int, index: int, task: int) -> Columns:
+    """What every frame says of its place."""
+    rows = np.arange(len(told.columns["action"]))
+    return {
+        "timestamp": (rows * period).astype(np.float32),
         "frame_index": rows,
         "episode_index": np.full(len(rows), episode),
         "index": index + rows,
         "task_index": np.full(len(rows), task),
     }
-    return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
 
 
 def _arrow(values: NDArray[Any]) -> pa.Array:

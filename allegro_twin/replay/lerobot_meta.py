@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-
-from allegro_twin.replay.episodes import action_of
-from allegro_twin.replay.recording import Recording
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _INDEX = "__index_level_0__"  # How pandas names an index that has no name.
@@ -30,26 +27,30 @@ class Placed(Protocol):
     def end(self) -> int: ...
 
 
-def info(
-    recordings: Sequence[Recording], columns: Mapping[str, NDArray[Any]], tasks: int, frames: int
-) -> dict[str, Any]:
-    """The part of info.json that depends on what is in the set."""
-    spec, count = recordings[0].spec, len(recordings)
-    names = {
-        "observation.state": "position", "observation.velocity": "velocity", "action": action_of(recordings[0])[0],
-    }  # fmt: skip
+class Origin(NamedTuple):
+    """Where a set comes from."""
+
+    robot: str
+    period: float
+    """Between two frames, s."""
+    labels: Mapping[str, list[str]]
+    """Names of the numbers of some features."""
+
+
+def info(origin: Origin, columns: Mapping[str, NDArray[Any]], count: int, tasks: int, frames: int) -> dict[str, Any]:
+    """The part of info.json that depends on what is in the set: `count` episodes."""
     features = {}
     for name, values in columns.items():
-        labels = [f"{names[name]}.{alias}" for alias in spec.aliases] if name in names else None
-        features[name] = {"dtype": str(values.dtype), "shape": list(values.shape[1:] or (1,)), "names": labels}
+        shape = list(values.shape[1:] or (1,))
+        features[name] = {"dtype": str(values.dtype), "shape": shape, "names": origin.labels.get(name)}
     return {
-        "robot_type": spec.name,
+        "robot_type": origin.robot,
         "total_episodes": count,
         "total_frames": frames,
         "total_tasks": tasks,
         "video_files_size_in_mb": 200,  # There are none; its own writer says so much all the same.
         "video_path": None,
-        "fps": round(1.0 / recordings[0].period),  # Whole, as the format has it; it tolerates 0.1 ms a frame.
+        "fps": round(1.0 / origin.period),  # Whole, as the format has it; it tolerates 0.1 ms a frame.
         "splits": {"train": f"0:{count}"},
         "features": features,
     }
@@ -58,6 +59,8 @@ def info(
 def statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
     """Of the rows of a feature, number by number. Nobody asks for those of one with NaN: none would be true."""
     rows = values.reshape(len(values), -1)
+    if rows.dtype == bool:
+        rows = rows.astype(np.float64)  # Shares of those that are true.
     found = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
     found |= {name: np.quantile(rows, part, axis=0) for name, part in QUANTILES.items()}
     return {name: value.tolist() for name, value in found.items()} | {"count": [len(rows)]}

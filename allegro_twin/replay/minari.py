@@ -7,6 +7,7 @@ recording is there a second time among the infos, a row a state, so the way back
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -27,19 +28,27 @@ META = "allegro_twin"
 
 
 def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
-    """Write a new data set, to be found by Minari as `allegro/<name of the folder>-v0` once it is in its place;
-    whole or not at all. Raises ConfigError without h5py, for a folder with something in it, or for recordings of
-    different kinds; RecordingError when the disk does not let it."""
-    _h5py()
+    """Write a new data set, whole or not at all. Minari finds it by its folder, so that says its id
+    (`identifier`). Raises ConfigError without h5py, for a folder with something in it or with another name, or for
+    recordings of different kinds; RecordingError when the disk does not let it."""
+    hdf5()
     begin(recordings, folder)
     with whole_folder(folder) as temporary:
-        _write(recordings, temporary, f"allegro/{folder.name}-v0")
+        _write(recordings, temporary, identifier(folder))
+
+
+def identifier(folder: Path) -> str:
+    """A set's id, `<folder above>/<folder>`: Minari looks for it there below its own folder, ~/.minari/datasets. Raises
+    ConfigError for a name that does not end in a version, as its ids do."""
+    if not re.fullmatch(r"[\w-]+-v\d+", folder.name):
+        raise ConfigError(f"{folder}: Minari finds a set by its folder, whose name ends in a version: {folder.name}-v0")
+    return f"{folder.resolve().parent.name}/{folder.name}"
 
 
 def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
     (folder / DATA).parent.mkdir()
     made = BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
-    with _h5py().File(made, "w", track_order=True) as file:
+    with hdf5().File(made, "w", track_order=True) as file:
         for number, recording in enumerate(recordings):
             _add(file.create_group(f"episode_{number}"), number, recording)
     (folder / DATA).write_bytes(made.getbuffer())
@@ -63,7 +72,7 @@ def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
 
 def from_minari(folder: Path, episode: int = 0) -> Recording:
     """One episode as the recording that it was. Raises RecordingError for a data set of other origin."""
-    h5py, path = _h5py(), folder / DATA
+    h5py, path = hdf5(), folder / DATA
     if not path.is_file():
         raise RecordingError(f"no data set of Minari at {folder}: {DATA} is missing")
     try:
@@ -103,7 +112,8 @@ def _box(values: NDArray[np.float64]) -> str:
     return json.dumps({"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds})
 
 
-def _h5py() -> Any:
+def hdf5() -> Any:
+    """The h5py module. Raises ConfigError where it is missing."""
     try:
         import h5py
     except ImportError as error:

@@ -113,7 +113,7 @@ NEEDED = [
     ("stable_baselines3", "rl", ["train Reach"]),
     ("onnx", "rl", ["train Reach"]),
     ("tensorboard", "rl", ["train Reach"]),
-    ("h5py", "demos", ["export r.arrow set --format minari", "export minari a.arrow"]),
+    ("h5py", "demos", ["export r.arrow set-v0 --format minari", "export minari a.arrow"]),
     ("ruckig", "trajectory", ["grasp optimal.yaml"]),
 ]  # fmt: skip
 WORKS = ["list", "list policies", "envs", "hand show", "export r.arrow a.csv"]
@@ -251,7 +251,7 @@ main()
 
 @pytest.mark.parametrize(
     "typed",
-    ["set --format lerobot", "set --format minari", "a.csv", "a.parquet"],
+    ["set --format lerobot", "set-v0 --format minari", "a.csv", "a.parquet"],
 )
 def test_a_full_disk_leaves_nothing_half_written(typed: str, place: Path, tmp_path: Path) -> None:
     (tmp_path / "r.arrow").write_bytes((place / "r.arrow").read_bytes())

@@ -53,15 +53,15 @@ def same(first: Recording, second: Recording) -> None:
 
 def test_every_episode_comes_back_as_it_was(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
-    there(episodes, tmp_path / "set")
+    there(episodes, tmp_path / "set-v0")
     for number, episode in enumerate(episodes):
-        same(episode, back(tmp_path / "set", number))
+        same(episode, back(tmp_path / "set-v0", number))
 
 
 def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
-    there(episodes, tmp_path / "set")
-    write(back(tmp_path / "set", 1), tmp_path / "again.arrow")
+    there(episodes, tmp_path / "set-v0")
+    write(back(tmp_path / "set-v0", 1), tmp_path / "again.arrow")
     again = ReplayBackend(load(tmp_path / "again.arrow"))
     assert again.recording.complete
     pairs = zip(samples_of(ReplayBackend(episodes[1])), samples_of(again), strict=True)
@@ -77,7 +77,7 @@ def test_what_comes_back_drives_a_replay(there_and_back: Pair, episodes: list[Re
 
 
 def test_lerobots_layout_is_the_published_one(episodes: list[Recording], tmp_path: Path) -> None:
-    folder = tmp_path / "set"
+    folder = tmp_path / "set-v0"
     to_lerobot(episodes, folder)
     info = json.loads((folder / "meta/info.json").read_text())
     assert (info["codebase_version"], info["total_episodes"], info["total_frames"]) == ("v3.0", 2, 251 + 90)
@@ -112,18 +112,18 @@ def test_a_long_set_goes_on_in_another_file(
     episodes: list[Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lerobot, "MEGABYTES", 0.01)
-    to_lerobot(episodes, tmp_path / "set")
+    to_lerobot(episodes, tmp_path / "set-v0")
     assert len(list((tmp_path / "set/data").rglob("*.parquet"))) == 2
     for number, episode in enumerate(episodes):
-        same(episode, from_lerobot(tmp_path / "set", number))
+        same(episode, from_lerobot(tmp_path / "set-v0", number))
 
 
 def test_a_set_of_another_version_says_what_makes_it_one_of_ours(episodes: list[Recording], tmp_path: Path) -> None:
-    to_lerobot(episodes, tmp_path / "set")
+    to_lerobot(episodes, tmp_path / "set-v0")
     info = tmp_path / "set/meta/info.json"
     info.write_text(info.read_text().replace("v3.0", "v2.1"))
     with pytest.raises(RecordingError, match=r"has version v2.1; this program reads v3.0: lerobot's convert_dataset"):
-        from_lerobot(tmp_path / "set")
+        from_lerobot(tmp_path / "set-v0")
 
 
 @pytest.mark.long
@@ -143,11 +143,11 @@ def test_lerobots_own_library_library_loads_what_is_written_for_it(episodes: lis
     python = os.environ.get("LEROBOT_PYTHON", "")
     if not python:
         pytest.skip("needs LEROBOT_PYTHON, the Python of an environment with lerobot 0.4 (CONTRIBUTING.md)")
-    to_lerobot(episodes, tmp_path / "set")
+    to_lerobot(episodes, tmp_path / "set-v0")
     reader = Path(__file__).with_name("reads_lerobot.py")
     found = json.loads(
         subprocess.run(
-            [python, str(reader), str(tmp_path / "set")], check=True, capture_output=True, text=True,
+            [python, str(reader), str(tmp_path / "set-v0")], check=True, capture_output=True, text=True,
             env={k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | {"HF_HOME": str(tmp_path / "hf")},
         ).stdout.splitlines()[-1]
     )  # fmt: skip
@@ -165,8 +165,8 @@ def test_lerobots_own_library_library_loads_what_is_written_for_it(episodes: lis
 
 def test_minari_reads_what_is_written_for_it(episodes: list[Recording], tmp_path: Path) -> None:
     minari = pytest.importorskip("minari", reason="only Minari itself can say whether it reads a data set")
-    to_minari(episodes, tmp_path / "home")
-    found: Any = minari.MinariDataset(tmp_path / "home" / "data")
+    to_minari(episodes, tmp_path / "allegro" / "home-v0")
+    found: Any = minari.MinariDataset(tmp_path / "allegro" / "home-v0" / "data")
     assert (found.total_episodes, found.total_steps) == (2, 250 + 89)
     assert found.id == "allegro/home-v0"
     for ours, its in zip(episodes, found.iterate_episodes(), strict=True):
@@ -188,18 +188,18 @@ def test_the_command_line_packs_and_unpacks(
             main()
         assert ended.value.code == 0
 
-    call("export", recording_path, recording_path, tmp_path / "set", "--format", "lerobot")
-    call("export", tmp_path / "set", tmp_path / "again.arrow", "--episode", 1)
+    call("export", recording_path, recording_path, tmp_path / "set-v0", "--format", "lerobot")
+    call("export", tmp_path / "set-v0", tmp_path / "again.arrow", "--episode", 1)
     same(load(recording_path), load(tmp_path / "again.arrow"))
 
 
 def test_what_does_not_fit_is_named(there_and_back: Pair, episodes: list[Recording], tmp_path: Path) -> None:
     there, back = there_and_back
-    there(episodes, tmp_path / "set")
+    there(episodes, tmp_path / "set-v0")
     with pytest.raises(ConfigError, match="is not empty"):
-        there(episodes, tmp_path / "set")
+        there(episodes, tmp_path / "set-v0")
     with pytest.raises(RecordingError, match="has no episode 2; there are 2"):
-        back(tmp_path / "set", 2)
+        back(tmp_path / "set-v0", 2)
     with pytest.raises(RecordingError):
         back(tmp_path / "nothing")
 
@@ -211,5 +211,5 @@ def test_recordings_that_differ_make_no_common_set(
     first, second = episodes
     more = Recording(second.path, second.meta, dict(second.columns) | {"target": np.zeros((90, 16))}, complete=True)
     with pytest.raises(ConfigError, match="do not both have target: they make two data sets"):
-        there([first, more], tmp_path / "set")
-    assert not (tmp_path / "set").exists()
+        there([first, more], tmp_path / "set-v0")
+    assert not (tmp_path / "set-v0").exists()
