@@ -113,14 +113,14 @@ def test_a_long_set_goes_on_in_another_file(
 ) -> None:
     monkeypatch.setattr(lerobot, "MEGABYTES", 0.01)
     to_lerobot(episodes, tmp_path / "set-v0")
-    assert len(list((tmp_path / "set/data").rglob("*.parquet"))) == 2
+    assert len(list((tmp_path / "set-v0/data").rglob("*.parquet"))) == 2
     for number, episode in enumerate(episodes):
         same(episode, from_lerobot(tmp_path / "set-v0", number))
 
 
 def test_a_set_of_another_version_says_what_makes_it_one_of_ours(episodes: list[Recording], tmp_path: Path) -> None:
     to_lerobot(episodes, tmp_path / "set-v0")
-    info = tmp_path / "set/meta/info.json"
+    info = tmp_path / "set-v0/meta/info.json"
     info.write_text(info.read_text().replace("v3.0", "v2.1"))
     with pytest.raises(RecordingError, match=r"has version v2.1; this program reads v3.0: lerobot's convert_dataset"):
         from_lerobot(tmp_path / "set-v0")
