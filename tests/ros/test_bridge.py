@@ -330,7 +330,7 @@ def test_a_bridge_that_ends_leaves_the_hand_as_it_is(namespace: str, home: Vecto
 
 
 def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: Peer) -> None:
-    with Hand.open(sim_config(limits={"velocity": 0.3}), background=True) as hand:
+    with Hand.open(sim_config(limits={"velocity": 1.2}), background=True) as hand:
         peer.hear("/diagnostics", v.DIAGNOSTICS)
         with open_bridge(hand, namespace=namespace, domain=DOMAIN) as bridge:
             peer.lib_cmd("home")  # Faster than this guard lets it.
