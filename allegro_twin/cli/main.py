@@ -15,6 +15,7 @@ from allegro_twin.cli import (
     ends,
     evaluating,
     exchange,
+    improving,
     live,
     looking,
     planning,
@@ -56,6 +57,7 @@ shipped.register(app)
 live.register(app)
 looking.register(app)
 planning.register(app)
+improving.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)
