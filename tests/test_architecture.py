@@ -29,6 +29,7 @@ LAYERS = [
 HOMES = {
     "can": {"wire"},
     "cyclonedds": {"ros"},
+    "rospy": {"ros"},
     "rosbags": {"messages", "replay", "ros"},
     "mujoco": {"sim", "look"},
     "mujoco_warp": {"sim"},

@@ -1,4 +1,4 @@
-"""A hand on ROS 2, without ROS installed: a client of `Hand` that never turns its loop."""
+"""A hand on ROS 2, without ROS installed, or on ROS 1: a client of `Hand` that never turns its loop."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from allegro_twin.hand import Hand
-from allegro_twin.messages.vocabulary import named
+from allegro_twin.messages.vocabulary import named, vocabulary
 from allegro_twin.ros.bridge import Bridge
-from allegro_twin.ros.node import Node
 from allegro_twin.ros.topics import NAMESPACE, NODE
+
+Told = Callable[[str], None]
+
+
+def _nobody(line: str) -> None:
+    """Hears nothing."""
 
 
 @contextmanager
@@ -22,12 +27,36 @@ def open_bridge(
     rate: float = 100.0,
     speed: float = 2.0,
     network: bool = False,
-    told: Callable[[str], None] = lambda line: None,
+    told: Told = _nobody,
 ) -> Iterator[Bridge]:
-    """Put a hand on ROS; `serve` then passes on what comes. `rate`: Hz, published; `speed`: rad/s, of what is asked for
-    without a time; `network`: beyond this machine; `told` hears what was refused. Raises ConfigError or LinkError."""
+    """Put a hand on ROS 2; `serve` then passes on what comes. `rate`: Hz, published; `speed`: rad/s, of what is asked
+    for without a time; `network`: beyond this machine; `told` hears what was refused. Raises ConfigError, LinkError."""
+    from allegro_twin.ros.node import Node
+
     words = named(distro)
     node = Node(words, NODE, namespace, domain, network=network)
+    try:
+        bridge = Bridge(hand, node, words, rate=rate, speed=speed, told=told)
+        node.announce()
+        yield bridge
+    finally:
+        node.close()
+
+
+@contextmanager
+def open_ros1(
+    hand: Hand,
+    *,
+    namespace: str = NAMESPACE,
+    rate: float = 100.0,
+    speed: float = 2.0,
+    told: Told = _nobody,
+) -> Iterator[Bridge]:
+    """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
+    from allegro_twin.ros.ros1 import Ros1Node
+
+    words = vocabulary()
+    node = Ros1Node(words, NODE, namespace)
     try:
         yield Bridge(hand, node, words, rate=rate, speed=speed, told=told)
     finally:

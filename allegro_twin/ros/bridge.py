@@ -12,9 +12,9 @@ from allegro_twin.errors import ConfigError, HandError, LinkError, MotionStalled
 from allegro_twin.hand import Hand
 from allegro_twin.messages.vocabulary import Vocabulary
 from allegro_twin.ros.drivers import QUIET, Drivers
-from allegro_twin.ros.node import Node, Received, full
 from allegro_twin.ros.reports import Reports
 from allegro_twin.ros.topics import HEARD, PUBLISHED, WRENCH
+from allegro_twin.ros.wire import Received, Wire
 from allegro_twin.ros.wishes import Wishes
 from allegro_twin.types import Sample
 
@@ -27,7 +27,7 @@ class Bridge:
     """One hand on one node. The hand turns its own loop; what happens here delays it by a queue's `put`."""
 
     def __init__(
-        self, hand: Hand, node: Node, words: Vocabulary, *, rate: float = 100.0, speed: float = 2.0,
+        self, hand: Hand, node: Wire, words: Vocabulary, *, rate: float = 100.0, speed: float = 2.0,
         told: Callable[[str], None] = log.warning,
     ) -> None:  # fmt: skip
         """`rate`: Hz, of what is published; `speed`: rad/s, of what is asked for without a time; `told`: hears every
@@ -45,12 +45,6 @@ class Bridge:
                 node.advertise(topic, kind, quality)
         for name, kind, quality, _ in HEARD:
             node.subscribe(name, kind, quality)
-        node.announce()
-
-    @property
-    def name(self) -> str:
-        """Of the node, with its namespace."""
-        return full(self._node.name, self._node.namespace)
 
     def serve(self, until: Callable[[], bool] = lambda: False) -> None:
         """Until that is so, or the hand ends: raises then what ended it."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
-from typing import Any, NamedTuple
+from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -19,6 +18,7 @@ from cyclonedds.util import duration
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.messages.vocabulary import NODES, Message, Vocabulary
 from allegro_twin.ros.idl import wire
+from allegro_twin.ros.wire import NAME, PLAIN, Quality, Received, checked, full
 
 HIGHEST = 232
 """Of domain ids: the ports of a higher one are not there, DDSI-RTPS 9.6.1."""
@@ -27,40 +27,20 @@ LOOPBACK = """<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="l
 <MaxAutoParticipantIndex>99</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 """Only this machine, as ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it."""
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _domains: dict[int, Domain] = {}
 """A process configures a domain once."""
 
 
-class Received(NamedTuple):
-    """A message that came."""
-
-    topic: str
-    data: bytes
-    sender: UUID
-    """The program that sent it: its DDS participant."""
-
-
-class Quality(NamedTuple):
-    """Quality of service, in ROS 2's words; always reliable, which is its default."""
-
-    depth: int = 10
-    latched: bool = False
-    """Transient local: who comes later gets the last one too."""
-
-    def qos(self, *more: Any) -> Qos:
-        durability = Policy.Durability.TransientLocal if self.latched else Policy.Durability.Volatile
-        return Qos(
-            Policy.Reliability.Reliable(duration(milliseconds=100)),
-            durability,
-            Policy.History.KeepLast(self.depth),
-            Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
-            *more,
-        )
-
-
-PLAIN = Quality()
-"""What ROS 2 has where nothing is said."""
+def qos_of(quality: Quality, *more: Any) -> Qos:
+    """A quality of service as Cyclone DDS has it; everything is reliable."""
+    durability = Policy.Durability.TransientLocal if quality.latched else Policy.Durability.Volatile
+    return Qos(
+        Policy.Reliability.Reliable(duration(milliseconds=100)),
+        durability,
+        Policy.History.KeepLast(quality.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+        *more,
+    )
 
 
 class Node:
@@ -71,7 +51,7 @@ class Node:
         self.words, self.name, self.namespace = words, name, checked(namespace)
         if not 0 <= domain <= HIGHEST:
             raise ConfigError(f"ROS_DOMAIN_ID must be 0 to {HIGHEST}, not {domain}")
-        if not _NAME.fullmatch(name):
+        if not NAME.fullmatch(name):
             raise ConfigError(f"a node is named with letters, digits and _, not {name!r}")
         try:
             if not network and "CYCLONEDDS_URI" not in os.environ and domain not in _domains:
@@ -91,7 +71,7 @@ class Node:
     def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
         """Begin to hear a topic."""
         place = Topic(self._participant, self._dds(topic), wire(self.words, kind))
-        reader = DataReader(self._participant, place, quality.qos(self._hash(kind)))
+        reader = DataReader(self._participant, place, qos_of(quality, self._hash(kind)))
         self._readers[topic] = reader
         self._waiting.attach(ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Any))
 
@@ -141,7 +121,7 @@ class Node:
 
     def _writer(self, name: str, kind: str, quality: Quality, *, hashed: bool = True) -> Any:
         place = Topic(self._participant, name, wire(self.words, kind))
-        return DataWriter(self._participant, place, quality.qos(*([self._hash(kind)] if hashed else [])))
+        return DataWriter(self._participant, place, qos_of(quality, *([self._hash(kind)] if hashed else [])))
 
     def _send(self, writer: Any, message: Message) -> None:
         try:
@@ -163,16 +143,3 @@ class Node:
 
     def _dds(self, topic: str) -> str:
         return f"rt{full(topic, self.namespace)}"
-
-
-def full(topic: str, namespace: str) -> str:
-    """A topic with its namespace in front, unless it has one."""
-    return topic if topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"
-
-
-def checked(namespace: str) -> str:
-    """A namespace as ROS has it, with a slash in front. Raises ConfigError."""
-    parts = namespace.strip("/").split("/")
-    if namespace.strip("/") and not all(_NAME.fullmatch(part) for part in parts):
-        raise ConfigError(f"a ROS namespace has letters, digits and _ between slashes, not {namespace!r}")
-    return "/" + namespace.strip("/")

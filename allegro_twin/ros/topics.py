@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from allegro_twin.messages import vocabulary as v
-from allegro_twin.ros.node import Quality
+from allegro_twin.ros.wire import Quality
 
 
 class Entry(NamedTuple):

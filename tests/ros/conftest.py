@@ -25,7 +25,8 @@ pytest.importorskip("cyclonedds", reason="needs the extra ros2")
 
 from allegro_twin.ros import open_bridge
 from allegro_twin.ros.bridge import Bridge
-from allegro_twin.ros.node import PLAIN, Node, Quality
+from allegro_twin.ros.node import Node
+from allegro_twin.ros.wire import PLAIN, Quality
 
 DOMAIN = 1 + os.getpid() % 100
 _numbers = itertools.count()

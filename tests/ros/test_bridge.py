@@ -16,8 +16,9 @@ from allegro_twin.library.named import load_posture
 from allegro_twin.messages import vocabulary as v
 from allegro_twin.ros import open_bridge
 from allegro_twin.ros.drivers import QUIET, Drivers
-from allegro_twin.ros.node import Node, Quality, checked
+from allegro_twin.ros.node import Node, qos_of
 from allegro_twin.ros.topics import PUBLISHED, TRAJECTORY, WRENCH
+from allegro_twin.ros.wire import Quality, checked
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
@@ -93,7 +94,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     from allegro_twin.ros.idl import wire
 
     participant = peer.node._participant
-    reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), LATCHED.qos())
+    reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))
     mine: list[tuple[Any, Any]] = []
 
     def found() -> bool:
@@ -329,7 +330,7 @@ def test_a_bridge_that_ends_leaves_the_hand_as_it_is(namespace: str, home: Vecto
 
 
 def test_when_the_hand_ends_the_bridge_says_why_and_ends(namespace: str, peer: Peer) -> None:
-    with Hand.open(sim_config(limits={"velocity": 0.3}), background=True) as hand:
+    with Hand.open(sim_config(limits={"velocity": 1.2}), background=True) as hand:
         peer.hear("/diagnostics", v.DIAGNOSTICS)
         with open_bridge(hand, namespace=namespace, domain=DOMAIN) as bridge:
             peer.lib_cmd("home")  # Faster than this guard lets it.

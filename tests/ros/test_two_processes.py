@@ -43,7 +43,7 @@ def test_another_process_drives_a_hand_on_a_virtual_bus_and_ctrl_c_ends_it(
     time.sleep(0.5)
     running.send_signal(signal.SIGINT)
     out, error = running.communicate(timeout=20)
-    assert f"is on ROS domain {DOMAIN} as {namespace}/allegro_twin" in out.replace("\n", " ")
+    assert f"is on ROS domain {DOMAIN} in {namespace}" in out.replace("\n", " ")
     assert "did you mean 'home'" in error
     assert "Traceback" not in error
     assert running.returncode == 130
