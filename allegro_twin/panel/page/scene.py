@@ -52,7 +52,7 @@ class Stage:
             self._mesh(f"{name}/{thing}", shapes)
         self._mesh("/fixed", scenery.fixed)
         if not scenery.fixed:
-            lines = _floor(palm[:3] - (0.0, 0.0, _BELOW))
+            lines = _floor(palm[:3] - np.array([0.0, 0.0, _BELOW]))
             scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
         self._place(PALM, palm)
