@@ -49,7 +49,7 @@ def loop(seconds: float, *, panel: bool) -> Loop:
         path = Path(folder) / "hand.yaml"
         path.write_text(
             f"backend: {{kind: can, version: v4, interface: slcan, channel: {folder}/hand.tty, imu: 0.1,\n"
-            "  options: {sleep_after_open: 0.0}, realtime: false, timeout: 0.5}\ncontroller: {kind: pid}\n"
+            "  options: {sleep_after_open: 0.0}, realtime: false, timeout: 0.5, deadman: 0.5}\ncontroller: {kind: pid}\n"
         )
         with _hand(path):
             config, stamps, ticks = load_config(path), list[float](), list[int]()
