@@ -41,6 +41,8 @@ class Loop(NamedTuple):
     """Share of the hand's periods of which there was a state, %."""
     worst: float
     """Between two states, ms."""
+    share: float
+    """Of one core that the loop's own thread took, %: what it costs however busy the computer is."""
 
 
 def loop(seconds: float, *, panel: bool) -> Loop:
@@ -49,18 +51,22 @@ def loop(seconds: float, *, panel: bool) -> Loop:
         path = Path(folder) / "hand.yaml"
         path.write_text(
             f"backend: {{kind: can, version: v4, interface: slcan, channel: {folder}/hand.tty, imu: 0.1,\n"
-            "  options: {sleep_after_open: 0.0}, realtime: false, timeout: 0.5, deadman: 0.5}\ncontroller: {kind: pid}\n"
+            "  options: {sleep_after_open: 0.0}, realtime: false, timeout: 0.5, deadman: 0.5}\n"
+            "controller: {kind: pid}\n"
         )
         with _hand(path):
-            config, stamps, ticks = load_config(path), list[float](), list[int]()
+            config, stamps, ticks, worked = load_config(path), list[float](), list[int](), list[float]()
 
             def keep(sample: Sample) -> None:
                 stamps.append(time.perf_counter())
                 ticks.append(sample.state.tick)
+                worked.append(time.thread_time())
 
             drive = _through_the_panel if panel else _alone
             drive(config, Path(folder), keep, seconds)
-    return Loop(100.0 * (len(ticks) - 1) / (ticks[-1] - ticks[0]), 1000.0 * float(np.diff(stamps).max()))
+    used, worst = 100.0 * (len(ticks) - 1) / (ticks[-1] - ticks[0]), 1000.0 * float(np.diff(stamps).max())
+    # For as many periods as a loop that keeps up has.
+    return Loop(used, worst, 100.0 * (worked[-1] - worked[0]) / (len(ticks) - 1) / config.period)
 
 
 def _alone(config: RunConfig, folder: Path, keep: Any, seconds: float) -> None:
@@ -189,6 +195,8 @@ def figures(rounds: int = 3, seconds: float = 10.0) -> Iterator[Figure]:
     without, beside = (np.median([pair[k] for pair in pairs], axis=0) for k in (0, 1))
     yield "periods used without the panel", float(without[0]), 98.0, "%"
     yield "periods used with it (at least as many)", float(beside[0]), float(without[0]), "%"
+    yield "loop's share of a core without the panel", float(without[2]), 30.0, "%"
+    yield "loop's share of a core with it", float(beside[2]), 1.1 * float(without[2]), "%"
     yield "worst tick interval without the panel", float(without[1]), 50.0, "ms"
     yield "worst tick interval with it", float(beside[1]), 50.0, "ms"
     if importlib.util.find_spec("playwright") is not None and shutil.which("chromium"):

@@ -101,6 +101,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
 
 
 def test_the_page_is_told_who_the_hand_is_and_what_the_library_has_for_it(desk: Desk) -> None:
+    desk.until(lambda: len(desk.page.said) > 1)
     opened, shelf = desk.page.said[:2]
     assert isinstance(opened, Opened)
     assert isinstance(shelf, Shelf)
