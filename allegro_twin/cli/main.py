@@ -14,6 +14,7 @@ from allegro_twin.cli import (
     ends,
     evaluating,
     exchange,
+    improving,
     live,
     looking,
     panel,
@@ -55,6 +56,7 @@ live.register(app)
 looking.register(app)
 panel.register(app)
 planning.register(app)
+improving.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)
