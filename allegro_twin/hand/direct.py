@@ -76,4 +76,4 @@ class Direct:
 
     def perform(self) -> None:
         """What the config's own task and controller do. Raises CommandError while the hand is stopped."""
-        self._mover.drive("the config's", self._rig.controller)
+        self._mover.drive("the task's own", self._rig.controller)

@@ -17,6 +17,7 @@ from allegro_twin.panel.doing import Doing
 from allegro_twin.panel.frame import Ended, Notice, Sender
 from allegro_twin.panel.opened import OpenHand
 from allegro_twin.panel.pages import Page, Pages
+from allegro_twin.spec import HandSpec
 
 _BEAT = 0.1  # s between two looks at what the hand has to say.
 _TURNS = 0.0005  # s that a thread may keep the loop's thread waiting; Python's own 5 ms are longer than a period.
@@ -108,7 +109,7 @@ class Host:
                 if said:
                     self._page.tell(Notice(said))
                 if isinstance(wish, w.Keep):
-                    self._page.tell(shelf(self._doing.spec))
+                    _stock(self._page, self._doing.spec)
         except HandError as error:
             self._page.tell(Notice(str(error), bad=True))
 
@@ -161,13 +162,22 @@ class Host:
         self._introduce(opened)
 
     def _introduce(self, opened: OpenHand) -> None:
-        self._page.tell(described(opened))
-        self._page.tell(shelf(opened.rig.spec))
+        page, spec = self._page, opened.rig.spec
+        page.tell(described(opened))
+        # Some hundred files are read for it: nobody should wait for them to see the hand.
+        threading.Thread(target=lambda: _stock(page, spec), name="shelf", daemon=True).start()
 
     def _close(self) -> None:
         opened, self._opened, self._doing = self._opened, None, None
         if opened is not None:
             opened.close()
+
+
+def _stock(page: Page, spec: HandSpec) -> None:
+    try:
+        page.tell(shelf(spec))
+    except HandError as error:
+        page.tell(Notice(f"the library: {error}", bad=True))
 
 
 def _stay(opened: OpenHand) -> None:

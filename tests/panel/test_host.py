@@ -1,4 +1,4 @@
-"""The hand's process: wishes are done or refused, a stop waits for none of them, and no page that dies moves the hand."""
+"""The hand's process: wishes are done or refused, a stop waits for none, and no page that dies moves the hand."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
 
 
 def test_the_page_is_told_who_the_hand_is_and_what_the_library_has_for_it(desk: Desk) -> None:
+    desk.until(lambda: len(desk.page.said) > 1)
     opened, shelf = desk.page.said[:2]
     assert isinstance(opened, Opened)
     assert isinstance(shelf, Shelf)
@@ -175,7 +176,8 @@ def test_what_cannot_be_is_refused_in_words_and_the_hand_goes_on(desk: Desk) -> 
     for wish, words in ((w.Posture("hmoe"), "did you mean 'home'"), (w.Joints((9.0,) * 16), "outside its limits"),
                         (w.Joints((0.0,) * 3), "16, one per joint"), (w.Control("psd"), "no controller named"),
                         (w.UseGains("x"), "no gains named"), (w.Joints((float("nan"),) * 16), "must be finite"),
-                        (w.Gravity((0.0, 0.0, float("inf"))), "finite"), (w.Keep("../x", motion=False), "name")):  # fmt: skip
+                        (w.Gravity((0.0, 0.0, float("inf"))), "finite"),
+                        (w.Keep("../x", motion=False), "name")):  # fmt: skip
         desk.wish(wish)
         desk.until(lambda words=words: words in desk.page.notices())  # type: ignore[misc]  # Bound for this turn.
     assert desk.page.frame().kind == "torque"

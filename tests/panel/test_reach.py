@@ -14,7 +14,7 @@ from allegro_twin.spec import Side
 def test_a_tip_that_is_dragged_a_centimetre_is_there_and_no_other_finger_moves(finger: str, side: Side) -> None:
     spec = load_spec(side=side)
     reach, near = Reach(spec), (spec.lower + spec.upper) / 2
-    wish = reach.tip(finger, near) + (0.004, 0.002, -0.006)
+    wish = reach.tip(finger, near) + np.array([0.004, 0.002, -0.006])
     found = reach.drag(finger, wish, near)
     assert found.posture is not None
     np.testing.assert_allclose(reach.tip(finger, found.posture), wish, atol=1e-6)

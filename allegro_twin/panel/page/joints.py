@@ -30,6 +30,7 @@ class JointSliders:
         self._sliders: dict[int, Any] = {}
         self._bars: list[Any] = []
         self._left_alone = 0
+        self._before = np.full(self._spec.n_joints, np.nan)
         for finger in self._spec.fingers:
             with gui.add_folder(finger.name):
                 for joint in finger.joints:
@@ -62,9 +63,11 @@ class JointSliders:
         self._left_alone -= 1
         if self._left_alone >= 0:
             return
-        goal = self._board.goal
+        goal, before = self._board.goal, self._before
+        self._before = goal
         for joint, slider in self._sliders.items():
-            if abs(slider.value - goal[joint]) > _SAME:
+            # While a joint is on its way its slider rests: what is set here and what a person sets would cross.
+            if abs(goal[joint] - before[joint]) < _SAME < abs(slider.value - goal[joint]):
                 slider.value = float(np.clip(goal[joint], slider.min, slider.max))
 
     def enable(self, on: bool) -> None:

@@ -73,7 +73,7 @@ def _drawn(chains: list[Array], look: Array) -> str:
         x, y = (point[:2] - middle) * scale
         return f"{_SIZE / 2 + x:.1f},{_SIZE / 2 - y:.1f}"
 
-    palm = " ".join(spot(point) for point in (*root, wrist - (0.0, 0.06, 0.0)))
+    palm = " ".join(spot(point) for point in (*root, wrist - np.array([0.0, 0.06, 0.0])))
     lines = [
         (float(chain[:, 2].mean()),
          f'<polyline points="{" ".join(spot(p) for p in chain)}" fill="none" stroke="{hexed(number)}" '

@@ -35,7 +35,7 @@ class Stage:
     def __init__(self, server: viser.ViserServer, opened: Opened) -> None:
         scene, scenery = server.scene, opened.scenery
         scene.reset()
-        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=4.0)
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(190, 190, 200), intensity=5.0)
         self._server, self._skeleton = server, Skeleton(scenery.bodies)
         self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
         self._placed: dict[str, Vector] = {}
@@ -52,7 +52,7 @@ class Stage:
             self._mesh(f"{name}/{thing}", shapes)
         self._mesh("/fixed", scenery.fixed)
         if not scenery.fixed:
-            lines = _floor(palm[:3] - (0.0, 0.0, _BELOW))
+            lines = _floor(palm[:3] - np.array([0.0, 0.0, _BELOW]))
             scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
         self._place(PALM, palm)
