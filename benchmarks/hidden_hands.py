@@ -73,7 +73,14 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
         cost = time.process_time() - began
         store(file, found.fit, found.values, found.motions, "")
         (gap,) = gaps(paths[-1:], str(file))
-    return {**_errors(truth, found), **_prediction(gap), "cpu_s": cost, "data_s": sum(m.seconds for m in found.motions)}
+    own = {"kind": item["kind"], "seed": item["seed"]}
+    return {
+        **own,
+        **_errors(truth, found),
+        **_prediction(gap),
+        "cpu_s": cost,
+        "data_s": sum(m.seconds for m in found.motions),
+    }
 
 
 def _recorded(

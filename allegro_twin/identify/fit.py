@@ -75,6 +75,6 @@ def fit(
         rough = other if bristly else rough
     whole = problem(bristly, 1)
     last = descend(whole, rough.drive, FINE[bristly], FINELY)
-    spreads = spread(whole, last, masses)
+    spreads = spread(whole, last, rough.drive, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)
