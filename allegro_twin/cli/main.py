@@ -14,6 +14,7 @@ from allegro_twin.cli import (
     ends,
     evaluating,
     exchange,
+    improving,
     live,
     looking,
     planning,
@@ -53,6 +54,7 @@ shipped.register(app)
 live.register(app)
 looking.register(app)
 planning.register(app)
+improving.register(app)
 exchange.register(app)
 bus.register(app)
 training.register(app)

@@ -1,4 +1,4 @@
-"""The command that finds grasps."""
+"""The commands that find grasps, and begin one of your own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ Thing = Annotated[
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command()(plan)
-    app.command()(improve)
     app.command()(new)
 
 
@@ -118,55 +117,6 @@ def _spread(search: Search, kind: str | None, n: int, seconds: float, seeds: int
         return side_by_side(
             search, kind, n, seconds, seeds, engine, lambda done, _total: bar.update(task, completed=done)
         )
-
-
-def improve(
-    scenario: Annotated[str, typer.Argument(help="A scenario by path or name.", autocompletion=complete.targets)],
-    grasp: Annotated[str | None, typer.Option(help="Begin with another grasp.", autocompletion=complete.grasps)] = None,
-    thing: Annotated[
-        str | None, typer.Option("--object", help="For another object.", autocompletion=complete.objects)
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Where to write.", callback=options.folder)] = Path("improved"),
-    rounds: Annotated[int, typer.Option(min=1, max=50, help="Of variations around the best so far.")] = 3,
-    population: Annotated[int, typer.Option(min=1, max=1000, help="Variations a round.")] = 16,
-    draws: Annotated[int, typer.Option(min=1, max=1000, help="Of what the hand is not told, for each.")] = 8,
-    unseen: Annotated[int, typer.Option(min=1, help="Other draws, on which before and after are compared.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Another seed looks elsewhere.")] = 0,
-) -> None:
-    """Make a grasp hold more often where it is: wrist, postures and squeeze, judged on draws that it was not chosen
-    on."""
-    from allegro_twin.build.simulated import object_of
-    from allegro_twin.cli import console
-    from allegro_twin.description.hands import load_spec
-    from allegro_twin.evaluate.scenario import load_scenario
-    from allegro_twin.evaluate.statistics import in_words as compared_in_words
-    from allegro_twin.evaluate.statistics import wilson
-    from allegro_twin.library.named import load_grasp
-    from allegro_twin.plan.improve import Improvement
-    from allegro_twin.plan.keep import write
-
-    spec, (settings, path) = load_spec(), load_scenario(scenario)
-    if thing is not None:
-        settings = settings.model_copy(update={"objects": (object_of(thing), *settings.objects[1:])})
-    begun = load_grasp(grasp or settings.grasp, spec)
-    if begun.grip is not None:
-        raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
-    search = Improvement(
-        settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen
-    )
-    with console.progress() as bar:
-        task = bar.add_task(path.stem, total=rounds)
-        better = search.run(lambda number, share: bar.update(task, completed=number + 1, description=f"{share:.0%}"))
-    pair = better.comparison
-    for name, held in (("before", pair.both + pair.only_first), ("after", pair.both + pair.only_second)):
-        low, high = wilson(held, unseen)
-        console.console.print(f"{name:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
-    console.console.print(compared_in_words(pair, "before", "after"), soft_wrap=True)
-    told = f"{path.stem}, improved: held in {pair.both + pair.only_second} of {unseen} draws, {begun.name} in " + str(
-        pair.both + pair.only_first
-    )
-    where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
-    console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
 
 
 def new(

@@ -72,7 +72,7 @@ class Draw:
             z += float(turned @ thing.half_extents()) * (self.size - 1.0)
         larger = replace(
             thing, size=tuple(s * self.size for s in thing.size), mass=thing.mass * self.mass,
-            scale=thing.scale * self.size,
+            stretch=thing.stretch * self.size,
         )  # fmt: skip
         w, i, j, k = product(quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion).tolist()
         return Placement(larger, (x + self.x, y + self.y, z), (w, i, j, k))

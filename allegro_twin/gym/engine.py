@@ -12,10 +12,12 @@ from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
 from allegro_twin.gym.sensing import Sensing
-from allegro_twin.gym.settings import EnvSettings, read_options
+from allegro_twin.gym.settings import EnvSettings, Options, read_options
+from allegro_twin.gym.state import State
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tasks.base import Flags, Outcome
-from allegro_twin.policy.interface import BOUND, Observation
+from allegro_twin.gym.touch import Touch
+from allegro_twin.policy.interface import BOUND, Floats, Observation
 from allegro_twin.policy.memory import Memory
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.batch import Rows
@@ -32,6 +34,10 @@ class Engine:
         self.worlds = self.task.worlds
         self._physics = Physics(self.worlds, self.task.thing)
         self._sensing = Sensing(settings.randomise, self.worlds)
+        self._touch = Touch(settings.randomise, self.worlds) if settings.touch else None
+        self._state = State(self.worlds, self.task.thing) if settings.state else None
+        self.n_state = 0 if self._state is None else self._state.size
+        """Numbers of a critic's own."""
         self.memory: Memory = self.task.interface.start(np.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
         """Actions an episode."""
@@ -59,10 +65,16 @@ class Engine:
                 values[name] = np.full(len(rows), value)
         variant = task.variant(rows, draws, chosen)
         task.vary(rows, variant, draws, values, chosen)
+        if "size" in values:
+            values["size"] = self._sized(variant, values["size"], chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
         task.begin(rows, variant, draws, values, chosen)
         self._sensing.begin(rows, values, draws)
+        if self._touch is not None:
+            self._touch.begin(rows, values, draws)
+        if self._state is not None:
+            self._state.begin(rows, values)
         self._remember(rows)
         self.count[rows] = 0
         return {"randomised": values, **task.facts(rows)}
@@ -103,20 +115,19 @@ class Engine:
         position, velocity = self._sensing.measured(self.memory.tick)
         if not _finite(position):
             position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
-        achieved, goal = self.task.achieved(self.memory.tick), self.task.goal()
-        seen = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
-        self._seen = seen["observation"] if isinstance(seen, dict) else seen
-        extra = self.task.seen(self.memory.tick)
-        if extra is not None:
-            assert not isinstance(seen, dict)
-            extra = extra if _finite(extra) else np.nan_to_num(extra)
-            more = np.minimum(np.maximum(extra, -BOUND), BOUND)
-            seen = np.concatenate([seen, more], axis=-1, dtype=np.float32, casting="same_kind")
-        if achieved is None or goal is None:
-            return seen
-        assert not isinstance(seen, dict)
-        places = {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
-        return {"observation": seen} | places
+        tick = self.memory.tick
+        achieved, goal = self.task.achieved(tick), self.task.goal()
+        told = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
+        parts = told if isinstance(told, dict) else {"observation": told}
+        self._seen = parts["observation"]
+        more = [self.task.seen(tick), None if self._touch is None else self._touch.felt(tick)]
+        if extra := [each for each in more if each is not None]:
+            parts["observation"] = _lengthened(self._seen, extra)
+        if achieved is not None and goal is not None:
+            parts |= {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
+        if self._state is not None:
+            parts["state"] = self._state(tick)
+        return parts if len(parts) > 1 else parts["observation"]
 
     def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
         """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
@@ -133,6 +144,14 @@ class Engine:
                 success=outcome.success & ~diverged,
             )
         return outcome, diverged
+
+    def _sized(self, variant: Rows, drawn: Array, chosen: Options) -> Array:
+        sizes = self._physics.sizes(variant, drawn)
+        if chosen.size is not None and not np.array_equal(sizes, drawn):
+            raise ConfigError(
+                "a mesh keeps its size in an episode: leave out the option size, or give it another scale"
+            )
+        return sizes
 
     def _remember(self, rows: Rows) -> None:
         position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
@@ -152,6 +171,13 @@ class Engine:
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
+
+
+def _lengthened(seen: Floats, more: list[Array]) -> Floats:
+    """With what no hand reports, within bounds."""
+    finite = [each if _finite(each) else np.nan_to_num(each) for each in more]
+    bounded = [np.minimum(np.maximum(each, -BOUND), BOUND) for each in finite]
+    return np.concatenate([seen, *bounded], axis=-1, dtype=np.float32, casting="same_kind")
 
 
 def _finite(x: NDArray[np.floating[Any]]) -> bool:

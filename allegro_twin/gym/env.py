@@ -40,7 +40,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
         self.engine = Engine(task, read_settings(kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
-        self.observation_space = observation_space(self.engine.task)
+        self.observation_space = observation_space(self.engine.task, self.engine.n_state)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: Pictures | None = None

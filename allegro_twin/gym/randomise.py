@@ -72,6 +72,8 @@ class Randomise(Settings):
     wrist_tilt: Range | None = None
     """The palm leans by up to so much about each of its axes, rad."""
 
+    touch_noise: Range | None = None
+    """Half-width of the noise on the external torque of joints, N·m."""
     camera_shift: Range | None = None
     """Half-width of the noise on where a privileged task sees its object, m."""
     camera_turn: Range | None = None
@@ -97,6 +99,7 @@ class Randomise(Settings):
             actuator_delay=(0, 2),
             sensor_delay=(0, 1),
             wrist_tilt=(0.0, 0.05),
+            touch_noise=(0.0, 0.02),
             camera_shift=(0.0, 0.005),
             camera_turn=(0.0, 0.1),
             camera_delay=(0, 1),
@@ -138,6 +141,12 @@ class Physics:
         self._worlds, self._thing = worlds, thing
         joints = [worlds.model.joint(name).dofadr[0] for name in worlds.spec.joints]
         self._dofs = np.array(joints)
+
+    def sizes(self, variant: Rows, factor: Array) -> Array:
+        """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
+        if self._thing is None:
+            return factor
+        return np.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)
 
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
         """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""

@@ -60,6 +60,10 @@ class EnvSettings(Settings):
 
     history: Annotated[int, Field(ge=1, le=20)] = 1
     """How many decisions an observation shows of the hand, this one and those before."""
+    touch: bool = False
+    """Observations end with the external torque of every joint, as a twin beside a hand estimates it."""
+    state: bool = False
+    """Observations are a dictionary with a `state`, too: what only the simulation knows, for a critic."""
     observation: Literal["full", "hand"] = "full"
     """Of tasks with an object in the hand: `hand` leaves out what no hand measures."""
     goals: Literal["any", "yaw"] = "any"

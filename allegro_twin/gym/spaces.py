@@ -19,20 +19,18 @@ def action_space(task: Task) -> spaces.Space[Floats]:
     return spaces.Box(-1.0, 1.0, (task.spec.n_joints,), np.float32)
 
 
-def observation_space(task: Task) -> spaces.Space[Observation]:
-    seen = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.extra,), np.float32)
+def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
+    """`state`: how many numbers a critic sees besides."""
+    parts: dict[str, spaces.Space[Any]] = {}
+    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.unmeasured,), np.float32)
     goal = task.goal()
-    if goal is None:
-        return seen
-    room = _ROOM if task.interface.n_goal else _UNIT
-    place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
-    return spaces.Dict(
-        {  # type: ignore[return-value]  # A Dict is a space of dictionaries.
-            "observation": seen,
-            "achieved_goal": place,
-            "desired_goal": place,
-        }
-    )
+    if goal is not None:
+        room = _ROOM if task.interface.n_goal else _UNIT
+        place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
+        parts |= {"achieved_goal": place, "desired_goal": place}
+    if state:
+        parts["state"] = spaces.Box(-BOUND, BOUND, (state,), np.float32)
+    return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
 
 
 def described(space: spaces.Space[Any]) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.library.entries import GraspFile, Taxonomy, joint_values, mirrored_grip
+from allegro_twin.library.entries import GraspFile, Taxonomy, grasp_entry, joint_values, mirrored_grip
 from allegro_twin.library.grip import CentroidGrip, EnvelopGrip, Grip
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -37,6 +37,13 @@ def build_grasp(name: str, stored: GraspFile, spec: HandSpec, where: str) -> Gra
     grip = stored.grip if stored.side == spec.side else mirrored_grip(stored.grip, spec)
     _check_grip(grip, spec, where)
     return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip)
+
+
+def entry_of(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
+    """The entry that `build_grasp` makes it from. Raises ConfigError outside the limits."""
+    postures = {stage: getattr(grasp, stage) for stage in GraspFile.joint_fields}
+    entry = grasp_entry(postures, spec, grasp.taxonomy, description, evidence)
+    return entry.model_copy(update={"speed": grasp.speed, "profile": grasp.profile, "grip": grasp.grip})
 
 
 def _check_grip(grip: Grip | None, spec: HandSpec, where: str) -> None:

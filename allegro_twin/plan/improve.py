@@ -11,14 +11,15 @@ import numpy as np
 from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.statistics import Paired, paired
-from allegro_twin.evaluate.together import Verdict
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import rounded, row
 from allegro_twin.plan.ease import eased, resting
 from allegro_twin.plan.poses import closing_of
+from allegro_twin.plan.versions import Try, Version, Where, score, tries
 from allegro_twin.spec import HandSpec
+from allegro_twin.sweep.local import Engine, Local
 from allegro_twin.types import Array
 
 METRES, TURN, JOINT, SQUEEZE = 0.004, np.radians(4.0), 0.05, 0.35
@@ -27,14 +28,6 @@ NARROWER = 0.7
 """Of that in each round after it."""
 ELITE, EASED = 4, 2
 """How many the next round varies, and how many of them are tried with less squeeze, too."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Version:
-    """A grasp and where its wrist is."""
-
-    scenario: Scenario
-    grasp: Grasp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +55,9 @@ class Improvement:
     draws: int = 8
     unseen: int = 40
     """On which both versions are compared in the end."""
-    threads: int = 0
+    engine: Engine = field(default_factory=lambda: Local(0))
+    at_once: int = 1
+    """How many processes the engine has."""
 
     def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> Improved:
         """Search, and compare. `tell`: the round and the best share of draws held in it."""
@@ -78,13 +73,13 @@ class Improvement:
             scale *= NARROWER
         best = elite[0][1]
         before, after = self._tried([first, best], "table_pick", self.unseen, 1_000_000)
-        comparison = paired([verdict.held for verdict in before], [verdict.held for verdict in after])
+        comparison = paired([each.held for each in before], [each.held for each in after])
         return Improved(first, best, comparison)
 
     def _eased(self, versions: list[Version]) -> list[Version]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
         rules = load_protocol("quick")
-        bench = Bench(self.spec, period=rules.period or PERIOD, threads=self.threads)
+        bench = Bench(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
         cases = [Case(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
         found = []
         for version, verdict in zip(versions, bench.verdicts(cases, resting), strict=True):
@@ -94,23 +89,12 @@ class Improvement:
         return found
 
     def _score(self, versions: list[Version]) -> Array:
-        """How many draws each holds; among equals the one with larger margins and less time at a torque limit, as
-        parts of one."""
-        verdicts = self._tried(versions, "quick", self.draws, 0)
-        reports = [[v.report for v in row if v.held and v.report is not None] for row in verdicts]
-        held = np.array([len(row) for row in reports])
-        spare = [np.mean([r.margin for r in row] or 0.0) for row in reports]
-        free = [1.0 - np.mean([max(r.at_limit.values()) for r in row] or 1.0) for row in reports]
-        score: Array = held + 0.49 * np.array(spare) + 0.5 * np.array(free)
-        return score
+        return np.array([score(row) for row in self._tried(versions, "quick", self.draws, 0)])
 
-    def _tried(self, versions: list[Version], protocol: str, count: int, first: int) -> list[list[Verdict]]:
-        """The verdicts of some draws, a row for each version."""
-        rules = load_protocol(protocol)
-        bench = Bench(self.spec, period=rules.period or PERIOD, threads=self.threads)
-        cases = draws(self.uncertainty, count, self.seed, first)
-        verdicts = bench.verdicts([Case(v.scenario, v.grasp, d, rules, self.folder) for v in versions for d in cases])
-        return [[next(verdicts) for _ in cases] for _ in versions]
+    def _tried(self, versions: list[Version], protocol: str, count: int, first: int) -> list[list[Try]]:
+        """Some draws, a row for each version."""
+        where = Where(self.engine, self.at_once, self.folder)
+        return tries(versions, self.spec, protocol, draws(self.uncertainty, count, self.seed, first), where)
 
 
 def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Generator) -> Version:

@@ -9,8 +9,7 @@ from typing import Any
 
 from allegro_twin.evaluate.scenario import ObjectSettings, Scenario
 from allegro_twin.files import edit
-from allegro_twin.library.entries import GraspFile, grasp_entry
-from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.grasps import Grasp, entry_of
 from allegro_twin.library.library import Library
 from allegro_twin.plan.prove import Planned
 from allegro_twin.spec import HandSpec
@@ -44,7 +43,7 @@ def stored(grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str
     RecordingError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     library = Library(path.parent)
-    library.add(name, _entry(grasp, spec, description, evidence), spec)
+    library.add(name, entry_of(grasp, spec, description, evidence), spec)
     library.store(name, path)
 
 
@@ -55,11 +54,6 @@ def in_words(planned: Planned) -> str:
         f"held in {planned.held} of the search's {planned.tried} draws, {left} without noise" if planned.tried else left
     )
     return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {drawn}"
-
-
-def _entry(grasp: Grasp, spec: HandSpec, description: str, evidence: str) -> GraspFile:
-    postures = {"preshape": grasp.preshape, "close": grasp.close, "squeeze": grasp.squeeze}
-    return grasp_entry(postures, spec, grasp.taxonomy, description, evidence)
 
 
 def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> dict[str, Any]:

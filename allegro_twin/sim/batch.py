@@ -49,7 +49,7 @@ class Worlds:
         """Both in one array, (2, n, joints), for reading."""
         self.torque: Array = ctrl[:, motors]
         """What the motors are told, (n, joints), N·m."""
-        self._ctrl = ctrl
+        self._ctrl, self._motion_columns = ctrl, motion
         self._qpos, self._qvel, self._push = qpos, qvel, self._batch.bind("xfrc_applied")
         self._learn_start(model)
 
@@ -102,6 +102,16 @@ class Worlds:
         """Position and set-point of a joint with a servo of its own, (n,) each, live."""
         joint = self.model.joint(name)
         return self._qpos[:, joint.qposadr[0]], self._ctrl[:, self.model.actuator(name).id]
+
+    def meshes(self, body: Body) -> NDArray[np.bool_]:
+        """Of each variant, (variants,): whether a body has a mesh among its shapes, which no simulation can resize."""
+        found = [bool((model.geom_type[body.geoms] == mujoco.mjtGeom.mjGEOM_MESH).any()) for model in self._models]
+        return np.array(found)
+
+    def external(self) -> Array:
+        """What contacts, dry friction and end stops do to the joints, (n, joints), N·m: as of the last step, live."""
+        forces: Array = self._batch.bind("qfrc_constraint")[:, self._motion_columns]
+        return forces
 
     def presenter(self) -> tuple[Array, Array, Array]:
         """Where the presenter's hand is, (n, 3), m, its quaternion, (n, 4), and whether it holds, (n,), 1 or 0;

@@ -21,6 +21,8 @@ from allegro_twin.types import Array, Vector
 Collision: TypeAlias = Literal["pieces", "hull"]
 Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
 N_SIZES: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
+_ANY, _STANDING, _CUT = 1, 2, 4
+"""Bits of who touches whom: everything, a cut solid's hull with the table, and its pieces with those of another."""
 _UP = {"x": (0.5, -0.5, -0.5, -0.5), "y": (0.5, 0.5, 0.5, 0.5), "z": (1.0, 0.0, 0.0, 0.0)}
 
 
@@ -41,6 +43,9 @@ class Thing:
     collision: Collision = "pieces"
     """How a mesh collides: as what it is, in convex pieces, or as its hull."""
 
+    stretch: float = 1.0
+    """Of a mesh: how much larger this one is. It is cut into pieces as it was before."""
+
     def half_extents(self) -> Array:
         """Half-sizes of the bounding box in the object's own axes, shape (3,), m. Not for files."""
         match self.shape, self.size:
@@ -58,6 +63,13 @@ class Thing:
 
     def mesh(self) -> Mesh:
         """Of a mesh: its surface, or its hull's. Raises ConfigError."""
+        return self._mesh().times(self.stretch)
+
+    def pieces(self) -> list[Mesh]:
+        """Of a mesh: the convex pieces that touch. Raises ConfigError."""
+        return [piece.times(self.stretch) for piece in pieces_of(self._mesh(), str(self.file))]
+
+    def _mesh(self) -> Mesh:
         assert self.file is not None
         return load_mesh(self.file, self.scale) if self.collision == "pieces" else load_hull(self.file, self.scale)
 
@@ -132,11 +144,23 @@ def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dic
     made = spec.add_mesh(name=thing.name, uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
     made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
     body.add_geom(type=kind, meshname=thing.name, contype=0, conaffinity=0, **look)
-    for number, piece in enumerate(pieces_of(mesh, str(thing.file))):
+    touch = {"type": kind, "mass": 0.0, "group": 3} | {key: look[key] for key in ("friction", "condim")}
+    pieces = thing.pieces()
+    table = spec.geom("table") if len(pieces) > 1 else None
+    if table is not None:
+        touch |= _stood(body, table, thing.name, touch)
+    for number, piece in enumerate(pieces):
         name = f"{thing.name}/{number}"
         spec.add_mesh(name=name, uservert=piece.vertices.ravel())
-        touch = {key: look[key] for key in ("friction", "condim")}
-        body.add_geom(name=name, type=kind, meshname=name, mass=0.0, group=3, **touch)
+        body.add_geom(name=name, meshname=name, **touch)
+
+
+def _stood(body: mujoco.MjsBody, table: mujoco.MjsGeom, name: str, touch: dict[str, Any]) -> dict[str, Any]:
+    """Let a body stand on the table by its hull alone, which touches a plane exactly where the solid does: dozens of
+    pieces would make a hundred contacts there. Returns what the pieces say of whom they touch."""
+    table.contype, table.conaffinity = _STANDING, _ANY | _STANDING
+    body.add_geom(name=f"{name}/standing", meshname=name, contype=_STANDING, conaffinity=0, **touch)
+    return {"contype": _CUT, "conaffinity": _ANY | _CUT}
 
 
 def _attach(spec: mujoco.MjSpec, placement: Placement) -> None:

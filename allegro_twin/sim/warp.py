@@ -69,6 +69,9 @@ class WarpWorlds(Worlds):
         self._edited = True
         super().choose(rows, variant)
 
+    def external(self) -> Array:
+        raise ConfigError("on a Warp device nobody tells the joints' external torque: touch and state need device: cpu")
+
     def step(self, rows: Rows | None, count: int) -> None:
         """As a batch does, for all at once; those not in `rows` stay as they were. Raises ConfigError where contacts or
         constraints found no room, instead of going on without them."""

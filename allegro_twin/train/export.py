@@ -37,7 +37,7 @@ class _Graph:
 
 def to_onnx(model: Any, path: Path, card: Card) -> None:
     """The mean action of a model of Stable-Baselines3 whose observations are `Normalised`, within [-1, 1]."""
-    front, body, head = model.policy.features_extractor, model.policy.mlp_extractor, model.policy.action_net
+    front, body, head = model.policy.pi_features_extractor, model.policy.mlp_extractor, model.policy.action_net
     assert isinstance(front, Normalised)
     names = front.names or ["observation"]
     spaces = [model.observation_space[name] for name in front.names] or [model.observation_space]

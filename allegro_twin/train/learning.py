@@ -19,7 +19,7 @@ from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
 from allegro_twin.train.export import to_onnx
-from allegro_twin.train.network import Normalised
+from allegro_twin.train.network import STATE, Asymmetric, Normalised
 from allegro_twin.train.settings import Recipe
 from allegro_twin.train.stable import StableEnv
 from allegro_twin.train.watching import Advance, Watching
@@ -80,15 +80,17 @@ def note(recipe: Recipe, progress: Progress) -> str:
 
 def _model(recipe: Recipe, env: StableEnv) -> Any:
     layers = list(recipe.hidden)
+    parts = getattr(env.observation_space, "spaces", {})
+    critic = STATE in parts
     chosen = {
         "features_extractor_class": Normalised,
+        "share_features_extractor": not critic,
         "net_arch": {"pi": layers, "vf": layers},
         "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],
         "log_std_init": recipe.log_spread,
     }
-    policy = "MultiInputPolicy" if hasattr(env.observation_space, "spaces") else "MlpPolicy"
     return PPO(
-        policy,
+        Asymmetric if critic else "MultiInputPolicy" if parts else "MlpPolicy",
         env,
         learning_rate=recipe.learning_rate,
         n_steps=recipe.rollout,

@@ -8,9 +8,11 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 
 GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
+STATE = "state"
 BOUND = 5.0
 """Standard deviations beyond which an observation is clipped."""
 LEAST = 1e-6
@@ -25,10 +27,13 @@ class Normalised(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselin
     export carries them.
     """
 
-    def __init__(self, observation_space: spaces.Space[Any]) -> None:
-        self.names = list(observation_space) if isinstance(observation_space, spaces.Dict) else []
-        missing = observation_space[GOAL].shape[-1] if self.names else 0  # type: ignore[index]  # A Dict.
-        super().__init__(observation_space, spaces.flatdim(observation_space) + missing)
+    def __init__(self, observation_space: spaces.Space[Any], without: tuple[str, ...] = ()) -> None:
+        """`without`: parts that are not looked at."""
+        parts = dict(observation_space.items()) if isinstance(observation_space, spaces.Dict) else {}
+        self.names = [name for name in parts if name not in without]
+        seen = [parts[name] for name in self.names] or [observation_space]
+        missing = spaces.flatdim(parts[GOAL]) if GOAL in parts else 0
+        super().__init__(observation_space, sum(spaces.flatdim(part) for part in seen) + missing)
         for name, value in (("mean", 0.0), ("variance", 1.0), ("count", 0.0)):
             size = (self.features_dim,) if name != "count" else ()
             self.register_buffer(name, torch.full(size, value, dtype=torch.float64))
@@ -58,4 +63,19 @@ class Normalised(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselin
     def _parts(self, observations: Any) -> list[Any]:
         if not self.names:
             return [observations]
-        return [*(observations[name] for name in self.names), observations[GOAL] - observations[ACHIEVED]]
+        goal = [observations[GOAL] - observations[ACHIEVED]] if GOAL in self.names else []
+        return [*(observations[name] for name in self.names), *goal]
+
+
+class Asymmetric(MultiInputActorCriticPolicy):  # type: ignore[misc]  # Likewise.
+    """An actor that sees what a hand does, and a critic that sees the environment's `state` besides."""
+
+    def make_features_extractor(self) -> Normalised:
+        critic = hasattr(self, "pi_features_extractor")  # The actor's is made first.
+        return Normalised(self.observation_space, () if critic else (STATE,))
+
+    def _build_mlp_extractor(self) -> None:
+        super()._build_mlp_extractor()
+        width = self.vf_features_extractor.features_dim
+        critic = MlpExtractor(width, net_arch=self.net_arch, activation_fn=self.activation_fn, device=self.device)
+        self.mlp_extractor.value_net = critic.value_net

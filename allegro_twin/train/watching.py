@@ -42,7 +42,7 @@ class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is unty
 
     def _on_rollout_end(self) -> None:
         self._seen = self.model.rollout_buffer.observations
-        if not float(self.model.policy.features_extractor.count):
+        if not float(self.model.policy.pi_features_extractor.count):
             self._learn()  # Nothing is known yet; the first update is better with it.
         found = np.array(self._episodes, float).mean(axis=0) if self._episodes else np.full(3, np.nan)
         values = dict(zip(("return", "length", "success"), found.tolist(), strict=True)) if self._episodes else {}
@@ -56,5 +56,7 @@ class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is unty
 
     def _learn(self) -> None:
         if self._seen is not None:
-            self.model.policy.features_extractor.learn(self._seen)
+            policy = self.model.policy
+            for front in {policy.pi_features_extractor, policy.vf_features_extractor}:
+                front.learn(self._seen)
             self._seen = None

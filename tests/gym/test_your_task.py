@@ -70,3 +70,24 @@ def test_a_recipe_takes_a_task_and_objects_of_one_s_own() -> None:
     settings = EnvSettings(objects=(BOX | {"like": "apple"}, "my.obj"))  # type: ignore[arg-type]  # As a user writes it.
     again = EnvSettings.model_validate(settings.model_dump(mode="json"))
     assert again == settings
+
+
+CORNERS = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (-0.03, 0.03)]
+SIDES = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+
+
+def test_a_mesh_keeps_its_size_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "die.obj"
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c} {d}" for a, b, c, d in SIDES)]))
+    die = {"name": "die", "shape": "mesh", "file": str(path), "mass": 0.1, "like": "rubiks_cube"}
+    env = HandEnv("Lift", objects=(die,), randomise={"size": (0.8, 0.9), "mass": (2.0, 2.0)}, timestep=0.003)
+    _, info = env.reset(seed=0)
+    assert info["randomised"]["size"] == 1.0
+    thing = env.engine.task.thing
+    assert thing is not None
+    assert thing.pose[0, 2] == pytest.approx(0.03, abs=1e-3)
+    with pytest.raises(ConfigError, match="a mesh keeps its size in an episode: leave out the option size"):
+        env.reset(options={"size": 0.9})
+    cube = HandEnv("Lift", objects=("rubiks_cube",), randomise={"size": (0.8, 0.9)}, timestep=0.003)
+    assert 0.8 <= cube.reset(seed=0)[1]["randomised"]["size"] <= 0.9

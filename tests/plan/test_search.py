@@ -23,11 +23,12 @@ from allegro_twin.library.named import load_grasp
 from allegro_twin.plan.begin import first_guess
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.ease import eased
-from allegro_twin.plan.improve import Improvement, Version, varied
+from allegro_twin.plan.improve import Improvement, varied
 from allegro_twin.plan.keep import in_words, stored, written
 from allegro_twin.plan.prove import FIRST, MORE, Planned, best_of
 from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.templates import templates
+from allegro_twin.plan.versions import Version
 from allegro_twin.sim.workbench import Workbench
 
 SPEC = load_spec()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -11,12 +12,16 @@ import pytest
 
 from allegro_twin.build import assemble
 from allegro_twin.cli.runs import Options, configs_of
+from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
+from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.sim.decompose import pieces_of, standing_out
 from allegro_twin.sim.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
 from allegro_twin.sim.objects import Placement, Thing, add
+from allegro_twin.sim.parts import parts_of
+from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
 
@@ -77,6 +82,33 @@ def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> No
     assert touched == 0
 
 
+def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not_touch(tmp_path: Path) -> None:
+    file = written(tmp_path / "ring.obj", *ring(9))
+    ring_ = Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, HALF), (1, 0, 0, 0))
+    ball = Placement(Thing("ball", "sphere", (0.03,), 0.01), (0, 0, 0.015), (1, 0, 0, 0))
+    far = Stage(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0, 0.0]), (ring_, ball), table=True)
+    model = compile_scene(load_spec(), far)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 1000)
+    height = data.body("ring").xpos[2]
+    assert HALF - 2e-4 < height < HALF + 1e-4
+    met = sorted({tuple(sorted(model.body(model.geom_bodyid[g]).name for g in pair)) for pair in data.contact.geom})
+    assert met == [("ball", "world"), ("ring", "world")]
+    assert data.ncon <= 5
+    mujoco.mj_step(model, data, 100)
+    assert data.body("ring").xpos[2] == pytest.approx(height, abs=1e-9)
+    # Fingers and balls still touch the pieces, and never the hull that stands.
+    type_, with_, part = model.geom_contype, model.geom_conaffinity, parts_of(model, load_spec())[model.geom_bodyid]
+    meet = (type_[:, None] & with_) | (type_ & with_[:, None])
+    standing, piece, table = (model.geom(name).id for name in ("ring/standing", "ring/0", "table"))
+    assert np.flatnonzero(meet[standing]).tolist() == [table]
+    solid = np.flatnonzero((part >= 0) & (type_ > 0))
+    assert meet[piece, solid].all()
+    assert meet[table, solid].all()
+    assert meet[piece, model.geom("ball").id]
+    assert not meet[piece, table]
+
+
 def test_it_has_the_inertia_of_the_solid_and_not_of_its_hull(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     spec = mujoco.MjSpec()
@@ -100,6 +132,25 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
     monkeypatch.setattr("coacd.run_coacd", None)
     for again, piece in zip(pieces_of(mesh, "ring"), pieces, strict=True):
         np.testing.assert_array_equal(again.vertices, piece.vertices)
+
+
+def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each draw of a size would cost half a minute otherwise."""
+    thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
+    pieces = thing.pieces()
+    monkeypatch.setattr("coacd.run_coacd", None)
+    case = Draw(size=1.05, mass=1.2)
+    around = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), (Placement(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True)
+    (larger,) = case.on(around).things
+    for piece, one in zip(larger.thing.pieces(), pieces, strict=True):
+        np.testing.assert_allclose(piece.vertices, 1.05 * one.vertices, rtol=1e-12)
+    np.testing.assert_allclose(larger.thing.half_extents(), 1.05 * thing.half_extents())
+    assert larger.position[2] == pytest.approx(1.05 * HALF)
+    model = compile_scene(load_spec(), replace(around, things=(larger,)))
+    assert model.geom("ring/standing").dataid[0] == model.geom("ring").dataid[0]
+    first = int(model.mesh("ring").vertadr[0])
+    extents = np.ptp(model.mesh_vert[first : first + int(model.mesh("ring").vertnum[0])], axis=0)
+    np.testing.assert_allclose(np.sort(extents), np.sort(2.1 * thing.half_extents()), rtol=1e-5)
 
 
 def test_what_is_convex_is_one_piece_and_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:

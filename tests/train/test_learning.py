@@ -137,6 +137,29 @@ def test_the_exported_policy_acts_as_the_trained_one_and_carries_its_card(whole:
     assert np.abs(exported.policy(far)).max() <= 1.0
 
 
+@pytest.mark.parametrize("task", ["Reach", "Rotate"])
+def test_with_a_state_the_critic_sees_it_and_the_exported_policy_does_not_need_it(task: str, tmp_path: Path) -> None:
+    import torch
+    from stable_baselines3 import PPO
+
+    from allegro_twin.policy.loading import load_policy
+
+    environment = {"timestep": 0.003, "state": True}
+    trained = train(recipe(task=task, environment=environment, steps=256), tmp_path)
+    model = PPO.load(str(tmp_path / "checkpoints" / "00001.zip"), device="cpu")
+    rng = np.random.default_rng(0)
+    seen = {name: rng.normal(size=(8, *space.shape)).astype(np.float32) * 0.1
+            for name, space in model.observation_space.spaces.items()}  # fmt: skip
+    other = seen | {"state": seen["state"] + 1.0}
+    action = model.predict(seen, deterministic=True)[0]
+    np.testing.assert_array_equal(action, model.predict(other, deterministic=True)[0])
+    values = [model.policy.predict_values({k: torch.from_numpy(v) for k, v in each.items()}) for each in (seen, other)]
+    assert float((values[0] - values[1]).detach().abs().min()) > 1e-6
+    exported = load_policy(trained.policy).policy
+    hand = {name: value for name, value in seen.items() if name != "state"}
+    np.testing.assert_allclose(exported(hand), action, atol=1e-5)
+
+
 def test_the_normalisation_knows_everything_that_was_seen(whole: Path) -> None:
     policy = weights(whole)["policy.pth"]
     assert float(policy["features_extractor.count"]) == 768

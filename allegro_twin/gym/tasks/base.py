@@ -140,6 +140,11 @@ class Task(ABC):
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
 
     @property
+    def unmeasured(self) -> int:
+        """Numbers at the end of an observation that no hand reports by itself."""
+        return self.extra + (self.spec.n_joints if self.settings.touch else 0)
+
+    @property
     def id(self) -> str:
         """Of the environment, for cards."""
         kind = type(self)
@@ -161,10 +166,10 @@ class Task(ABC):
             goal=interface.goal,
             scripts=self.closed_scripts(),
             periods=0 if interface.scripts is None else interface.scripts.periods,
-            observation=interface.n_observation + self.extra,
+            observation=interface.n_observation + self.unmeasured,
             action=self.spec.n_joints,
             history=interface.history,
-            privileged=self.extra,
+            privileged=self.unmeasured,
         )
 
     def closed_scripts(self) -> tuple[Closed, ...]:

@@ -76,9 +76,10 @@ def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED)
 
 def file_name(thing: Thing, search: Search = SEARCH) -> str:
     """Another search, or another object, has another."""
-    own = (thing.shape, thing.size, thing.mass, str(thing.file or ""), thing.scale)
-    content = repr((VERSION, *own, search, COUNT, SEED, SIZES, FRICTION))
-    return f"{hashlib.sha256(content.encode()).hexdigest()[:16]}.npz"
+    content = "" if thing.file is None else hashlib.sha256(thing.file.read_bytes()).hexdigest()
+    own = (thing.shape, thing.size, thing.mass, content, thing.scale)
+    whole = repr((VERSION, *own, search, COUNT, SEED, SIZES, FRICTION))
+    return f"{hashlib.sha256(whole.encode()).hexdigest()[:16]}.npz"
 
 
 def _mirrored(right: Held) -> Held:

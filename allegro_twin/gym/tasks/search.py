@@ -101,9 +101,10 @@ def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array
     worlds, rows = Worlds(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
     body = worlds.free(THING)
-    size = rng.uniform(*SIZES, AT_ONCE)
+    physics = Physics(worlds, body)
+    size = physics.sizes(worlds.variant, rng.uniform(*SIZES, AT_ONCE))
     height = 2.0 * size * thing.half_extents()[2]
-    Physics(worlds, body).apply(rows, {"size": size})
+    physics.apply(rows, {"size": size})
     posture, target, place, yaw = search.tries(spec, height, rng)
     turned = quaternion_from_vector(yaw[:, None] * (0.0, 0.0, 1.0))
     worlds.position[...] = posture

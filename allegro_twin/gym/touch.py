@@ -1,0 +1,35 @@
+"""What contact does to the joints: the external torque that a hand's twin estimates beside it (docs/twin.md#mirror)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.gym.noise import Draws, jitter
+from allegro_twin.gym.randomise import Randomise
+from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.types import Array
+
+
+class Touch:
+    """Of `n` hands; with the dry friction of their joints, which nobody can tell from a contact in one moment."""
+
+    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+        self._torque = worlds.external()
+        self._limit = worlds.spec.actuation.torque_limit
+        self._noise = None if settings.touch_noise is None else np.zeros((worlds.n, 1))
+        self._key = np.zeros(worlds.n, np.uint64)
+
+    def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
+        """A new episode of some hands: `values` as they were drawn, (m,) each."""
+        if self._noise is not None:
+            self._key[rows] = draws.key()
+            self._noise[rows, 0] = values["touch_noise"]
+
+    def felt(self, tick: NDArray[np.int64]) -> Array:
+        """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
+        has been felt."""
+        torque = np.where(tick[:, None] > 0, self._torque, 0.0)
+        if self._noise is not None:
+            torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
+        return np.asarray(torque / self._limit)
