@@ -14,10 +14,10 @@ import yaml
 
 from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
-from allegro_twin.identify.gap import Gap
-from allegro_twin.identify.method import Identified, gaps, identify
-from allegro_twin.identify.problem import SHAPE
-from allegro_twin.identify.stored import store
+from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.results.gap import Gap
+from allegro_twin.identify.results.method import Identified, gaps, identify
+from allegro_twin.identify.results.stored import store
 from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"

@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until

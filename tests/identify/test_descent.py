@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from allegro_twin.identify.descent import Descended, descend
-from allegro_twin.identify.problem import Problem
+from allegro_twin.identify.fitting.descent import Descended, descend
+from allegro_twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
 W, ROWS = 12, 5

@@ -15,7 +15,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hand import Hand
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.diagnosis import Calm

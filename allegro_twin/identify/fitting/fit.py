@@ -7,11 +7,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from allegro_twin.identify.descent import descend
-from allegro_twin.identify.motion import Motion, noise_floor
-from allegro_twin.identify.problem import Masses, Problem, at_model, index
-from allegro_twin.identify.shooting import PIECE
-from allegro_twin.identify.spread import Spread, mass_variance, spread
+from allegro_twin.identify.fitting.descent import descend
+from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
+from allegro_twin.identify.fitting.shooting import PIECE
+from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
+from allegro_twin.identify.motions.motion import Motion, noise_floor
 from allegro_twin.sim.windows import STEP, Parameters, Player
 from allegro_twin.types import Array, Vector
 

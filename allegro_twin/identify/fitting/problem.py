@@ -9,9 +9,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.regress import LOAD
-from allegro_twin.identify.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.fitting.regress import LOAD
+from allegro_twin.identify.fitting.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 

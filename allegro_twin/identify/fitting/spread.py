@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.identify.descent import Descended
-from allegro_twin.identify.problem import Masses, Problem, index, mass_covariance
-from allegro_twin.identify.shooting import MEAN, PIECE
+from allegro_twin.identify.fitting.descent import Descended
+from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
+from allegro_twin.identify.fitting.shooting import MEAN, PIECE
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 

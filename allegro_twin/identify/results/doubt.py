@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.identify.fit import Fit
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.problem import SHAPE
-from allegro_twin.identify.regress import smoothed
+from allegro_twin.identify.fitting.fit import Fit
+from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
 
