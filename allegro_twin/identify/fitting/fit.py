@@ -20,8 +20,8 @@ FEW = 30
 """Pieces to begin with."""
 COARSE, BREAKING = 2, 5
 """Rounds of new derivatives at most: roughly, and the same where friction breaks away."""
-FINE = {False: 2, True: 1}
-"""In the end, likewise."""
+FINE = 1
+"""In the end: the rough solution is so near that its derivatives serve for all steps."""
 ROUGHLY, FINELY = 0.1, 0.01
 """The share of the cost that a round must gain for another one."""
 SUSPICIOUS = 3.0
@@ -74,7 +74,7 @@ def fit(
         bristly = friction == "lugre" or other.left < rough.left
         rough = other if bristly else rough
     whole = problem(bristly, 1)
-    last = descend(whole, rough.drive, FINE[bristly], FINELY)
+    last = descend(whole, rough.drive, FINE, FINELY)
     spreads = spread(whole, last, rough.drive, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)
