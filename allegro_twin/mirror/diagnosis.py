@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +67,8 @@ class Diagnosis:
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
-        self._rows: deque[tuple[Array, ...]] = deque(maxlen=LONGEST + EVERY)
+        self._rows: list[Array] = []
+        """By column, the last LONGEST rows twice, so that any of them are one slice."""
         self._count, self._sign = 0, -1
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
@@ -81,9 +82,8 @@ class Diagnosis:
             return
         *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
-        self._rows.append((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
-        self._count += 1
-        if self._count % EVERY == 0 and len(self._rows) >= ROWS:
+        self._keep((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
+        if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
 
     @property
@@ -91,9 +91,16 @@ class Diagnosis:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
+    def _keep(self, row: Sequence[Array]) -> None:
+        if not self._rows:
+            self._rows = [np.zeros((2 * LONGEST, *each.shape)) for each in row]
+        for column, each in zip(self._rows, row, strict=True):
+            column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
+        self._count += 1
+
     def _last(self, count: int) -> Window:
-        rows = list(self._rows)[-count:]
-        return Window(*(np.array(column) for column in zip(*rows, strict=True)))
+        end = (self._count - 1) % LONGEST + LONGEST + 1
+        return Window(*(column[end - count : end] for column in self._rows))
 
     def _look(self) -> None:
         window = self._last(ROWS)
@@ -102,7 +109,9 @@ class Diagnosis:
         if self._sign < 0 and odd:
             self._sign = self._count
         waited = self._count - self._sign
-        seen = named(self._last(max(ROWS, waited)) if odd else window, self._quiet, self._spec)
+        seen = named(
+            self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
+        )
         if self.found is None and seen is not None:
             ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
             self.found = seen if ready or seen.name in AT_ONCE else None
