@@ -18,12 +18,12 @@ from allegro_twin.types import Array, Vector
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
 FEW = 30
 """Pieces to begin with."""
-COARSE, BREAKING = 2, 5
+COARSE, BREAKING = 2, 8
 """Rounds of new derivatives at most: roughly, and the same where friction breaks away."""
-FINE = 1
-"""In the end: the rough solution is so near that its derivatives serve for all steps."""
-ROUGHLY, FINELY = 0.1, 0.01
-"""The share of the cost that a round must gain for another one."""
+FINE = {False: 1, True: 3}
+"""In the end, by whether friction breaks away: where it does not the rough solution is near enough for one."""
+ROUGHLY, FINELY = 0.1, 0.05
+"""The share of its cost that a round must gain some finger for another one."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
@@ -74,7 +74,7 @@ def fit(
         bristly = friction == "lugre" or other.left < rough.left
         rough = other if bristly else rough
     whole = problem(bristly, 1)
-    last = descend(whole, rough.drive, FINE, FINELY)
+    last = descend(whole, rough.drive, FINE[bristly], FINELY)
     spreads = spread(whole, last, rough.drive, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)
