@@ -64,11 +64,12 @@ def main() -> None:
     options.add_argument("--first", type=int, default=30, help="seed of the first hand")
     options.add_argument("--minutes", type=float, default=60.0, help="of free motion for false names, in all")
     options.add_argument("--learn", type=float, default=120.0, help="s of free motion for thresholds, each hand")
+    options.add_argument("--kinds", nargs="*", choices=(*KINDS, "wrong_file"), default=(*KINDS, "wrong_file"))
     chosen = options.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.hands)
     specs = [hand(seed) for seed in seeds]
     calms = [learned(3000 + seed, spec, chosen.learn) for seed, spec in zip(seeds, specs, strict=True)]
-    for what in (*KINDS, "wrong_file"):
+    for what in chosen.kinds:
         told, right, late = Counter[str](), 0, 0
         for k in range(chosen.injections):
             which = k % len(specs)

@@ -14,10 +14,10 @@ import yaml
 
 from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
-from allegro_twin.identify.gap import Gap
-from allegro_twin.identify.method import Identified, gaps, identify
-from allegro_twin.identify.problem import SHAPE
-from allegro_twin.identify.stored import store
+from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.results.gap import Gap
+from allegro_twin.identify.results.method import Identified, gaps, identify
+from allegro_twin.identify.results.stored import store
 from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
@@ -73,7 +73,14 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
         cost = time.process_time() - began
         store(file, found.fit, found.values, found.motions, "")
         (gap,) = gaps(paths[-1:], str(file))
-    return {**_errors(truth, found), **_prediction(gap), "cpu_s": cost, "data_s": sum(m.seconds for m in found.motions)}
+    own = {"kind": item["kind"], "seed": item["seed"]}
+    return {
+        **own,
+        **_errors(truth, found),
+        **_prediction(gap),
+        "cpu_s": cost,
+        "data_s": sum(m.seconds for m in found.motions),
+    }
 
 
 def _recorded(

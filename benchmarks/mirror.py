@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from allegro_twin.description.hands import load_spec
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.mirror.events import thresholds, touched
 from allegro_twin.sim.observer import Observer
 from allegro_twin.spec import HandSpec

@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
@@ -86,10 +86,10 @@ def mirror_of(spec: HandSpec) -> Mirror:
 
 def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
     """A stage: as torque the counts that the host sent for the period, as on a bus, whatever motors make of it."""
-    sent = np.zeros(N)
+    sent, limit = np.zeros(N), spec.actuation.torque_limit
     for state, command in samples:
         yield Sample(replace(state, torque=frozen(sent)), command)
-        sent = np.trunc(np.clip(torque_of(command, spec), -1.0, 1.0) * FULL) / FULL
+        sent = np.trunc(np.clip(torque_of(command, spec), -limit, limit) * FULL) / FULL
 
 
 def disturbances(spec: HandSpec, seed: int, seconds: float) -> Array:

@@ -59,7 +59,7 @@ HOMES = {
     "rich": {"cli"},
     "typer": {"cli"},
 }
-FLOORS = {"wire": ["codec", "host", "device", "tools"]}
+FLOORS = {"wire": ["codec", "host", "device", "tools"], "identify": ["motions", "fitting", "results"]}
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

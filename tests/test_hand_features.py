@@ -15,7 +15,7 @@ import yaml
 
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.hand import Hand
-from allegro_twin.identify.limits import FoundLimits, centring_offsets
+from allegro_twin.identify.motions.limits import FoundLimits, centring_offsets
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.entries import posture_entry, trajectory_entry

@@ -11,9 +11,9 @@ from allegro_twin.build.assemble import assemble
 from allegro_twin.build.rig import Rig
 from allegro_twin.config import VIRTUAL, CanSettings, RunConfig, TaskSettings
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.identify.excite import APPROACH, Excitation
-from allegro_twin.identify.poses import Pose, pose
-from allegro_twin.identify.rehearse import rehearsed
+from allegro_twin.identify.motions.excite import APPROACH, Excitation
+from allegro_twin.identify.motions.poses import Pose, pose
+from allegro_twin.identify.motions.rehearse import rehearsed
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load

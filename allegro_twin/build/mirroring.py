@@ -13,9 +13,9 @@ from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.identify.gap import breaks_away, drive_of
-from allegro_twin.identify.motion import calibration_of
-from allegro_twin.identify.stored import shift
+from allegro_twin.identify.motions.motion import calibration_of
+from allegro_twin.identify.results.gap import breaks_away, drive_of
+from allegro_twin.identify.results.stored import shift
 from allegro_twin.loop import to_the_end
 from allegro_twin.mirror.anomalies import Anomaly
 from allegro_twin.mirror.diagnosis import Calm

@@ -15,7 +15,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.identify.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
+from allegro_twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import Controller, run, to_the_end, until
@@ -97,7 +97,7 @@ def store_limits(path: Path, found: FoundLimits, note: str) -> None:
 def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
     """Write encoder offsets that centre what was found, and the limits as the hand then reads them, likewise. The file
     also says of which version and side the hand is. Raises ConfigError for a joint that was not at both its ends."""
-    from allegro_twin.identify.encoders import centred
+    from allegro_twin.identify.motions.encoders import centred
 
     right = centred(found, model, codec)
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}

@@ -15,7 +15,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
     from allegro_twin.hand.grasps import Grasped
-    from allegro_twin.identify.limits import FoundLimits
+    from allegro_twin.identify.motions.limits import FoundLimits
     from allegro_twin.plan.prove import Planned
     from allegro_twin.spec import HandSpec
     from allegro_twin.types import HandState
@@ -142,7 +142,7 @@ def felt(grasped: Grasped) -> Table:
 
 def limits(spec: HandSpec, found: FoundLimits) -> Table:
     """Found limits beside the model's, and the offsets that would centre them."""
-    from allegro_twin.identify.limits import centring_offsets
+    from allegro_twin.identify.motions.limits import centring_offsets
 
     table = Table(title=f"{spec.name}: limits found, rad")
     for name in ("joint", "lowest", "model", "highest", "model", "centring offset"):

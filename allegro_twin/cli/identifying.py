@@ -18,10 +18,10 @@ from allegro_twin.files.whole import whole_file
 from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
-    from allegro_twin.identify.doubt import Value
-    from allegro_twin.identify.fit import Friction
-    from allegro_twin.identify.gap import Gap
-    from allegro_twin.identify.method import Identified, Weight
+    from allegro_twin.identify.fitting.fit import Friction
+    from allegro_twin.identify.results.doubt import Value
+    from allegro_twin.identify.results.gap import Gap
+    from allegro_twin.identify.results.method import Identified, Weight
 
 _HEADS = ("torque constant\nN·m", "armature/k\ng·m²", "damping/k\nmN·m·s/rad", "friction/k\nmN·m", "offset\nmrad")
 _SHOWN = (1.0, 1e3, 1e3, 1e3, 1e3)
@@ -46,9 +46,9 @@ def identified(
 ) -> Identified:
     """Raises HandError. A file of another hand is refused before the work."""
     check_scipy()
-    from allegro_twin.identify.method import identify
-    from allegro_twin.identify.motion import read_motion
-    from allegro_twin.identify.stored import check
+    from allegro_twin.identify.motions.motion import read_motion
+    from allegro_twin.identify.results.method import identify
+    from allegro_twin.identify.results.stored import check
 
     if path is not None:
         text = read_text(path)
@@ -64,7 +64,7 @@ def check_scipy() -> None:
 
 def keep(path: Path, found: Identified) -> None:
     """Write what is determined into the hand's file. Raises HandError."""
-    from allegro_twin.identify.stored import store
+    from allegro_twin.identify.results.stored import store
 
     store(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
 
@@ -77,7 +77,7 @@ def write_page(path: Path, text: str) -> None:
 
 def table(found: Identified) -> Table:
     """One row a joint: value ± half of its 95 % interval, a dash where it is not determined."""
-    from allegro_twin.identify.doubt import VALUES
+    from allegro_twin.identify.results.doubt import VALUES
 
     spec = found.motions[0].spec
     made = Table(
@@ -101,7 +101,7 @@ def table(found: Identified) -> Table:
 
 def lines(found: Identified) -> Iterator[str]:
     """Where N·m come from, and what is not determined and why: joints with the same reason on one line."""
-    from allegro_twin.identify.stored import SCALE
+    from allegro_twin.identify.results.stored import SCALE
 
     yield f"Scale of N·m: {SCALE[found.fit.masses]}."
     spec = found.motions[0].spec

@@ -14,7 +14,7 @@ from allegro_twin.cli.options import OtherHand
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.identify.method import Weight
+    from allegro_twin.identify.results.method import Weight
 
 
 class Laws(StrEnum):
@@ -123,8 +123,8 @@ def gap(
     from allegro_twin.cli import console, identifying
 
     identifying.check_scipy()
-    from allegro_twin.identify.method import gaps
-    from allegro_twin.identify.stored import doubtful
+    from allegro_twin.identify.results.method import gaps
+    from allegro_twin.identify.results.stored import doubtful
 
     doubt = doubtful(identifying.hand_file(hand)) if hand else ""
     if doubt:
@@ -223,7 +223,7 @@ def branch(
 
 def weight_of(text: str) -> Weight:
     """`tip=0.050@REC`. Raises ConfigError."""
-    from allegro_twin.identify.method import Weight
+    from allegro_twin.identify.results.method import Weight
 
     at, equals, rest = text.partition("=")
     mass, sign, recording = rest.partition("@")

@@ -38,12 +38,10 @@ Posture: TypeAlias = str | ArrayLike
 
 
 class Hand:
-    """A hand to work with.
+    """A hand to work with. It opens limp, and every way out of `with` leaves it limp.
 
-    It opens limp. In a simulation and a replay time passes only in calls that wait, so a script repeats itself bit for
-    bit; with `background=True` it passes on its own in real time, as it always does for a hand on a real bus. Every way
-    out of `with` leaves the hand limp.
-    """
+    In a simulation and a replay time passes only in calls that wait, so a script repeats itself bit for bit; with
+    `background=True` it passes on its own in real time, as it always does for a hand on a real bus."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, Bounds(rig.spec)

@@ -9,13 +9,13 @@ stays where its motor pushes, and a hot motor are seen more directly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 Name: TypeAlias = Literal["weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file"]
@@ -108,54 +108,59 @@ def named(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
     stuck = _stuck(window)
     if stuck is not None:
         return Anomaly("stuck", stuck, float(np.abs(window.disturbance[:, stuck]).max()))
-    best = [max(gains(window, finger), key=lambda each: each.gain, default=None) for finger in spec.fingers]
+    found = gains(window, spec)
+    best = [max(found[finger.name], key=lambda each: each.gain, default=None) for finger in spec.fingers]
     odd = [each for each, above in zip(best, quiet, strict=True) if each is not None and each.gain > above]
-    if (
-        len(odd) >= FINGERS
-        and sum(_odd_joints(window, f, above) for f, above in zip(spec.fingers, quiet, strict=True)) >= MANY
-    ):
+    if len(odd) >= FINGERS and _odd_joints(found, quiet, spec) >= MANY:
         return Anomaly("wrong_file", odd[0].joint, float(len(odd)))
     sure = [each for each in odd if each.share > SHARE and each.amount > LEAST[each.name]]
     if not sure:
         return None
     most = max(sure, key=lambda each: each.gain)
-    finger = next(f for f in spec.fingers if most.joint in f.joints)
-    others = [each.gain for each in gains(window, finger) if each.name != most.name]
+    finger = next(f.name for f in spec.fingers if most.joint in f.joints)
+    others = [each.gain for each in found[finger] if each.name != most.name]
     return Anomaly(most.name, most.joint, most.amount, 1.0 - max(others, default=0.0) / most.gain)
 
 
-def gains(window: Window, finger: Finger) -> Iterator[Gain]:
-    """Of every shape of every joint of a finger."""
-    own = list(finger.joints)
-    moving = np.abs(window.velocity[:, own]) > MOVING
-    d = np.where(moving, window.disturbance[:, own], 0.0)
-    whole = float(np.square(d).sum())
-    for name, joint, x in _shapes(window, own):
-        x = np.where(moving, x, 0.0)
-        size = float(np.square(x).sum())
-        along = float((x * d).sum())
-        if size <= 1e-12 or along <= 0.0:
-            continue
-        yield Gain(name, joint, along / size, along**2 / size, along**2 / size / max(whole, 1e-12))
+def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
+    """Of every shape of every joint, by finger."""
+    moving = np.abs(window.velocity) > MOVING
+    d = np.where(moving, window.disturbance, 0.0)
+    found: dict[str, list[Gain]] = {finger.name: [] for finger in spec.fingers}
+    same = np.zeros((spec.n_joints, spec.n_joints))
+    for finger in spec.fingers:
+        same[np.ix_(finger.joints, finger.joints)] = 1.0
+    sums = np.square(d).sum(axis=0)
+    carried = window.pull * (same * moving[:, None, :])
+    shapes: dict[Name, tuple[Vector, Vector]] = {
+        "weak": _along(np.where(moving, -_late(window.torque), 0.0), d),
+        "friction": _along(np.where(moving, -_late(window.side), 0.0), d),
+        "payload": (np.einsum("klj,kj->l", carried, d), np.square(carried).sum(axis=(0, 2))),
+    }
+    for finger in spec.fingers:
+        whole = max(float(sums[list(finger.joints)].sum()), 1e-12)
+        for name, (along, size) in shapes.items():
+            for joint in finger.joints:
+                if size[joint] > 1e-12 and along[joint] > 0.0:
+                    gain = float(along[joint] ** 2 / size[joint])
+                    found[finger.name].append(Gain(name, joint, float(along[joint] / size[joint]), gain, gain / whole))
+    return found
 
 
 def largest(window: Window, spec: HandSpec) -> Vector:
     """The largest gain of every finger, (fingers,): of free motions, to set `quiet`."""
-    return np.array([max((each.gain for each in gains(window, f)), default=0.0) for f in spec.fingers])
+    found = gains(window, spec)
+    return np.array([max((each.gain for each in found[finger.name]), default=0.0) for finger in spec.fingers])
 
 
-def _shapes(window: Window, own: Sequence[int]) -> Iterator[tuple[Name, int, Array]]:
-    for place, joint in enumerate(own):
-        alone = np.zeros((len(window.torque), len(own)))
-        alone[:, place] = 1.0
-        yield "weak", joint, -alone * _late(window.torque[:, joint])[:, None]
-        yield "friction", joint, -alone * _late(window.side[:, joint])[:, None]
-        yield "payload", joint, window.pull[:, joint][:, own]
+def _along(x: Array, d: Array) -> tuple[Vector, Vector]:
+    """Σ x d and Σ x² of every joint, (n,) each."""
+    return np.asarray((x * d).sum(axis=0)), np.asarray(np.square(x).sum(axis=0))
 
 
-def _late(row: Vector) -> Vector:
+def _late(rows: Array) -> Array:
     """As a disturbance follows what makes it: a third of a row later."""
-    return np.asarray((2.0 * row + np.concatenate([row[:1], row[:-1]])) / 3.0)
+    return np.asarray((2.0 * rows + np.concatenate([rows[:1], rows[:-1]])) / 3.0)
 
 
 def _stuck(window: Window) -> int | None:
@@ -167,5 +172,6 @@ def _stuck(window: Window) -> int | None:
     return int(found[push[:, found].mean(axis=0).argmax()]) if len(found) else None
 
 
-def _odd_joints(window: Window, finger: Finger, above: float) -> int:
-    return len({each.joint for each in gains(window, finger) if each.gain > above and each.name != "payload"})
+def _odd_joints(found: Mapping[str, Sequence[Gain]], quiet: Vector, spec: HandSpec) -> int:
+    pairs = zip(spec.fingers, quiet, strict=True)
+    return sum(len({g.joint for g in found[f.name] if g.gain > above and g.name != "payload"}) for f, above in pairs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,8 @@ ROWS = 50
 """Of a window: 1.5 s at 3 ms."""
 EVERY = 8
 """Rows between two looks: 0.24 s."""
-WAIT = ROWS + EVERY
-"""Rows from the first sign to the name: then no row of the window is from before, and shapes are told apart."""
+WAIT = ROWS
+"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
 AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
@@ -67,17 +67,11 @@ class Diagnosis:
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
-        self._rows: deque[tuple[Array, ...]] = deque(maxlen=ROWS)
+        self._rows: list[Array] = []
+        """By column, the last LONGEST rows twice, so that any of them are one slice."""
         self._count, self._sign = 0, -1
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
-
-    @property
-    def window(self) -> Window | None:
-        """The last 1.5 s; None before they are full."""
-        if len(self._rows) < ROWS:
-            return None
-        return Window(*(np.array(column) for column in zip(*self._rows, strict=True)))
 
     def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, pull: Array | None) -> None:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `pull` is
@@ -88,9 +82,8 @@ class Diagnosis:
             return
         *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
-        self._rows.append((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
-        self._count += 1
-        if self._count % EVERY == 0 and self.window is not None:
+        self._keep((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
+        if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
 
     @property
@@ -98,15 +91,27 @@ class Diagnosis:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
+    def _keep(self, row: Sequence[Array]) -> None:
+        if not self._rows:
+            self._rows = [np.zeros((2 * LONGEST, *each.shape)) for each in row]
+        for column, each in zip(self._rows, row, strict=True):
+            column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
+        self._count += 1
+
+    def _last(self, count: int) -> Window:
+        end = (self._count - 1) % LONGEST + LONGEST + 1
+        return Window(*(column[end - count : end] for column in self._rows))
+
     def _look(self) -> None:
-        window = self.window
-        assert window is not None
+        window = self._last(ROWS)
         self.gains.append(largest(window, self._spec))
-        seen = named(window, self._quiet, self._spec)
-        odd = seen is not None or bool((self.gains[-1] > self._quiet).any())
+        odd = named(window, self._quiet, self._spec) is not None or bool((self.gains[-1] > self._quiet).any())
         if self._sign < 0 and odd:
             self._sign = self._count
         waited = self._count - self._sign
+        seen = named(
+            self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
+        )
         if self.found is None and seen is not None:
             ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
             self.found = seen if ready or seen.name in AT_ONCE else None

@@ -83,6 +83,8 @@ class Drivetrain:
                 self._moved[joint] += amount
             case "encoder_drift":
                 self._drift[joint] += amount
+            case "slippery":
+                self._model.geom_friction[:, 0] *= amount
             case "payload":
                 body = int(self._model.jnt_bodyid[self._joints[joint]])
                 self._model.body_mass[body] += amount

@@ -63,9 +63,10 @@ class Observer:
         data, player = self._data, self._player
         self._sent.append(duty)
         self._model.opt.gravity[:] = gravity
-        for control in np.einsum("skn,kn->sn", self._weights, np.array(self._sent)):
+        controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
+        player.rub(self._drive, controls.mean(axis=0))
+        for control in controls:
             data.ctrl[player.motors] = control
-            player.rub(self._drive, control)
             mujoco.mj_step(self._model, data)
         predicted = data.qpos[player.qpos] + self._offset
         error = reported - predicted

@@ -17,8 +17,8 @@ from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.encoders import centred
-from allegro_twin.identify.limits import BEYOND, FoundLimits
+from allegro_twin.identify.motions.encoders import centred
+from allegro_twin.identify.motions.limits import BEYOND, FoundLimits
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import frozen

@@ -22,7 +22,7 @@ from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.hand.grasps import Grasped
-from allegro_twin.identify.limits import TORQUE, FoundLimits
+from allegro_twin.identify.motions.limits import TORQUE, FoundLimits
 from allegro_twin.library.entries import GraspFile, TrajectoryFile
 from allegro_twin.library.library import Library
 from allegro_twin.spec import HandSpec

@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
-from allegro_twin.identify.method import Identified, identify
+from allegro_twin.identify.results.method import Identified, identify
 from tests.conftest import can_config
 
 POSES = ("up", "palm-up", "side")

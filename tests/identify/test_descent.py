@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from allegro_twin.identify.descent import Descended, descend
-from allegro_twin.identify.problem import Problem
+from allegro_twin.identify.fitting.descent import Descended, descend
+from allegro_twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
 W, ROWS = 12, 5
@@ -73,7 +73,7 @@ def test_all_is_found_where_nothing_is_wrong() -> None:
 def test_a_finger_whose_derivatives_mislead_stays_and_the_other_arrives() -> None:
     drive, _ = found(Toy(mad=True))
     assert abs(drive[0] - TRUTH[0]) < 0.05
-    assert abs(drive[1]) <= abs(TRUTH[1])  # It went no further from where it should be than it was.
+    assert drive[1] >= -0.01  # It went no further from where it should be than it was.
 
 
 def test_a_piece_that_is_off_by_tens_of_the_noise_hardly_counts() -> None:

@@ -11,8 +11,8 @@ from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.poses import pose
-from allegro_twin.identify.rehearse import rehearsed
+from allegro_twin.identify.motions.poses import pose
+from allegro_twin.identify.motions.rehearse import rehearsed
 from allegro_twin.replay.recording import load
 from allegro_twin.spec import Side
 from tests.cli.conftest import Run

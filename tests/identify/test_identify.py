@@ -15,10 +15,10 @@ from allegro_twin.cli.twin import weight_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.identify import method, stored
-from allegro_twin.identify.doubt import seen, values
-from allegro_twin.identify.method import gaps, identify
-from allegro_twin.identify.motion import Motion, noise_floor, read_motion
+from allegro_twin.identify.motions.motion import Motion, noise_floor, read_motion
+from allegro_twin.identify.results import method, stored
+from allegro_twin.identify.results.doubt import seen, values
+from allegro_twin.identify.results.method import gaps, identify
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.sim.windows import Player
@@ -193,7 +193,7 @@ def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
 
 def test_recordings_of_two_hands_are_not_one() -> None:
     other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
-    from allegro_twin.identify.motion import same_hand
+    from allegro_twin.identify.motions.motion import same_hand
 
     with pytest.raises(ConfigError, match=r"b\.arrow is of the hand 'allegro_left', .* of 'allegro_right'"):
         same_hand([motions()[0], other])

@@ -10,7 +10,7 @@ import pytest
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
+from allegro_twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture

@@ -16,7 +16,7 @@ from allegro_twin.description.calibration import Calibration
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Ailment
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, gains, named, words
@@ -101,7 +101,7 @@ def test_a_joint_at_rest_says_nothing(spec: HandSpec) -> None:
     still[:, :4] = 0.0
     pushed = free.disturbance.copy()
     pushed[:, :4] = 0.05
-    assert not list(gains(free._replace(velocity=still, disturbance=pushed), spec.fingers[0]))
+    assert not gains(free._replace(velocity=still, disturbance=pushed), spec)["index"]
 
 
 def test_every_name_has_words(spec: HandSpec) -> None:

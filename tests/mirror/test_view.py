@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build.mirror_view import COUNTS, drawn, stage
-from allegro_twin.identify.gap import drive_of
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.look.viewer import Viewer
 from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.mirror import Mirror

@@ -68,6 +68,14 @@ def test_a_link_lags_its_motor_by_the_backlash_where_the_push_turns_round(spec: 
     assert np.abs(there) == pytest.approx([0.0025, 0.0025], abs=4e-4)
 
 
+def test_everything_the_hand_touches_grows_slippery(spec: HandSpec, make_sim: MakeSim) -> None:
+    backend = make_sim(spec)
+    before = backend.model.geom_friction[:, 0].copy()
+    backend.suffer("slippery", 0, 0.1)
+    np.testing.assert_allclose(backend.model.geom_friction[:, 0], 0.1 * before)
+    assert before.max() > 0.0
+
+
 def test_a_weak_motor_gives_its_share_and_no_more_at_its_limit(spec: HandSpec, make_sim: MakeSim) -> None:
     weak = driven(spec, strength=0.5)
     np.testing.assert_allclose(moved(make_sim(weak), 1)[-1].torque, 0.5 * TORQUE, rtol=1e-12)

@@ -9,12 +9,12 @@ import numpy as np
 
 from allegro_twin.build.twin_page.lines import Line, card, chart
 from allegro_twin.evaluate.page.style import STYLE
-from allegro_twin.identify.doubt import PER_PWM, VALUES
-from allegro_twin.identify.method import Identified
-from allegro_twin.identify.problem import NAMES
-from allegro_twin.identify.regress import smoothed
-from allegro_twin.identify.shooting import cut
-from allegro_twin.identify.stored import SCALE
+from allegro_twin.identify.fitting.problem import NAMES
+from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.shooting import cut
+from allegro_twin.identify.results.doubt import PER_PWM, VALUES
+from allegro_twin.identify.results.method import Identified
+from allegro_twin.identify.results.stored import SCALE
 from allegro_twin.sim.backend import ENGINE
 from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.identify.problem import Problem
+from allegro_twin.identify.fitting.problem import Problem
 from allegro_twin.sim.windows import Parameters
 from allegro_twin.types import Array, Vector
 
@@ -68,8 +68,8 @@ class _Costs:
 
 
 def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> Descended:
-    """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains less than the
-    share `enough` of the cost."""
+    """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
+    share `enough` of its cost."""
     for number in range(rounds):
         problem.shooting.prepare(drive)
         problem.shooting.better_starts(drive)
@@ -79,7 +79,7 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> 
         before, weight = costs.total(), _rows(problem, costs)
         x, r, costs = _steps(problem, x, r, J * weight[:, None], weight, costs)
         drive = problem.drive_of(x)
-        if number + 1 == rounds or costs.total().sum() > (1.0 - enough) * before.sum():
+        if number + 1 == rounds or not (costs.total() < (1.0 - enough) * before).any():
             break
     weight = _rows(problem, costs)
     return Descended(drive, J * weight[:, None], r, weight, costs.left)

@@ -9,8 +9,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.fitting.regress import LOAD
+from allegro_twin.identify.fitting.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
@@ -32,7 +33,7 @@ _UNITS = {
 PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
-    "load_friction": 0.1,
+    "load_friction": LOAD[1],
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
 _LEAST = {

@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.shooting import Cuts, cut
+from allegro_twin.identify.fitting.shooting import Cuts, cut
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector

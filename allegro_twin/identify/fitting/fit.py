@@ -7,23 +7,23 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from allegro_twin.identify.descent import descend
-from allegro_twin.identify.motion import Motion, noise_floor
-from allegro_twin.identify.problem import Masses, Problem, at_model, index
-from allegro_twin.identify.shooting import PIECE
-from allegro_twin.identify.spread import Spread, mass_variance, spread
+from allegro_twin.identify.fitting.descent import descend
+from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
+from allegro_twin.identify.fitting.shooting import PIECE
+from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
+from allegro_twin.identify.motions.motion import Motion, noise_floor
 from allegro_twin.sim.windows import STEP, Parameters, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
 FEW = 30
 """Pieces to begin with."""
-COARSE, BREAKING = 2, 5
+COARSE, BREAKING = 2, 8
 """Rounds of new derivatives at most: roughly, and the same where friction breaks away."""
-FINE = {False: 2, True: 1}
-"""In the end, likewise."""
-ROUGHLY, FINELY = 0.1, 0.01
-"""The share of the cost that a round must gain for another one."""
+FINE = {False: 1, True: 3}
+"""In the end, by whether friction breaks away: where it does not the rough solution is near enough for one."""
+ROUGHLY, FINELY = 0.1, 0.05
+"""The share of its cost that a round must gain some finger for another one."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
@@ -75,6 +75,6 @@ def fit(
         rough = other if bristly else rough
     whole = problem(bristly, 1)
     last = descend(whole, rough.drive, FINE[bristly], FINELY)
-    spreads = spread(whole, last, masses)
+    spreads = spread(whole, last, rough.drive, masses)
     covariance = spreads.covariance + mass_variance(whole, spreads)
     return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)

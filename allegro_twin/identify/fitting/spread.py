@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.identify.descent import Descended
-from allegro_twin.identify.problem import Masses, Problem, index, mass_covariance
-from allegro_twin.identify.shooting import MEAN, PIECE
-from allegro_twin.sim.windows import Player
+from allegro_twin.identify.fitting.descent import Descended
+from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
+from allegro_twin.identify.fitting.shooting import MEAN, PIECE
+from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
 
@@ -23,6 +23,9 @@ class Spread:
     """What leaving each recording out would change, (recordings, p)."""
     step: Vector
     """What halving the time step would change, (p,)."""
+    path: Vector
+    """What going from the rough solution to the last one changed where friction breaks away, (p,): with many valleys
+    next to each other a linear estimate in one of them says too little. Else zero."""
     mass: Array
     """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
     correlation: Array
@@ -31,8 +34,9 @@ class Spread:
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, last: Descended, masses: Masses) -> Spread:
-    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end."""
+def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses) -> Spread:
+    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
+    where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
     J, weight = last.jacobian[:data], last.weight[:data]
     r = weight * last.residuals[:data]
@@ -57,6 +61,7 @@ def spread(problem: Problem, last: Descended, masses: Masses) -> Spread:
         covariance=by_noise * np.outer(larger * unit, larger * unit),
         by_recording=without * unit,
         step=step * unit,
+        path=(problem.x_of(drive) - problem.x_of(rough)) * unit * player.bristly,
         mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
         correlation=inverse / np.outer(sd, sd),
         residual=_rms(problem, last.residuals),

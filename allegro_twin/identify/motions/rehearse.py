@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gravity
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.excite import APPROACH, Excitation
-from allegro_twin.identify.poses import Pose
+from allegro_twin.identify.motions.excite import APPROACH, Excitation
+from allegro_twin.identify.motions.poses import Pose
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.backend import SimBackend

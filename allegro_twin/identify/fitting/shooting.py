@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.regress import smoothed
+from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.limits import BEYOND, FoundLimits, centring_offsets
+from allegro_twin.identify.motions.limits import BEYOND, FoundLimits, centring_offsets
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 from allegro_twin.wire.codec.codec import Codec

@@ -11,7 +11,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Following, Gravity
 from allegro_twin.control.profiles import minimum_jerk
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.identify.limits import alike
+from allegro_twin.identify.motions.limits import alike
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
 

@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
-from allegro_twin.identify.motion import Motion
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
 DELAYS = np.arange(0.0, 0.0125, 0.0005)  # s
 STILL = 0.02  # rad/s. Slower than this a joint may stick, and friction has any value.
+LOAD = (0.03, 0.03)  # Of friction per torque: what spur gears lose, and how far that may be off.
 KIN = 10.0  # Rows that are off by the same, since a model is, and not by noise.
 STRIBECK = np.array([0.07, 0.1, 0.14, 0.2])  # rad/s, tried.
 THIN = 5  # Rows: after the filter they tell the same.
@@ -64,7 +65,7 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
         stiction=np.full(spec.n_joints, 1.3),
         stribeck_speed=np.full(spec.n_joints, 0.12),
         bristle=np.full(spec.n_joints, 1e-3),
-        load_friction=np.full(spec.n_joints, 0.02),
+        load_friction=np.full(spec.n_joints, LOAD[0]),
     )
 
 
@@ -133,7 +134,7 @@ def _solved(
 def _held(a: Array, b: Vector, left: float) -> Vector:
     """The least squares, with 1/k and the share that a load adds held near what is likely: in a distal joint weight,
     load and friction look alike. `left`: root mean square of what is unexplained."""
-    likely, spread, about = np.zeros((2, a.shape[1])), np.array([0.15, 0.02]), np.array([1.0, 0.03])
+    likely, spread, about = np.zeros((2, a.shape[1])), np.array([0.15, LOAD[1]]), np.array([1.0, LOAD[0]])
     likely[[0, 1], [0, 5]] = 1.0
     weight = KIN * left / spread
     rows = np.concatenate([a, likely * weight[:, None]])

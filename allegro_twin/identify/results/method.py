@@ -11,14 +11,14 @@ import numpy as np
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.identify.doubt import Seen, Value, seen, values
-from allegro_twin.identify.fit import Fit, Friction, fit
-from allegro_twin.identify.gap import Gap, breaks_away, drive_of, gap
-from allegro_twin.identify.limits import FoundLimits, centring_offsets
-from allegro_twin.identify.motion import Motion, read_motion, same_hand
-from allegro_twin.identify.problem import Masses
-from allegro_twin.identify.regress import breaking, regress
-from allegro_twin.identify.stored import shift
+from allegro_twin.identify.fitting.fit import Fit, Friction, fit
+from allegro_twin.identify.fitting.problem import Masses
+from allegro_twin.identify.fitting.regress import breaking, regress
+from allegro_twin.identify.motions.limits import FoundLimits, centring_offsets
+from allegro_twin.identify.motions.motion import Motion, read_motion, same_hand
+from allegro_twin.identify.results.doubt import Seen, Value, seen, values
+from allegro_twin.identify.results.gap import Gap, breaks_away, drive_of, gap
+from allegro_twin.identify.results.stored import shift
 from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector

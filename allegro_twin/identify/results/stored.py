@@ -15,10 +15,10 @@ from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
-from allegro_twin.identify.doubt import PER_PWM, Value
-from allegro_twin.identify.fit import Fit
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.problem import SHAPE
+from allegro_twin.identify.fitting.fit import Fit
+from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.motions.motion import Motion
+from allegro_twin.identify.results.doubt import PER_PWM, Value
 from allegro_twin.sim.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector

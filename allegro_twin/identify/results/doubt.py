@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.identify.fit import Fit
-from allegro_twin.identify.motion import Motion
-from allegro_twin.identify.problem import SHAPE
-from allegro_twin.identify.regress import smoothed
+from allegro_twin.identify.fitting.fit import Fit
+from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
 
@@ -121,7 +121,8 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
 
 def _half(found: Fit, name: str, covariance: Array) -> Vector:
     """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
-    what halving it does, its limit for a step of nothing where the error is of first order."""
+    what halving it does, its limit for a step of nothing where the error is of first order. Not less than the way from
+    a rough solution where friction breaks away."""
     transform = _per_pwm(found, name)
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = found.spread.by_recording @ transform.T
@@ -129,7 +130,8 @@ def _half(found: Fit, name: str, covariance: Array) -> Vector:
     if m > 1:
         between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
         variance = np.maximum(variance, between)
-    return np.asarray(NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ found.spread.step))
+    linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ found.spread.step)
+    return np.asarray(np.maximum(linear, np.abs(transform @ found.spread.path)))
 
 
 def _per_pwm(found: Fit, name: str) -> Array:
