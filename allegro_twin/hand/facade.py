@@ -189,8 +189,7 @@ class Hand:
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
         that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp. What the hand felt
         at its end, or, without waiting, feels now. Raises as `move_to` does, but what stops it once it closes."""
-        mover, spec = self._mover, self.spec
-        stored = load_grasp(name, spec)
+        mover, spec, stored = self._mover, self.spec, load_grasp(name, self.spec)
         if object_width is not None:
             stored = for_width(stored, object_width, mover.model, spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
