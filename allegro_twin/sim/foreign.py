@@ -15,8 +15,8 @@ _FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
 
 
 def located(spec: HandSpec) -> Path:
-    """The file of a foreign model: where its map says, else from robot_descriptions, which fetches MuJoCo Menagerie once
-    and keeps it. Raises ConfigError with both ways."""
+    """The file of a foreign model: where its map says, else from robot_descriptions, which fetches MuJoCo Menagerie
+    once and keeps it. Raises ConfigError with both ways."""
     assert spec.foreign is not None
     path = Path(spec.foreign.mjcf)
     if path.is_file():
@@ -40,9 +40,7 @@ def _fetched(module: str, git_error: type[Exception]) -> str:
         return str(importlib.import_module(module).PACKAGE_PATH)
     except git_error as error:
         text = " ".join(str(error).split())[:200]
-        raise ConfigError(
-            f"robot_descriptions could not fetch MuJoCo Menagerie: {text}; set `mjcf` to a copy"
-        ) from error
+        raise ConfigError(f"robot_descriptions could not fetch Menagerie: {text}; set `mjcf` to a copy") from error
 
 
 def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
