@@ -2,10 +2,45 @@
 
 from __future__ import annotations
 
+import importlib
+from pathlib import Path
+
 import mujoco
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.spec import ForeignModel, HandSpec
+
+_FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
+"""Folders that robot_descriptions has, and in which of its modules; it fetches them at the first import."""
+
+
+def located(spec: HandSpec) -> Path:
+    """The file of a foreign model: where its map says, else from robot_descriptions, which fetches MuJoCo Menagerie
+    once and keeps it. Raises ConfigError with both ways."""
+    assert spec.foreign is not None
+    path = Path(spec.foreign.mjcf)
+    if path.is_file():
+        return path
+    ways = f"set `mjcf` in its file to your copy (docs/models.md); hand {spec.serial}: no MJCF at {path}"
+    if path.parent.name not in _FETCHED:
+        raise ConfigError(ways)
+    try:
+        from git import GitError
+
+        folder = Path(_fetched(_FETCHED[path.parent.name], GitError))
+    except ImportError as error:
+        raise ConfigError(f"pip install 'allegro-twin[menagerie]' fetches it, or {ways} ({error})") from error
+    if not (folder / path.name).is_file():
+        raise ConfigError(f"robot_descriptions has no {path.name} in {folder}; {ways}")
+    return folder / path.name
+
+
+def _fetched(module: str, git_error: type[Exception]) -> str:
+    try:
+        return str(importlib.import_module(module).PACKAGE_PATH)
+    except git_error as error:
+        text = " ".join(str(error).split())[:200]
+        raise ConfigError(f"robot_descriptions could not fetch Menagerie: {text}; set `mjcf` to a copy") from error
 
 
 def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import mujoco
 
@@ -12,7 +11,7 @@ from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim import drivetrain, objects, presenter, wrist
-from allegro_twin.sim.foreign import adopt
+from allegro_twin.sim.foreign import adopt, located
 from allegro_twin.sim.physics import Physics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -45,9 +44,9 @@ class Stage:
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     """The hand's own MJCF, or the foreign one that its file names, under our names."""
     path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
-    file = Path(spec.foreign.mjcf) if spec.foreign is not None else path
+    file = located(spec) if spec.foreign is not None else path
     if not file.is_file():
-        raise ConfigError(f"hand {spec.serial or spec.name}: no MJCF at {file}")
+        raise ConfigError(f"hand {spec.name}: no MJCF at {file}")
     try:
         hand = mujoco.MjSpec.from_file(str(file))
     except ValueError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import types
 from pathlib import Path
 
 import mujoco
@@ -88,6 +90,35 @@ def test_it_gets_our_joints_tips_torque_motors_and_sensors(tmp_path: Path, side:
     for joint in spec.joints:
         assert model.actuator(joint).gainprm[0] == 1.0
         assert not model.actuator(joint).biasprm.any()
+
+
+def fetched(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """robot_descriptions as it is when it has fetched a folder."""
+    package, module, git = (types.ModuleType(name) for name in ("robot_descriptions", "description", "git"))
+    module.PACKAGE_PATH = str(folder)  # type: ignore[attr-defined]  # What the real one has.
+    git.GitError = type("GitError", (Exception,), {})  # type: ignore[attr-defined]  # Likewise.
+    monkeypatch.setitem(sys.modules, "git", git)
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.setitem(sys.modules, "robot_descriptions.allegro_hand_mj_description", module)
+
+
+def test_menagerie_is_found_by_robot_descriptions_where_it_is_installed(
+    tmp_path: Path, side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    menagerie_like(tmp_path, side)
+    (tmp_path / "hand.xml").rename(tmp_path / f"{side}_hand.xml")
+    fetched(monkeypatch, tmp_path)
+    assert hand_spec(load_spec(side=side, serial=f"menagerie_{side}")).compile().nu == 16
+    (tmp_path / f"{side}_hand.xml").unlink()
+    with pytest.raises(ConfigError, match=f"robot_descriptions has no {side}_hand.xml in"):
+        hand_spec(load_spec(side=side, serial=f"menagerie_{side}"))
+
+
+def test_menagerie_that_is_nowhere_says_both_ways_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "git", None)
+    words = r"pip install 'allegro-twin\[menagerie\]' fetches it, or set `mjcf` in its file to your copy"
+    with pytest.raises(ConfigError, match=words):
+        hand_spec(load_spec(serial="menagerie_right"))
 
 
 def test_it_goes_home_and_ends_where_our_own_hand_does(tmp_path: Path, side: Side, make_sim: MakeSim) -> None:
