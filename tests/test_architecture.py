@@ -52,7 +52,6 @@ HOMES = {
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
     "viser": {"panel"},
-    "trimesh": {"panel"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

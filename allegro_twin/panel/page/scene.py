@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser
 
 from allegro_twin.description.appearance import of_series
@@ -18,6 +17,7 @@ from allegro_twin.look.skeleton import Skeleton
 from allegro_twin.look.surfaces import joined, surface
 from allegro_twin.look.views import seen
 from allegro_twin.panel.frame import Frame, Opened
+from allegro_twin.panel.page.glb import glb
 from allegro_twin.types import Array, Vector
 
 PALM = "/palm"
@@ -35,7 +35,7 @@ class Stage:
     def __init__(self, server: viser.ViserServer, opened: Opened) -> None:
         scene, scenery = server.scene, opened.scenery
         scene.reset()
-        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(190, 190, 200), intensity=5.0)
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(160, 160, 170), intensity=1.6)
         self._server, self._skeleton = server, Skeleton(scenery.bodies)
         self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
         self._placed: dict[str, Vector] = {}
@@ -86,13 +86,7 @@ class Stage:
         if not shapes:
             return
         whole = joined([surface(shape) for shape in shapes])
-        colors = whole.colors.copy()
-        colors[:, :3] = np.round(255 * (colors[:, :3] / 255.0) ** 2.2)  # glTF's vertex colours are linear.
-        mesh = trimesh.Trimesh(
-            whole.vertices, np.arange(len(whole.vertices)).reshape(-1, 3), vertex_normals=whole.normals,
-            vertex_colors=colors, process=False,
-        )  # fmt: skip
-        self._server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+        self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
 
     def _press(self, look: Mapping[str, Array]) -> None:
         """An arrow for each part that presses on the object, towards where it does."""
