@@ -22,7 +22,7 @@ def test_a_box_is_twelve_triangles_that_are_matt_in_its_colour() -> None:
     head = json.loads(content[20 : 20 + size])
     binary = content[28 + size :]
     assert head["accessors"][0]["count"] == 36
-    assert head["accessors"][0]["max"] == np.float32([0.01, 0.02, 0.03]).tolist()
+    assert head["accessors"][0]["max"] == np.array([0.01, 0.02, 0.03], "f4").tolist()
     assert head["materials"][0]["pbrMetallicRoughness"]["metallicFactor"] == 0.0
     np.testing.assert_allclose(np.frombuffer(binary, "<f4", 108).reshape(-1, 3), whole.vertices, atol=1e-9)
     assert len(binary) == head["buffers"][0]["byteLength"] == 36 * 28

@@ -18,6 +18,7 @@ from allegro_twin.look.surfaces import joined, surface
 from allegro_twin.look.views import seen
 from allegro_twin.panel.frame import Frame, Opened
 from allegro_twin.panel.page.glb import glb
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 PALM = "/palm"
@@ -56,7 +57,7 @@ class Stage:
             scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
         self._place(PALM, palm)
-        _aim(server, opened, scenery, palm)
+        _aim(server, opened, scenery)
 
     def show(self, frame: Frame) -> None:
         """Put everything where it is."""
@@ -119,12 +120,17 @@ def _floor(middle: Vector) -> Array:
     return found
 
 
-def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery, palm: Vector) -> None:
-    """On the palm, from aside."""
+def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery) -> None:
+    camera = server.initial_camera
+    camera.position, camera.look_at = eye(opened.spec, scenery)
+    camera.up = np.array([0.0, 0.0, 1.0])
+
+
+def eye(spec: HandSpec, scenery: Scenery) -> tuple[Vector, Vector]:
+    """Where one begins to look from, and at what, (3,), m, world: on the palm, from aside."""
+    palm = np.array(scenery.palm)
     turn = matrix_from_quaternion(palm[3:])
-    target, palm_on = seen("palm", opened.spec.side, *Skeleton(scenery.bodies).tips(opened.spec), turn)
+    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies).tips(spec), turn)
     view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
-    camera = server.initial_camera
-    camera.look_at, camera.up = middle, np.array([0.0, 0.0, 1.0])
-    camera.position = middle - _CLOSER * view.distance * view.direction(opened.spec.side)
+    return middle - _CLOSER * view.distance * view.direction(spec.side), middle
