@@ -55,7 +55,6 @@ HOMES = {
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
     "viser": {"panel"},
-    "trimesh": {"panel"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

@@ -25,6 +25,7 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no browser: apt-get install chromium"),
 ]
 _SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+FIELD = 75.0  # Degrees, viser's field of view from above to below.
 COARSE = 0.1
 """Pixels of the picture for each of the page's, each way: no test looks at it."""
 PATIENCE = 60_000.0  # ms: a busy computer draws without a GPU.
@@ -191,23 +192,39 @@ def test_a_tip_that_is_dragged_moves_its_finger_and_one_out_of_reach_says_so(bro
     press(page, "Hold here")
     sees(page, "Controller: pid")
     before = [number(page, f"index_{k}") for k in range(4)]
-    found = dragged(page, lambda: [number(page, f"index_{k}") for k in range(4)] != before)
-    assert found, "no arrow of a fingertip was found in the picture"
+    page.evaluate("document.querySelectorAll('[role=alert]').forEach(said => said.remove())")  # It lies over the tips.
+    x, y = on_screen(page, "index", 0.02)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y + 30, steps=5)
+    page.wait_for_timeout(3000)
+    after = [number(page, f"index_{k}") for k in range(4)]
+    assert max(abs(a - b) for a, b in zip(after, before, strict=True)) > 0.05
+    page.mouse.move(x, y - 400, steps=5)
+    sees(page, "out of reach by")
+    page.mouse.up()
 
 
-def dragged(page: Any, moved: Any) -> bool:
-    """Drag about the upper middle of the picture, where the tips are, until a joint follows."""
+def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
+    """Where a place over a fingertip of a hand that is stretched is in the picture, pixels; `above`, m."""
+    import numpy as np
+
+    from allegro_twin.description.hands import load_spec
+    from allegro_twin.look.scenery import scenery
+    from allegro_twin.panel.page.reach import Reach
+    from allegro_twin.panel.page.scene import eye
+
+    spec = load_spec()
+    place, target = eye(spec, scenery(spec, {}))
+    point = Reach(spec).tip(finger, np.clip(0.0, spec.lower, spec.upper)) + np.array([0.0, 0.0, above])
+    ahead = (target - place) / np.linalg.norm(target - place)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up, way = np.cross(right, ahead), point - place
     picture = page.locator("canvas").first.bounding_box()
-    for column in range(6, 20):
-        for row in range(3, 12):
-            x, y = picture["x"] + picture["width"] * column / 26, picture["y"] + picture["height"] * row / 26
-            page.mouse.move(x, y)
-            page.mouse.down()
-            page.mouse.move(x + 6, y + 12, steps=3)
-            page.mouse.up()
-            if moved():
-                return True
-    return False
+    scale = picture["height"] / 2 / np.tan(np.radians(FIELD) / 2) / (way @ ahead)
+    middle = picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2
+    return middle[0] + scale * float(way @ right), middle[1] - scale * float(way @ up)
 
 
 def test_a_wrong_token_is_refused_and_the_right_one_opens_the_page(browser: Any, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser
 
 from allegro_twin.description.appearance import of_series
@@ -18,6 +17,8 @@ from allegro_twin.look.skeleton import Skeleton
 from allegro_twin.look.surfaces import joined, surface
 from allegro_twin.look.views import seen
 from allegro_twin.panel.frame import Frame, Opened
+from allegro_twin.panel.page.glb import glb
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 PALM = "/palm"
@@ -35,7 +36,7 @@ class Stage:
     def __init__(self, server: viser.ViserServer, opened: Opened) -> None:
         scene, scenery = server.scene, opened.scenery
         scene.reset()
-        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(190, 190, 200), intensity=5.0)
+        scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(160, 160, 170), intensity=1.6)
         self._server, self._skeleton = server, Skeleton(scenery.bodies)
         self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
         self._placed: dict[str, Vector] = {}
@@ -56,7 +57,7 @@ class Stage:
             scene.add_line_segments("/floor", lines, (190, 198, 208), line_width=1.0)
         self._arrows: Any = None
         self._place(PALM, palm)
-        _aim(server, opened, scenery, palm)
+        _aim(server, opened, scenery)
 
     def show(self, frame: Frame) -> None:
         """Put everything where it is."""
@@ -86,13 +87,7 @@ class Stage:
         if not shapes:
             return
         whole = joined([surface(shape) for shape in shapes])
-        colors = whole.colors.copy()
-        colors[:, :3] = np.round(255 * (colors[:, :3] / 255.0) ** 2.2)  # glTF's vertex colours are linear.
-        mesh = trimesh.Trimesh(
-            whole.vertices, np.arange(len(whole.vertices)).reshape(-1, 3), vertex_normals=whole.normals,
-            vertex_colors=colors, process=False,
-        )  # fmt: skip
-        self._server.scene.add_mesh_trimesh(name, mesh, cast_shadow=False, receive_shadow=False)
+        self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
 
     def _press(self, look: Mapping[str, Array]) -> None:
         """An arrow for each part that presses on the object, towards where it does."""
@@ -125,12 +120,17 @@ def _floor(middle: Vector) -> Array:
     return found
 
 
-def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery, palm: Vector) -> None:
-    """On the palm, from aside."""
+def _aim(server: viser.ViserServer, opened: Opened, scenery: Scenery) -> None:
+    camera = server.initial_camera
+    camera.position, camera.look_at = eye(opened.spec, scenery)
+    camera.up = np.array([0.0, 0.0, 1.0])
+
+
+def eye(spec: HandSpec, scenery: Scenery) -> tuple[Vector, Vector]:
+    """Where one begins to look from, and at what, (3,), m, world: on the palm, from aside."""
+    palm = np.array(scenery.palm)
     turn = matrix_from_quaternion(palm[3:])
-    target, palm_on = seen("palm", opened.spec.side, *Skeleton(scenery.bodies).tips(opened.spec), turn)
+    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies).tips(spec), turn)
     view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
-    camera = server.initial_camera
-    camera.look_at, camera.up = middle, np.array([0.0, 0.0, 1.0])
-    camera.position = middle - _CLOSER * view.distance * view.direction(opened.spec.side)
+    return middle - _CLOSER * view.distance * view.direction(spec.side), middle
