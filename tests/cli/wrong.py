@@ -70,7 +70,9 @@ TABLE = [
         ("identify r.arrow --known-mass tip=0.05", 2, "say where, kg below 1, and in which recording"),
         ("gap none.arrow", 2, "no recording at none.arrow"),
         ("mirror sim_right", 2, "a sim hand is its own twin"),
-        ("mirror r.arrow --stop-on-contact", 2, "are for a hand that runs"),
+        ("mirror r.arrow --stop-on contact", 2, "are for a hand that runs"),
+        ("mirror can_virtual --stop-on contcat", 2, "did you mean 'contact'"),
+        ("branch r.arrow --at 0.1 --image out.jpg", 2, "must end in .png"),
         ("branch r.arrow --at 0.1 --set fricton=1", 2, "did you mean 'friction'"),
         ("branch r.arrow", 2, "--at"),
         # Names of no thing, or of the wrong kind of thing.

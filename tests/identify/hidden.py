@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -24,25 +25,29 @@ OFFSET = _DRAW.uniform(-0.02, 0.02, 16)
 DELAY = 0.0035
 
 
-def config(side: str = "right") -> RunConfig:
+SHAPE = {"stiction": 1.5, "stribeck_speed": 0.14, "bristle": 1e-3, "load_friction": 0.06}
+
+
+def config(side: str = "right", drive: Mapping[str, float] | None = None) -> RunConfig:
     truth = {
         "wire": {"torque_constant": CONSTANT.tolist()},
         "actuation": {
             "armature": ARMATURE.tolist(), "damping": DAMPING.tolist(), "frictionloss": FRICTION.tolist(),
         },
-        "drive": {"delay": DELAY, "encoder_noise": 5e-5, "encoder_offset": OFFSET.tolist()},
+        "drive": {"delay": DELAY, "encoder_noise": 5e-5, "encoder_offset": OFFSET.tolist(), **(drive or {})},
     }  # fmt: skip
     return can_config("v4", side=side, scene={"kind": "sim", "timestep": 0.0005, "truth": truth})  # type: ignore[arg-type]
 
 
 @cache
-def recordings() -> tuple[Path, ...]:
-    """One for each pose."""
+def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
+    """One for each pose; `breaking`: of a hand whose friction is of SHAPE."""
+    own = config(drive=SHAPE) if breaking else config()
     folder, found = Path(mkdtemp()), []
     for pose in POSES:
-        task = task_of(config(), pose, SECONDS, 3, folder)
+        task = task_of(own, pose, SECONDS, 3, folder)
         assert task is not None
-        play(laid(config(), task.pose), task, lambda t: None)
+        play(laid(own, task.pose), task, lambda t: None)
         found.append(task.file)
     return tuple(found)
 

@@ -21,7 +21,7 @@ from allegro_twin.types import Array, Vector
 
 LARGE = 3.0
 """Times the root mean square of the median piece: a piece that is off by more counts less."""
-STEPS = 3
+STEPS = 5
 """With the same derivatives: near the solution they hardly change, and they cost all the time."""
 _FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a step that was worse, or better.
 
@@ -70,6 +70,7 @@ class _Costs:
 def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> Descended:
     """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
     share `enough` of its cost."""
+    damping = np.full(len(problem.fingers), _FIRST)
     for number in range(rounds):
         problem.shooting.prepare(drive)
         problem.shooting.better_starts(drive)
@@ -77,7 +78,7 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> 
         J, r = problem.jacobian(x), problem.residuals(x)
         costs = _costs(problem, r, _calm(problem, J))
         before, weight = costs.total(), _rows(problem, costs)
-        x, r, costs = _steps(problem, x, r, J * weight[:, None], weight, costs)
+        x, r, costs = _steps(problem, x, r, J * weight[:, None], weight, costs, damping)
         drive = problem.drive_of(x)
         if number + 1 == rounds or not (costs.total() < (1.0 - enough) * before).any():
             break
@@ -86,10 +87,10 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> 
 
 
 def _steps(
-    problem: Problem, x: Vector, r: Vector, J: Array, weight: Vector, costs: _Costs
+    problem: Problem, x: Vector, r: Vector, J: Array, weight: Vector, costs: _Costs, damping: Vector
 ) -> tuple[Vector, Vector, _Costs]:
-    """STEPS of them from `x`, with the weights and derivatives of its beginning."""
-    damping, normal, now = np.full(len(problem.fingers), _FIRST), _normal(problem, J), costs.total()
+    """STEPS of them from `x`, with the weights and derivatives of its beginning. `damping`, of each finger, goes on."""
+    normal, now = _normal(problem, J), costs.total()
     for _ in range(STEPS):
         gradient = J.T @ (weight * r)
         tried = x + _step(problem, x, normal, gradient, damping)

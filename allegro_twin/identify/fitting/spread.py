@@ -24,8 +24,8 @@ class Spread:
     step: Vector
     """What halving the time step would change, (p,)."""
     path: Vector
-    """What going from the rough solution to the last one changed where friction breaks away, (p,): with many valleys
-    next to each other a linear estimate in one of them says too little. Else zero."""
+    """What going from the rough solution to the last one changed, (p,): where steps were short of their end, or valleys
+    lie next to each other, a linear estimate at the last one says too little."""
     mass: Array
     """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
     correlation: Array
@@ -61,7 +61,7 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
         covariance=by_noise * np.outer(larger * unit, larger * unit),
         by_recording=without * unit,
         step=step * unit,
-        path=(problem.x_of(drive) - problem.x_of(rough)) * unit * player.bristly,
+        path=(problem.x_of(drive) - problem.x_of(rough)) * unit,
         mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
         correlation=inverse / np.outer(sd, sd),
         residual=_rms(problem, last.residuals),

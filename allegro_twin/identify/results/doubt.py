@@ -122,7 +122,7 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
 def _half(found: Fit, name: str, covariance: Array) -> Vector:
     """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
     what halving it does, its limit for a step of nothing where the error is of first order. Not less than the way from
-    a rough solution where friction breaks away."""
+    the rough solution."""
     transform = _per_pwm(found, name)
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = found.spread.by_recording @ transform.T
