@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
-
-if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+from allegro_twin.panel.page.seen import Own, Shared
 
 _LETTERS = 30
 """Of the names of pictures that stand side by side; three at most do."""
@@ -23,7 +20,7 @@ _ASIDE = "29.5%"
 class Shelves:
     """Postures and grasps; what is pressed is done at once."""
 
-    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
+    def __init__(self, tab: Own, board: Shared, gui: viser.GuiApi) -> None:
         self._tab, self._board, self._gui = tab, board, gui
         self._folders = [gui.add_folder("Postures"), gui.add_folder("Grasps")]
         self._filled: tuple[object, object] | None = None
