@@ -31,7 +31,8 @@ from tests.cli.wrong import TABLE, Wrong, answered, workspace
 
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = ["mink", "daqp", "ruckig", "onnxruntime", "stable_baselines3", "torch", "onnx", "tensorboard", "tqdm", "h5py",
-          "mujoco_warp", "warp", "rerun", "av", "PIL"]  # fmt: skip
+          "mujoco_warp", "warp", "rerun", "av", "PIL",
+          "cyclonedds", "rosbags", "rospy"]  # fmt: skip
 """What every extra of pyproject.toml brings."""
 
 
@@ -106,6 +107,8 @@ NEEDED = [
     ("rerun", "view", ["run sim_right --seconds 0.01 --rrd a.rrd", "run sim_right --seconds 0.01 --web",
                        "view r.arrow --web", "view r.arrow", "export r.arrow a.rrd", "keyboard --web"]),
     ("av", "view", ["run sim_right --seconds 0.01 --video a.mp4"]),
+    ("cyclonedds", "ros2", ["ros2 sim_right"]),
+    ("rosbags", "ros2", ["export r.arrow x.mcap"]),
     ("PIL", "view", ["run sim_right --seconds 0.01 --image a.png", "gallery pictures",
                      "run sim_right --seconds 0.01 --out results"]),
     ("onnxruntime", "policy", ["run sim_right --policy reach_right --goal ok", "evaluate reach_right Reach"]),
