@@ -10,8 +10,7 @@ from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _NONE, _OWN = "no scenario", "the scenario's own"
 _DOWN = (0.0, 0.0, -9.81)  # m/s², palm frame: fingers up.

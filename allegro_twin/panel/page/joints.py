@@ -12,8 +12,7 @@ from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import finger_bars, name_of
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _PAUSE = 3
 """Refreshes for which a slider that was touched is left to the person: half a second."""

@@ -14,7 +14,7 @@ from allegro_twin.panel.page.bars import name_of
 from allegro_twin.spec import Finger
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
+    from allegro_twin.panel.page.parts import Board
 
 _SECONDS, _ROWS = 10.0, 150
 _HEIGHT = 210  # Pixels.

@@ -11,8 +11,7 @@ from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _LETTERS = 30
 """Of the names of pictures that stand side by side; three at most do."""

@@ -10,7 +10,7 @@ from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import health
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
+    from allegro_twin.panel.page.parts import Board
 
 
 class Health:

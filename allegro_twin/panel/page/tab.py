@@ -19,7 +19,7 @@ from allegro_twin.panel.page.timeline import Timeline
 from allegro_twin.panel.page.tips import Tips
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
+    from allegro_twin.panel.page.parts import Board
 
 _GOOD, _BAD, _CALM = "#0a7d38", "#c8102e", "#555"
 

@@ -12,8 +12,7 @@ from allegro_twin.panel.page.bars import banner
 from allegro_twin.panel.page.history import SECONDS
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+    from allegro_twin.panel.page.parts import Board, Tab
 
 
 class Timeline:

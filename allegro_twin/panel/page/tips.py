@@ -13,8 +13,7 @@ from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.scene import PALM
 
 if TYPE_CHECKING:
-    from allegro_twin.panel.page.board import Board
-    from allegro_twin.panel.page.tab import Tab
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _SCALE = 0.035
 """m: how long the arrows are that one drags."""
