@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.seen import Own, Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _NONE, _OWN = "no scenario", "the scenario's own"
 _DOWN = (0.0, 0.0, -9.81)  # m/s², palm frame: fingers up.
@@ -17,7 +19,7 @@ _DOWN = (0.0, 0.0, -9.81)  # m/s², palm frame: fingers up.
 class Choosing:
     """What is chosen here counts at once, but for the scene, which opens the hand anew."""
 
-    def __init__(self, tab: Own, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
         self._tab, self._gui = tab, gui
         opened = board.opened
         assert opened is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -10,7 +10,9 @@ import viser
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import finger_bars, name_of
-from allegro_twin.panel.page.seen import Own, Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _PAUSE = 3
 """Refreshes for which a slider that was touched is left to the person: half a second."""
@@ -20,7 +22,7 @@ _SAME = 2e-3  # rad: a slider this near to its joint is not moved.
 class JointSliders:
     """A slider says where a joint shall go; left alone it follows where the joint is wished to be."""
 
-    def __init__(self, tab: Own, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
         opened = board.opened
         assert opened is not None
         self._tab, self._board, self._spec = tab, board, opened.spec

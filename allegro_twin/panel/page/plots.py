@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -11,8 +11,10 @@ from viser import uplot
 from allegro_twin.description.appearance import LIMIT, lighter, of_series
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import name_of
-from allegro_twin.panel.page.seen import Shared
 from allegro_twin.spec import Finger
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board
 
 _SECONDS, _ROWS = 10.0, 150
 _HEIGHT = 210  # Pixels.
@@ -21,7 +23,7 @@ _HEIGHT = 210  # Pixels.
 class Plots:
     """Positions with where they should be, and torques with their limits: the newest ten seconds."""
 
-    def __init__(self, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, board: Board, gui: viser.GuiApi) -> None:
         opened = board.opened
         assert opened is not None
         self._board, self._gui, self._spec = board, gui, opened.spec

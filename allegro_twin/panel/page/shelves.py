@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.seen import Own, Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _LETTERS = 30
 """Of the names of pictures that stand side by side; three at most do."""
@@ -20,7 +22,7 @@ _ASIDE = "29.5%"
 class Shelves:
     """Postures and grasps; what is pressed is done at once."""
 
-    def __init__(self, tab: Own, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
         self._tab, self._board, self._gui = tab, board, gui
         self._folders = [gui.add_folder("Postures"), gui.add_folder("Grasps")]
         self._filled: tuple[object, object] | None = None

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import viser
 
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import health
-from allegro_twin.panel.page.seen import Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board
 
 
 class Health:
     """For everybody who looks."""
 
-    def __init__(self, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, board: Board, gui: viser.GuiApi) -> None:
         opened = board.opened
         assert opened is not None
         self._board, self._spec = board, opened.spec

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import viser
 
@@ -13,11 +13,13 @@ from allegro_twin.panel.page.bars import banner
 from allegro_twin.panel.page.choosing import Choosing
 from allegro_twin.panel.page.joints import JointSliders
 from allegro_twin.panel.page.plots import Plots
-from allegro_twin.panel.page.seen import Shared
 from allegro_twin.panel.page.shelves import Shelves
 from allegro_twin.panel.page.state import Health
 from allegro_twin.panel.page.timeline import Timeline
 from allegro_twin.panel.page.tips import Tips
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board
 
 _GOOD, _BAD, _CALM = "#0a7d38", "#c8102e", "#555"
 
@@ -37,7 +39,7 @@ class Section(Protocol):
 class Tab:
     """Everything in it is this browser's own: what one who only looks clicks at, nobody else sees."""
 
-    def __init__(self, board: Shared, client: viser.ClientHandle) -> None:
+    def __init__(self, board: Board, client: viser.ClientHandle) -> None:
         self._board, self._client, self.who = board, client, client.client_id
         self._sections: list[Section] = []
         self._enabled: bool | None = None

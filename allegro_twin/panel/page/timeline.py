@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
@@ -10,13 +10,15 @@ from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import banner
 from allegro_twin.panel.page.history import SECONDS
-from allegro_twin.panel.page.seen import Own, Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board, Tab
 
 
 class Timeline:
     """The pictures of the last minute are kept in the page; a recording is a file beside the hand."""
 
-    def __init__(self, tab: Own, board: Shared, gui: viser.GuiApi) -> None:
+    def __init__(self, tab: Tab, board: Board, gui: viser.GuiApi) -> None:
         self._tab, self._board = tab, board
         self._recording = self._teaching = False
         with gui.add_folder("Record"):

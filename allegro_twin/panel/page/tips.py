@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -11,7 +11,9 @@ from allegro_twin.description.appearance import of_series
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.scene import PALM
-from allegro_twin.panel.page.seen import Own, Shared
+
+if TYPE_CHECKING:
+    from allegro_twin.panel.page.parts import Board, Tab
 
 _SCALE = 0.035
 """m: how long the arrows are that one drags."""
@@ -23,7 +25,7 @@ class Tips:
     """Three arrows at each tip. A tip that cannot be where it was dragged to says so: a red mark there, a line to the
     nearest place in reach, and the joints' goals stay."""
 
-    def __init__(self, tab: Own, board: Shared, client: viser.ClientHandle) -> None:
+    def __init__(self, tab: Tab, board: Board, client: viser.ClientHandle) -> None:
         self._tab, self._board, self._client = tab, board, client
         self._on, self._left_alone, self._able = True, 0, False
         self._controls: dict[str, Any] = {}
