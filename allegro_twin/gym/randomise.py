@@ -117,10 +117,16 @@ def preset(value: Any) -> Any:
     return value
 
 
+LATER = ("touch_noise",)
+"""Drawn by who needs it, after everything else: the episodes of a seed are the same whether anybody does."""
+
+
 def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
     """One value of each range that is given for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
     found: dict[str, Array] = {}
     for name in Randomise.model_fields:
+        if name in LATER:
+            continue
         count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
         low, high = getattr(settings, name) or (0.0, 0.0)
         if name.endswith("delay"):

@@ -17,14 +17,16 @@ class Touch:
     def __init__(self, settings: Randomise, worlds: Worlds) -> None:
         self._torque = worlds.external()
         self._limit = worlds.spec.actuation.torque_limit
+        self._range = settings.touch_noise
         self._noise = None if settings.touch_noise is None else np.zeros((worlds.n, 1))
         self._key = np.zeros(worlds.n, np.uint64)
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
-        """A new episode of some hands: `values` as they were drawn, (m,) each."""
-        if self._noise is not None:
+        """A new episode of some hands; what is drawn joins `values`, (m,)."""
+        if self._noise is not None and self._range is not None:
             self._key[rows] = draws.key()
-            self._noise[rows, 0] = values["touch_noise"]
+            self._noise[rows] = draws.within(*self._range)
+            values["touch_noise"] = self._noise[rows, 0]
 
     def felt(self, tick: NDArray[np.int64]) -> Array:
         """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing

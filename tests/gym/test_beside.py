@@ -69,6 +69,16 @@ def test_external_torque_is_what_stops_a_finger() -> None:
     assert np.abs(touch[row]).max() > 0.1
 
 
+def test_an_episode_is_the_same_whether_its_contacts_are_felt_or_not() -> None:
+    plain = HandVectorEnv("Grasp", 2, timestep=0.003, randomise="default")
+    felt = HandVectorEnv("Grasp", 2, timestep=0.003, randomise="default", touch=True)
+    (first, before), (second, after) = plain.reset(seed=4), felt.reset(seed=4)
+    np.testing.assert_array_equal(first, np.asarray(second)[:, :-N])
+    assert set(after["randomised"]) - set(before["randomised"]) == {"touch_noise", "_touch_noise"}
+    assert (after["randomised"]["touch_noise"] <= 0.02).all()
+    np.testing.assert_array_equal(before["randomised"]["mass"], after["randomised"]["mass"])
+
+
 def test_before_the_first_period_nothing_is_felt_whatever_was_before() -> None:
     env = HandVectorEnv("HoldDisturbed", 2, timestep=0.003, touch=True, autoreset="disabled")
     env.reset(seed=1)

@@ -35,7 +35,7 @@ def dofs(env: HandVectorEnv) -> list[int]:
 
 def test_what_was_drawn_lies_in_its_range_differs_between_simulations_and_is_reported() -> None:
     default = Randomise.default()
-    env = HandVectorEnv("Lift", 64, threads=1, objects=("lemon",), randomise="default")
+    env = HandVectorEnv("Lift", 64, threads=1, objects=("lemon",), randomise="default", touch=True)
     report = env.reset(seed=0)[1]["randomised"]
     names = set(Randomise.model_fields)
     assert {name for name in report if not name.startswith("_")} == names
