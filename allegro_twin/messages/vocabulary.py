@@ -40,9 +40,11 @@ class Vocabulary:
 
     def decode(self, data: bytes, kind: str) -> Message:
         """The message in CDR bytes. Raises ConfigError for bytes that are none of that type."""
+        from rosbags.serde import SerdeError
+
         try:
             return self.store.deserialize_cdr(data, kind)
-        except Exception as error:
+        except SerdeError as error:
             raise ConfigError(f"{len(data)} bytes are no {kind}: {error}") from error
 
     def definition(self, kind: str) -> str:

@@ -32,8 +32,8 @@ class Wandering:
 
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    """Some of which are lost before their time."""
-    return collected(Wandering(), "Grasp", KEYWORDS, 4, seed=3)
+    """Some of which succeed."""
+    return collected(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
 
 
 def test_an_episode_is_the_single_environments_step_for_step() -> None:
@@ -49,6 +49,25 @@ def test_an_episode_is_the_single_environments_step_for_step() -> None:
         assert episode.reward[k] == reward
         assert episode.success[k] == info["is_success"]
     assert (terminated, truncated) == (episode.failed, True)
+
+
+def wavering(observation: Observation) -> Floats:
+    """What a row does follows from what that row sees."""
+    assert not isinstance(observation, dict)
+    return (0.5 * np.sin(100.0 * observation[..., :16])).astype(np.float32)
+
+
+def test_each_of_many_is_the_single_environments_of_its_seed() -> None:
+    found = collected(wavering, "Pinch", KEYWORDS | {"level": "easy"}, 4, seed=3)
+    assert any(episode.success.any() for episode in found)
+    for number, episode in enumerate(found):
+        env = HandEnv("Pinch", level="easy", **KEYWORDS)
+        observation, _ = env.reset(seed=3 + number)
+        for k in range(len(episode.action)):
+            np.testing.assert_array_equal(episode.observation["observation"][k], observation)
+            observation, reward, terminated, _, info = env.step(wavering(observation))
+            assert (episode.reward[k], episode.success[k]) == (reward, info["is_success"])
+        assert terminated == episode.failed
 
 
 def test_episodes_end_where_they_ended(episodes: list[Episode]) -> None:
