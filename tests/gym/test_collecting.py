@@ -54,7 +54,8 @@ def test_an_episode_is_the_single_environments_step_for_step() -> None:
 def wavering(observation: Observation) -> Floats:
     """What a row does follows from what that row sees."""
     assert not isinstance(observation, dict)
-    return (0.5 * np.sin(100.0 * observation[..., :16])).astype(np.float32)
+    action: Floats = (0.5 * np.sin(100.0 * observation[..., :16])).astype(np.float32)
+    return action
 
 
 def test_each_of_many_is_the_single_environments_of_its_seed() -> None:
