@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from allegro_twin.errors import CommandError
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 
 class HandBackend(Protocol):
@@ -47,6 +49,30 @@ def torque_of(command: Command, spec: HandSpec) -> Vector:
     """The torques of a command for a hand that takes torques, shape (m,), N·m. Raises CommandError for any other."""
     if not isinstance(command, TorqueCommand):
         raise CommandError(f"{spec.name} takes a TorqueCommand, not a {type(command).__name__}")
-    if command.torque.shape[0] != spec.n_actuators:
-        raise CommandError(f"{spec.name} has {spec.n_actuators} actuators; the command has {command.torque.shape[0]}")
+    _as_many(command.torque, spec)
     return command.torque
+
+
+def position_of(command: Command, spec: HandSpec) -> PositionCommand:
+    """A command for a hand that takes positions. Raises CommandError for any other, and for a part that this hand does
+    not take."""
+    if not isinstance(command, PositionCommand):
+        raise CommandError(f"{spec.name} takes a PositionCommand, not a {type(command).__name__}")
+    _as_many(command.position, spec)
+    parts = {"limited_position": command.effort is not None and not command.limp,
+             "timed_position": command.duration is not None}  # fmt: skip
+    for kind, asked in parts.items():
+        if asked and kind not in spec.commands:
+            raise CommandError(f"{spec.name} takes {', '.join(spec.commands)}, and this command is a {kind}")
+    return command
+
+
+def limp_of(spec: HandSpec) -> Command:
+    """The command that lets go of every joint."""
+    nothing = np.zeros(spec.n_actuators)
+    return TorqueCommand(nothing) if "torque" in spec.commands else PositionCommand(nothing, effort=nothing)
+
+
+def _as_many(values: Vector, spec: HandSpec) -> None:
+    if values.shape[0] != spec.n_actuators:
+        raise CommandError(f"{spec.name} has {spec.n_actuators} actuators; the command has {values.shape[0]}")

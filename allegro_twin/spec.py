@@ -15,6 +15,8 @@ from allegro_twin.types import Array, Vector, frozen
 
 Side: TypeAlias = Literal["right", "left"]
 SIDES: tuple[Side, Side] = ("right", "left")
+CommandKind: TypeAlias = Literal["torque", "position", "limited_position", "timed_position"]
+"""What a hand can be told: torques; positions; these with an effort that is not to be exceeded, or in a given time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,8 @@ class HandSpec:
     """Readable joint names (`index_0` … `thumb_3`), in the same order."""
     foreign: ForeignModel | None = None
     """Simulate this file instead of ours."""
+    commands: tuple[CommandKind, ...] = ("torque",)
+    """What it takes; a hand that takes torques takes nothing else."""
     drive: Drive | None = None
     """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -59,13 +60,34 @@ class TorqueCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionCommand:
-    """Positions to go to, for a hand whose firmware closes the loop. Raises CommandError unless one axis and finite."""
+    """Positions to go to, for a hand whose firmware closes the loop. Which of its parts a hand takes, its spec says.
+
+    Raises CommandError unless all have one axis and are finite, and no effort or duration is negative.
+    """
 
     position: Vector
     """Per actuator, shape (m,), rad."""
+    effort: Vector | None = None
+    """The most that each motor may give on the way, shape (m,), N·m; None: what the hand allows. Zero everywhere is
+    limp, and every hand takes that."""
+    duration: float | None = None
+    """What the way may take, s; None: as fast as the hand goes."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _checked(self.position, "position"))
+        if self.effort is not None:
+            object.__setattr__(self, "effort", _checked(self.effort, "effort"))
+            if self.effort.shape != self.position.shape or (self.effort < 0.0).any():
+                raise CommandError(
+                    f"effort needs a number from 0 for each of {len(self.position)} positions, not {self.effort}"
+                )
+        if self.duration is not None and not 0.0 <= self.duration < math.inf:
+            raise CommandError(f"duration must be a number of seconds from 0, not {self.duration}")
+
+    @property
+    def limp(self) -> bool:
+        """Whether it lets go of the joints."""
+        return self.effort is not None and not self.effort.any()
 
 
 Command: TypeAlias = TorqueCommand | PositionCommand
