@@ -9,7 +9,14 @@ from allegro_twin.config.backends import (
     SceneSettings,
     SimSettings,
 )
-from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.controllers import (
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
 from allegro_twin.config.run import HandSettings, LimitSettings, RunConfig, load_config
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.values import PerJoint
@@ -19,9 +26,11 @@ __all__ = [
     "CanSettings",
     "FaultSettings",
     "FirmwareSettings",
+    "FollowSettings",
     "GravitySettings",
     "HandSettings",
     "LimitSettings",
+    "LimpSettings",
     "PerJoint",
     "PolicySettings",
     "PositionSettings",
