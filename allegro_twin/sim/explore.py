@@ -187,7 +187,7 @@ def _tips(model: mujoco.MjModel, palm: int) -> dict[str, tuple[int, Array]]:
                 branch[body] = branch[parent]
             elif model.body_jntnum[body]:
                 branch[body] = body
-    found = {}
+    found: dict[str, tuple[int, Array]] = {}
     for first in dict.fromkeys(branch.values()):
         mine = [body for body in branch if branch[body] == first]
         last = max(mine, key=lambda body: (depth[body], body))

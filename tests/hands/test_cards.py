@@ -115,7 +115,7 @@ def changed(card: dict[str, Any], **blocks: Any) -> dict[str, Any]:
 
 
 DRIVEN = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0}
-CARDS = {
+CARDS: dict[str, dict[str, Any]] = {
     "followers: right: 'lft' is none of what is driven: left": {
         "followers": [{"name": "right", "follows": "lft", "positions": [0, 1]}]
     },
