@@ -25,6 +25,7 @@ from allegro_twin.cli import (
     running,
     schemas,
     shipped,
+    teleop,
     training,
     twin,
 )
@@ -68,6 +69,7 @@ collecting.register(app)
 evaluating.register(app)
 twin.register(app)
 ros.register(app)
+teleop.register(app)
 schemas.register(app)
 doctor.register(app)
 
