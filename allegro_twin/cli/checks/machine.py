@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from allegro_twin.cli.checks.bus import may_open
 from allegro_twin.cli.checks.finding import Finding
 
 _RENDER = """
@@ -19,8 +20,9 @@ print((GL.glGetString(GL.GL_RENDERER) or b"").decode())
 renderer.close()
 """
 _SECONDS = 60.0
-PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876}
-"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py."""
+PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876, "the panel": 8080}
+"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py, and `panel --port`. What the panel's viser listens on
+is drawn anew each time."""
 Schedule = Callable[[], None]
 
 
@@ -75,6 +77,17 @@ def scheduling(ask: Schedule = first_in_line) -> Iterator[Finding]:
                       "`ulimit -r 20`, from /etc/security/limits.conf: `@realtime - rtprio 20`")  # fmt: skip
     else:
         yield Finding("real time", "works", "allowed: set `realtime: true` for a hand on a bus")
+
+
+def cameras(dev: Path = Path("/dev"), may: Callable[[Path], bool] = may_open) -> Iterator[Finding]:
+    """Webcams for `teleop --from webcam`, where there are any."""
+    for path in sorted(dev.glob("video[0-9]*")):
+        allowed = may(path)
+        yield Finding(
+            f"camera {path.name}", "works" if allowed else "broken",
+            "may be opened" if allowed else "no permission to open it",
+            "" if allowed else "usermod -aG video $USER, and log in again",
+        )  # fmt: skip
 
 
 def ports(wanted: dict[str, int] | None = None) -> Iterator[Finding]:
