@@ -94,6 +94,13 @@ def test_when_frames_stop_the_hand_holds_and_says_so_once() -> None:
         assert np.abs(it.at(2.2) - it.at(1.4)).max() > 0.3  # And followed again.
 
 
+def test_where_the_hand_was_going_when_frames_stopped_it_does_not_go() -> None:
+    times, frames = still(0.2, CLOSED)
+    with led(sim_config(), speed=0.3) as it:
+        it.play(np.append(times, 3.0), np.append(frames, frames[:1] * np.nan, axis=0))
+        assert np.abs(it.at(2.9) - it.at(0.8)).max() < 0.01  # It would be 0.6 rad further.
+
+
 def test_frames_without_a_hand_are_not_followed() -> None:
     times, frames = still(1.0)
     frames[10:] = hand(CLOSED)

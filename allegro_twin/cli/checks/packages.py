@@ -28,7 +28,8 @@ def python() -> Iterator[Finding]:
 def packages(
     given: list[str] | None = None, its: Version = version, minor: int = sys.version_info[1]
 ) -> Iterator[Finding]:
-    """What the package needs, and each of its extras. `given`: requirements as metadata have them, for Python 3.`minor`."""
+    """What the package needs, and each of its extras. `given`: requirements, as metadata have them; `minor`: of
+    Python 3."""
     given = requires("allegro-twin") or [] if given is None else given
     core, extras = sorted_out(given)
     wrong = list(_wrong(core, its))
