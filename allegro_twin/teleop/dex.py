@@ -31,8 +31,9 @@ class Retargeting:
         try:
             from dex_retargeting.retargeting_config import RetargetingConfig
         except ImportError as error:
+            why = str(error).splitlines()[0]  # Without PyTorch it has a paragraph to say.
             raise ConfigError(
-                f"teleop needs dex-retargeting, on Python 3.11 or 3.12: pip install 'allegro-twin[teleop]' ({error})"
+                f"teleop needs dex-retargeting, on Python 3.11 or 3.12: pip install 'allegro-twin[teleop]' ({why})"
             ) from error
         spec = self.spec
         path = data_root() / "models" / "urdf" / f"{spec.name}.urdf"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -72,9 +73,23 @@ def test_a_process_that_dies_is_told_of_by_name_and_leaves_nothing_behind() -> N
 
 
 def test_without_its_library_retargeting_says_what_to_install(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = r"Python 3.11 or 3.12: pip install 'allegro-twin\[teleop\]'"
     monkeypatch.setitem(sys.modules, "dex_retargeting", None)
-    with pytest.raises(ConfigError, match=r"Python 3.11 or 3.12: pip install 'allegro-twin\[teleop\]'"):
+    with pytest.raises(ConfigError, match=words):
         Retargeting(spec, vectors(spec)).open()
+
+    class Paragraph(MetaPathFinder):
+        """As the library answers where PyTorch is missing."""
+
+        def find_spec(self, name: str, path: Any, target: Any = None) -> None:
+            if name.startswith("dex_retargeting"):
+                raise ImportError("Torch is not installed.\nInstall it.")
+
+    monkeypatch.delitem(sys.modules, "dex_retargeting")
+    monkeypatch.setattr(sys, "meta_path", [Paragraph(), *sys.meta_path])
+    with pytest.raises(ConfigError, match=words) as refused:
+        Retargeting(spec, vectors(spec)).open()
+    assert "\n" not in str(refused.value)
 
 
 def test_without_mediapipe_a_webcam_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -84,7 +99,7 @@ def test_without_mediapipe_a_webcam_says_what_to_install(monkeypatch: pytest.Mon
 
 
 def test_a_model_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("mediapipe", reason="needs the extra webcam")
+    pytest.importorskip("mediapipe", exc_type=ImportError, reason="needs the extra webcam")
     for name in ("none.task", "text.task"):
         (tmp_path / "text.task").write_text("text")
         with pytest.raises(ConfigError, match=f"{name}: MediaPipe does not take it") as refused:
@@ -106,7 +121,7 @@ def test_of_the_hands_in_a_picture_the_one_that_was_asked_for_is_taken(side: Sid
 
 
 def test_dex_retargeting_brings_fingertips_to_where_they_should_be(side: Side) -> None:
-    pytest.importorskip("dex_retargeting", reason="needs the extra teleop")
+    pytest.importorskip("dex_retargeting", exc_type=ImportError, reason="needs the extra teleop")
     spec = load_spec(side=side)
     retarget, model = Retargeting(spec, vectors(spec)).open(), HandModel(spec)
     posture = 0.5 * (np.maximum(spec.lower, 0.0) + spec.upper) * np.where(spec.upper > 0.6, 1.0, 0.0)
@@ -124,7 +139,7 @@ def test_dex_retargeting_brings_fingertips_to_where_they_should_be(side: Side) -
 
 def test_a_track_leads_a_hand_through_dex_retargeting(side: Side) -> None:
     """Seen from the palm the tips follow a hand's that is smaller; a pinch is a pinch."""
-    pytest.importorskip("dex_retargeting", reason="needs the extra teleop")
+    pytest.importorskip("dex_retargeting", exc_type=ImportError, reason="needs the extra teleop")
     spec = load_spec(side=side)
     times, frames = performed()
     with (

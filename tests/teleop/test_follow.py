@@ -10,6 +10,7 @@ import pytest
 from allegro_twin.config import RunConfig
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hand import Hand
+from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.teleop.leading import live
@@ -61,6 +62,13 @@ def test_fingertips_go_to_where_the_persons_are_times_the_length_of_the_fingers(
         assert it.targets.scale == pytest.approx(0.1354 / 0.101, rel=0.02)  # m, of both middle fingers.
         for name, target in zip(("index", "middle"), targets, strict=False):
             assert np.linalg.norm(tips[name].position - target) < 0.005
+
+
+def test_a_straight_finger_is_a_straight_finger_however_large_the_hand_is(spec: HandSpec) -> None:
+    straight = FingerKinematics(spec, "middle").tip(np.zeros(4))
+    for size in (0.8, 1.0, 1.2):
+        target = Targets(spec, "right")(size * hand(0.0))[1]
+        np.testing.assert_allclose(target, straight, atol=1e-9)
 
 
 def test_how_the_arm_is_turned_and_where_it_is_does_not_matter(spec: HandSpec) -> None:

@@ -21,8 +21,8 @@ renderer.close()
 """
 _SECONDS = 60.0
 PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876, "the panel": 8080}
-"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py, and `panel --port`. What the panel's viser listens on
-is drawn anew each time."""
+"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py, and `panel --port`. What the panel's viser
+listens on is drawn anew each time."""
 Schedule = Callable[[], None]
 
 
