@@ -109,6 +109,14 @@ def test_where_the_hand_was_going_when_frames_stopped_it_does_not_go() -> None:
         assert np.abs(it.at(2.9) - it.at(0.8)).max() < 0.01  # It would be 0.6 rad further.
 
 
+def test_a_track_begins_at_once_whatever_its_clock_says() -> None:
+    times, frames = still(0.5)
+    with led(sim_config()) as it:
+        begin = it.hand.state.t
+        it.play(times + 20.0, frames)
+        assert it.hand.state.t - begin == pytest.approx(1.5, abs=0.05)  # And a second in which it arrives.
+
+
 def test_frames_without_a_hand_are_not_followed() -> None:
     times, frames = still(1.0)
     frames[10:] = hand(CLOSED)
