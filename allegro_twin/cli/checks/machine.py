@@ -43,7 +43,7 @@ def pictures(draw: Callable[[str], str] = render) -> Iterator[Finding]:
         who = draw("egl")
     except (OSError, subprocess.TimeoutExpired) as error:
         yield Finding("EGL", "broken", f"no picture without a screen: {error}",
-                      "apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
+                      "apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
         return
     software = " (software: right, and slow)" if "llvmpipe" in who or "softpipe" in who else ""
     yield Finding("EGL", "works", f"pictures without a screen, by {who}{software}")
