@@ -44,6 +44,7 @@ def findings() -> Iterator[Finding]:
     yield from packages.python()
     yield from packages.packages()
     yield from packages.rospy()
+    yield from machine.libraries()
     yield from machine.scheduling()
     yield from machine.pictures()
     yield from machine.cards()

@@ -83,6 +83,11 @@ def main() -> None:
     except HandError as error:
         sys.stderr.write(f"allegro-twin: {error}\n")
         sys.exit(ends.exit_code(error))
+    except ImportError as error:
+        if error.path is None:
+            raise
+        sys.stderr.write(f"{ends.unloaded(error)}\n")
+        sys.exit(2)
     except ends.USAGE as error:
         sys.stderr.write(f"{ends.usage(error)}\n")
         sys.exit(2)

@@ -69,6 +69,15 @@ def test_without_rospy_it_says_which_package_of_debian_has_it() -> None:
     assert "apt-get install python3-rospy" in absent.mend
 
 
+def test_a_library_of_the_system_that_a_wheel_takes_for_granted_is_named_with_its_package() -> None:
+    def fail(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+
+    (broken,), (fine,) = machine.libraries(fail), machine.libraries(lambda name: None)
+    assert (broken.status, broken.mend) == ("broken", "apt-get install libgomp1")
+    assert fine.status == "works"
+
+
 def test_a_webcam_without_permission_names_the_group(tmp_path: Path) -> None:
     (tmp_path / "video0").touch()
     (tmp_path / "video").touch()

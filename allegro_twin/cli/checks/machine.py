@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
 import subprocess
@@ -47,6 +48,18 @@ def pictures(draw: Callable[[str], str] = render) -> Iterator[Finding]:
         return
     software = " (software: right, and slow)" if "llvmpipe" in who or "softpipe" in who else ""
     yield Finding("EGL", "works", f"pictures without a screen, by {who}{software}")
+
+
+def libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Finding]:
+    """What packages take for granted of the system: Pinocchio's wheel does not bring GCC's OpenMP."""
+    try:
+        load("libgomp.so.1")
+    except OSError as error:
+        yield Finding(
+            "libgomp", "broken", f"Pinocchio cannot be loaded without it: {error}", "apt-get install libgomp1"
+        )
+    else:
+        yield Finding("libgomp", "works", "Pinocchio's")
 
 
 def cards(dev: Path = Path("/dev")) -> Iterator[Finding]:
