@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
+from importlib.util import find_spec as installed
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +25,9 @@ from allegro_twin.teleop.camera import Webcam, points_of
 from allegro_twin.teleop.dex import Retargeting
 from allegro_twin.teleop.targets import Targets, vectors
 from tests.teleop.conftest import led, sim_config
-from tests.teleop.synthetic import hand, performed
+from tests.teleop.synthetic import ROOT, hand, performed, write_csv
+
+PATH = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
 @dataclass(frozen=True)
@@ -157,3 +162,19 @@ def test_a_track_leads_a_hand_through_dex_retargeting(side: Side) -> None:
         tips = it.hand.fingertips()
         assert np.linalg.norm(tips["thumb"].position - tips["index"].position) < 0.03
         assert it.follower.tally.followed == int((times < 4.9).sum())
+
+
+def test_the_command_line_follows_a_file_or_says_what_it_lacks(tmp_path: Path) -> None:
+    times, frames = performed(rate=10.0)
+    write_csv(tmp_path / "short.csv", times[:6], frames[:6])
+    command = [sys.executable, "-m", "allegro_twin", "teleop", "sim_right", "--from", "short.csv"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=120, env=os.environ | {"PYTHONPATH": PATH}
+    )
+    if installed("dex_retargeting") and installed("torch"):
+        assert done.returncode == 0, done.stderr
+        assert "6 frames followed; left out: 0 without a hand, 0 that jumped, 0 overtaken" in done.stdout
+        assert "a hand is seen, and followed" in done.stderr
+    else:
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "pip install 'allegro-twin[teleop]'" in done.stderr
