@@ -117,6 +117,7 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> N
         ("run sim_right --policy re", {"reach_right"}),
         ("posture home -c can_v", {"can_v4_right", "can_virtual"}),
         ("list pol", {"policies"}),
+        ("teleop sim_", {"sim_left", "sim_right"}),
         ("train Reo", {"Reorient"}),
         ("play rip", {"ripple"}),
     ],

@@ -80,6 +80,7 @@ def teleop(
         # The hand comes last: it is not kept waiting, motors on, for what takes seconds or is not installed.
         hand = open_things.enter_context(Hand.open(settings, background=True))
         follower = Follower(hand, targets, retarget, _told, speed=speed, patience=patience)
+        console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)
         if view or web:
             _show(hand, web)
         if track is not None:

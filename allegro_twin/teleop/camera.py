@@ -35,6 +35,7 @@ class Webcam:
         pictures = cv2.VideoCapture(self.number)
         if not pictures.isOpened():
             raise LinkError(f"camera {self.number} cannot be opened: is it plugged in, and not in use? --camera N")
+        pictures.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # The newest picture counts, not the four before it.
         count = 0
 
         def look(_: None) -> Array:

@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.description.hands import load_spec
-from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.teleop import camera
 from allegro_twin.teleop.apart import Apart
 from allegro_twin.teleop.camera import Webcam, points_of
 from allegro_twin.teleop.dex import Retargeting
@@ -110,6 +111,50 @@ def test_a_model_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=f"{name}: MediaPipe does not take it") as refused:
             Webcam(tmp_path / name, "right").open()
         assert "\n" not in str(refused.value)
+
+
+class Pictures:
+    """OpenCV's camera, as far as it is used: three pictures, then none."""
+
+    def __init__(self, number: int) -> None:
+        self.left = 3 if number == 0 else 0
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name.
+        return self.left > 0
+
+    def set(self, what: str, value: int) -> None:
+        assert (what, value) == ("buffer", 1)
+
+    def read(self) -> tuple[bool, Any]:
+        self.left -= 1
+        return self.left >= 0, np.zeros((4, 4, 3), np.uint8)
+
+
+def test_a_camera_that_is_not_there_and_one_that_is_pulled_out_are_one_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    logging = SimpleNamespace(setLogLevel=lambda level: None, LOG_LEVEL_ERROR=2)
+    cv2 = SimpleNamespace(
+        utils=SimpleNamespace(logging=logging), VideoCapture=Pictures, CAP_PROP_BUFFERSIZE="buffer",
+        COLOR_BGR2RGB=4, cvtColor=lambda picture, code: picture,
+    )  # fmt: skip
+    times: list[int] = []
+
+    def detect(image: Any, milliseconds: int) -> Any:
+        times.append(milliseconds)
+        return SimpleNamespace(handedness=[], hand_world_landmarks=[])
+
+    monkeypatch.setitem(sys.modules, "cv2", cv2)
+    monkeypatch.setattr(
+        camera, "_landmarker", lambda model: (SimpleNamespace(detect_for_video=detect), lambda pixels: pixels)
+    )
+    with pytest.raises(LinkError, match="camera 1 cannot be opened: is it plugged in"):
+        Webcam(tmp_path, "right", 1).open()
+    look = Webcam(tmp_path, "right").open()
+    assert all(np.isnan(look(None)).all() for _ in range(3))
+    assert (np.diff(times) > 0).all()  # As its tracker demands.
+    with pytest.raises(LinkError, match="camera 0 gives no more pictures"):
+        look(None)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
