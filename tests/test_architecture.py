@@ -23,7 +23,7 @@ LAYERS = [
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
     {"hand"},
-    {"ros", "panel"},
+    {"ros", "panel", "teleop"},
     {"cli"},
 ]
 HOMES = {
@@ -55,6 +55,9 @@ HOMES = {
     "scipy": {"sim", "evaluate", "identify"},
     "PIL": {"look", "cli"},
     "viser": {"panel"},
+    "dex_retargeting": {"teleop"},
+    "mediapipe": {"teleop"},
+    "cv2": {"teleop"},
     "rich": {"cli"},
     "typer": {"cli"},
 }

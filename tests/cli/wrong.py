@@ -20,6 +20,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 from unittest import mock
 
+from allegro_twin.teleop.tracks import HEADER
+
 
 class Wrong(NamedTuple):
     """A row of the table."""
@@ -38,6 +40,17 @@ TABLE = [
         ("ros2 sim_right --domain 300", 2, "ROS_DOMAIN_ID must be 0 to 232, not 300"),
         ("ros2 sim_right --namespace 'a b'", 2, "not 'a b'"),
         ("ros2 sim_right --rate 0", 2, "--rate must be above 0"),
+        # A hand that follows a person's.
+        ("teleop sim_right", 2, "--from"),
+        ("teleop nope --from track.csv", 2, "no config named 'nope'"),
+        ("teleop sim_right --from none.csv", 2, "none.csv: cannot be read"),
+        ("teleop sim_right --from r.arrow", 2, "hand tracking is a file in .npz, .csv, .json, or `webcam`"),
+        ("teleop sim_right --from track.csv", 2, "track.csv:2: has 2 values; t and 21 landmarks are 64"),
+        ("teleop sim_right --from full.csv", 2, "full.csv: cannot be read: it is no plain file"),
+        ("teleop sim_right --from webcam", 2, "--model hand_landmarker.task"),
+        ("teleop sim_right --from track.csv --tracked both", 2, "'both' is not one of 'right', 'left'"),
+        ("teleop sim_right --from track.csv --speed 0", 2, "--speed must be positive"),
+        ("teleop sim_right --from track.csv --view --web", 2, "choose one"),
         # What the parser does not know.
         ("nope", 2, "no such command 'nope'"),
         ("--nope", 2, "--nope"),
@@ -260,6 +273,7 @@ def workspace(folder: Path, recording: Path) -> None:
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
+        "track.csv": (",".join(HEADER) + "\n0,1\n").encode(),
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",
     }  # fmt: skip
     for name, content in contents.items():
