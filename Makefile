@@ -39,6 +39,7 @@ CORE := tests/test_architecture.py tests/test_safety.py tests/test_spec.py tests
 test-lowest: $(LOWEST)/.ready
 	$(LOWEST)/bin/pytest -o filterwarnings=default -p no:cacheprovider $(CORE)
 	$(LOWEST)/bin/allegro-twin run lemon
+	NO_MKDOCS_2_WARNING=1 $(LOWEST)/bin/python -m mkdocs build --quiet --site-dir out/site-lowest
 
 $(LOWEST)/.ready: pyproject.toml
 	$(PYTHON) -m venv $(LOWEST)

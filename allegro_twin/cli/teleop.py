@@ -52,14 +52,10 @@ def teleop(
     from allegro_twin.cli import console
     from allegro_twin.cli.runs import on_hand
     from allegro_twin.config import load_config
-    from allegro_twin.description.hands import load_spec
-    from allegro_twin.hand import Hand
     from allegro_twin.teleop.apart import Apart
     from allegro_twin.teleop.camera import Webcam
-    from allegro_twin.teleop.dex import Retargeting
-    from allegro_twin.teleop.follower import Follower
     from allegro_twin.teleop.leading import live, replay
-    from allegro_twin.teleop.targets import Targets
+    from allegro_twin.teleop.opened import open_follower
     from allegro_twin.teleop.tracks import read_track
 
     if view and web:
@@ -70,16 +66,12 @@ def teleop(
     track = None if source == WEBCAM else read_track(Path(source))
     side: Side = tracked or (None if track is None else track.side) or "right"
     sys.setswitchinterval(_TURNS)
-    with ExitStack() as open_things:
+    with ExitStack() as stack:
         watcher = None
         if model is not None and track is None:
-            watcher = open_things.enter_context(Apart(Webcam(model, side, camera)))
-        spec = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
-        targets = Targets(spec, side)
-        retarget = open_things.enter_context(Apart(Retargeting(spec, targets.vectors)))
-        # The hand comes last: it is not kept waiting, motors on, for what takes seconds or is not installed.
-        hand = open_things.enter_context(Hand.open(settings, background=True))
-        follower = Follower(hand, targets, retarget, _told, speed=speed, patience=patience)
+            watcher = stack.enter_context(Apart(Webcam(model, side, camera)))
+        opened = open_follower(settings, side, _told, speed=speed, patience=patience)
+        hand, follower = stack.enter_context(opened)
         console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)
         if view or web:
             _show(hand, web)

@@ -24,6 +24,7 @@ from allegro_twin.teleop import camera
 from allegro_twin.teleop.apart import Apart
 from allegro_twin.teleop.camera import Webcam, points_of
 from allegro_twin.teleop.dex import Retargeting
+from allegro_twin.teleop.opened import open_follower
 from allegro_twin.teleop.targets import Targets, vectors
 from tests.teleop.conftest import led, sim_config
 from tests.teleop.synthetic import ROOT, hand, performed, write_csv
@@ -207,6 +208,17 @@ def test_a_track_leads_a_hand_through_dex_retargeting(side: Side) -> None:
         tips = it.hand.fingertips()
         assert np.linalg.norm(tips["thumb"].position - tips["index"].position) < 0.03
         assert it.follower.tally.followed == int((times < 4.9).sum())
+
+
+def test_a_tracker_of_ones_own_leads_a_hand_frame_by_frame() -> None:
+    pytest.importorskip("dex_retargeting", exc_type=ImportError, reason="needs the extra teleop")
+    said: list[str] = []
+    with open_follower(sim_config(), "right", said.append, background=False) as (opened, follower):
+        for _ in range(60):
+            follower.see(opened.state.t, hand(0.1))
+            opened.wait(1.0 / 30.0)
+        assert opened.fingertips()["middle"].position[2] > 0.12
+    assert len(said) == 1
 
 
 def test_the_command_line_follows_a_file_or_says_what_it_lacks(tmp_path: Path) -> None:
