@@ -1,6 +1,6 @@
 """What `plan` finds for all 22 objects: `python -m benchmarks.planning [OBJECT …] [--seconds 60] [--seed 31]`.
 
-Each object lies on the table at its catalogue mass and friction 0.8; five grasps are asked for. A line of JSON an object
+Each object lies on the table at its catalogue mass, friction 0.8; five grasps are asked for. A line of JSON an object
 is appended to out/planning_<seed>_<seconds>.jsonl: what is there is not tried again, so the command goes on after an
 interruption. Held are the trials of draws that no search has seen: position ±5 mm, yaw ±10°, size ±5 %, mass ±20 %,
 friction 0.5–1.0, together. Prints the table of docs/planning.md.
