@@ -1,0 +1,146 @@
+"""DYNAMIXEL protocol 2.0: packets to bytes, and bytes back to packets whatever lies between them.
+
+`FF FF FD 00 | id | length | instruction, parameters | CRC`, little-endian; `length` counts from the instruction to the
+CRC. Within instruction and parameters `FF FF FD` is sent as `FF FF FD FD`. ROBOTIS e-Manual, protocol2.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from functools import cache
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+HEADER = b"\xff\xff\xfd\x00"
+BROADCAST = 0xFE
+LAST_ID = 0xFC
+LONGEST = 1024
+"""Bytes from the instruction to the CRC; what claims to be longer is noise. The vendor's SDK takes no more either."""
+FRAME = 10
+"""Bytes of a packet without parameters: header, id, length, instruction, CRC."""
+STATUS = 0x55
+ALERT = 0x80
+"""In a status packet's error: the servo has a hardware error."""
+_POLYNOMIAL = 0x8005
+_PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+
+
+class Instruction(IntEnum):
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    CLEAR = 0x10
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+
+
+class Refusal(IntEnum):
+    """Why a servo did not do what it was told: the error number of a status packet."""
+
+    RESULT = 1
+    INSTRUCTION = 2
+    CRC = 3
+    RANGE = 4
+    LENGTH = 5
+    LIMIT = 6
+    ACCESS = 7
+
+
+class Packet(NamedTuple):
+    """An instruction for a servo, or the status that it answers with."""
+
+    id: int
+    instruction: int
+    parameters: bytes = b""
+
+    def encoded(self) -> bytes:
+        """As it stands on the wire. Raises ValueError where the stuffed length exceeds 65535."""
+        body = (bytes((self.instruction,)) + self.parameters).replace(_PATTERN, _STUFFED)
+        head = HEADER + struct.pack("<BH", self.id, len(body) + 2) + body
+        return head + crc16(head).to_bytes(2, "little")
+
+
+class Damaged(NamedTuple):
+    """A packet whose CRC does not fit, as far as it can be believed."""
+
+    id: int
+
+
+Heard: TypeAlias = Packet | Damaged
+
+
+def status(identifier: int, error: int, data: bytes = b"") -> Packet:
+    """What a servo answers."""
+    return Packet(identifier, STATUS, bytes((error,)) + data)
+
+
+def crc16(data: bytes) -> int:
+    """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc. Sixteen bits at a time."""
+    table, crc, words = _table(), 0, len(data) // 2
+    for word in struct.unpack_from(f">{words}H", data):
+        crc = table[crc ^ word]
+    if len(data) % 2:
+        crc = (crc << 8 & 0xFFFF) ^ table[crc >> 8 ^ data[-1]]
+    return crc
+
+
+@cache
+def _table() -> list[int]:
+    """The remainder of every sixteen bits, length 65536."""
+    rest = np.arange(1 << 16, dtype=np.uint32)
+    for _ in range(16):
+        rest = np.where(rest & 0x8000, rest << 1 ^ _POLYNOMIAL, rest << 1) & 0xFFFF
+    return [int(value) for value in rest]
+
+
+class Parser:
+    """Takes bytes as they come, in any pieces, and gives the packets that are in them. Never raises.
+
+    After noise it goes on with the next header: one can stand in no packet, since bodies are stuffed, so that a packet
+    which was cut short costs itself alone.
+    """
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+
+    def clear(self) -> None:
+        """Forget what is not a packet yet."""
+        self._held.clear()
+
+    def feed(self, data: bytes) -> list[Heard]:
+        """The packets that are complete now, in order."""
+        held, found = self._held, list[Heard]()
+        held += data
+        while True:
+            begin = held.find(HEADER)
+            if begin < 0:
+                del held[: max(len(held) - len(HEADER) + 1, 0)]
+                return found
+            del held[:begin]
+            if len(held) < 7:
+                return found
+            identifier, length = struct.unpack_from("<BH", held, 4)
+            if not 3 <= length <= LONGEST or identifier in (0xFD, 0xFF):
+                del held[:3]
+                continue
+            end = 7 + length
+            another = held.find(HEADER, 7, end - 2)
+            if another >= 0:
+                del held[:another]
+            elif len(held) < end:
+                return found
+            elif crc16(bytes(held[: end - 2])) != int.from_bytes(held[end - 2 : end], "little"):
+                found.append(Damaged(identifier))
+                del held[:3]
+            else:
+                body = bytes(held[7 : end - 2]).replace(_STUFFED, _PATTERN)
+                found.append(Packet(identifier, body[0], body[1:]))
+                del held[:end]

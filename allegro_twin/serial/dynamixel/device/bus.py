@@ -1,0 +1,170 @@
+"""Many servos on one line: bytes in, bytes out."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial, reduce
+
+from allegro_twin.serial.dynamixel.codec.budget import BITS, DELAY_UNIT
+from allegro_twin.serial.dynamixel.codec.packet import (
+    BROADCAST,
+    LAST_ID,
+    Damaged,
+    Heard,
+    Instruction,
+    Packet,
+    Parser,
+    Refusal,
+    status,
+)
+from allegro_twin.serial.dynamixel.device.servo import Servo
+
+_WHERE = struct.Struct("<HH")
+_OPTION = 1
+
+
+class Bus:
+    """Servos that hear the same bytes. Those that answer at once speak over each other: a 0 wins over a 1."""
+
+    def __init__(self, servos: Sequence[Servo]) -> None:
+        self.servos, self._parser = list(servos), Parser()
+        self.seconds = 0.0
+        """For how long the line was used, with the servos' return delays."""
+
+    def clear(self) -> None:
+        """A pause on the line: what was not a packet yet never becomes one."""
+        self._parser.clear()
+
+    def receive(self, data: bytes, baud: int) -> bytes:
+        """What the servos answer to what a host sends at this speed. Never raises."""
+        self.seconds += len(data) * BITS / baud
+        answer = b"".join(piece for heard in self._parser.feed(data) for piece in self._answers(heard, baud))
+        self.seconds += len(answer) * BITS / baud
+        return answer
+
+    def _answers(self, heard: Heard, baud: int) -> Iterator[bytes]:
+        there = [servo for servo in self.servos if servo.baud == baud and not servo.mute]
+        if isinstance(heard, Damaged):
+            mine = [servo for servo in there if servo.id == heard.id and servo.return_level == 2]
+            yield self._together(mine, lambda servo: _status(servo, Refusal.CRC))
+            return
+        for servo in there:
+            if heard.id in (servo.id, BROADCAST):
+                servo.heard()
+        match heard.instruction:
+            case Instruction.SYNC_READ | Instruction.BULK_READ:
+                yield from self._in_turn(heard, there)
+            case Instruction.SYNC_WRITE | Instruction.BULK_WRITE:
+                self._to_each(heard, there)
+            case Instruction.PING if heard.id == BROADCAST:
+                for identifier in sorted({servo.id for servo in there}):
+                    yield self._together([servo for servo in there if servo.id == identifier], _ping)
+            case _ if heard.id == BROADCAST:
+                for servo in there:
+                    _obey(servo, heard)
+            case _:
+                mine = [servo for servo in there if servo.id == heard.id]
+                yield self._together(mine, partial(_obey, heard=heard))
+
+    def _in_turn(self, heard: Packet, there: Sequence[Servo]) -> Iterator[bytes]:
+        """Each waits for the one before: after one that is silent nobody speaks (DynamixelSDK issue 364)."""
+        for identifier, address, length in _asked(heard):
+            mine = [servo for servo in there if servo.id == identifier and servo.return_level >= 1]
+            answer = self._together(mine, partial(_read, address=address, length=length))
+            if not answer:
+                return
+            yield answer
+
+    def _to_each(self, heard: Packet, there: Sequence[Servo]) -> None:
+        by_id = dict[int, list[Servo]]()
+        for servo in there:
+            by_id.setdefault(servo.id, []).append(servo)
+        for identifier, address, data in _told(heard):
+            for servo in by_id.get(identifier, ()):
+                servo.write(address, data)
+
+    def _together(self, servos: Sequence[Servo], answered: Callable[[Servo], bytes]) -> bytes:
+        spoken = [answer for servo in servos if (answer := answered(servo))]
+        if not spoken:
+            return b""
+        self.seconds += max(servo.return_delay for servo in servos) * DELAY_UNIT
+        return spoken[0] if len(spoken) == 1 else reduce(_over, spoken)
+
+
+def _over(one: bytes, other: bytes) -> bytes:
+    length = max(len(one), len(other))
+    return bytes(a & b for a, b in zip(one.ljust(length, b"\xff"), other.ljust(length, b"\xff"), strict=True))
+
+
+def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
+    return status(servo.id, error | servo.alert, data).encoded()
+
+
+def _read(servo: Servo, address: int, length: int) -> bytes:
+    return _status(servo, *servo.read(address, length))
+
+
+def _ping(servo: Servo) -> bytes:
+    return _status(servo, 0, servo.memory.read(0, 2) + servo.memory.read(6, 1))
+
+
+def _obey(servo: Servo, heard: Packet) -> bytes:
+    """Do it; what the servo answers, as far as its Status Return Level lets it."""
+    given, level = heard.parameters, servo.return_level
+    match heard.instruction:
+        case Instruction.PING:
+            return _ping(servo)
+        case Instruction.READ:
+            if heard.id == BROADCAST:
+                return b""
+            error, data = servo.read(*_WHERE.unpack(given)) if len(given) == _WHERE.size else (Refusal.LENGTH, b"")
+            return _status(servo, error, data) if level >= 1 else b""
+        case Instruction.WRITE if len(given) >= 2:
+            error = servo.write(int.from_bytes(given[:2], "little"), given[2:])
+        case Instruction.REG_WRITE if len(given) >= 2:
+            error = servo.register(int.from_bytes(given[:2], "little"), given[2:])
+        case Instruction.ACTION:
+            error = servo.act()
+        case Instruction.FACTORY_RESET if len(given) == _OPTION and not (heard.id == BROADCAST and given == b"\xff"):
+            before = servo.id
+            error = servo.factory_reset(given[0])
+            return status(before, error).encoded() if level == 2 else b""
+        case Instruction.REBOOT:
+            servo.reboot()
+            error = 0
+        case Instruction.CLEAR:
+            error = servo.clear(given)
+        case _:
+            error = Refusal.INSTRUCTION
+    return _status(servo, error) if level == 2 else b""
+
+
+def _asked(heard: Packet) -> list[tuple[int, int, int]]:
+    """Who shall read what: id, address, length."""
+    given = heard.parameters
+    if heard.instruction == Instruction.SYNC_READ:
+        if len(given) < _WHERE.size:
+            return []
+        address, length = _WHERE.unpack_from(given)
+        return [(identifier, address, length) for identifier in given[_WHERE.size :] if identifier <= LAST_ID]
+    rows = [given[k : k + 5] for k in range(0, len(given) - 4, 5)]
+    return [(row[0], *_WHERE.unpack_from(row, 1)) for row in rows]
+
+
+def _told(heard: Packet) -> Iterator[tuple[int, int, bytes]]:
+    """Who shall write what: id, address, bytes. What is cut short at the end is left out."""
+    given = heard.parameters
+    if heard.instruction == Instruction.SYNC_WRITE:
+        if len(given) < _WHERE.size:
+            return
+        address, length = _WHERE.unpack_from(given)
+        for k in range(_WHERE.size, len(given) - length, length + 1):
+            yield given[k], address, given[k + 1 : k + 1 + length]
+        return
+    k = 0
+    while k + 5 <= len(given):
+        address, length = _WHERE.unpack_from(given, k + 1)
+        if k + 5 + length <= len(given):
+            yield given[k], address, given[k + 5 : k + 5 + length]
+        k += 5 + length
