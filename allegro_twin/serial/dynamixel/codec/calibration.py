@@ -106,7 +106,7 @@ class Calibration:
     def ticks(self, position: Vector) -> list[int]:
         """Of the actuators' positions, shape (m,), rad, to the nearest; no farther than the servos count."""
         ticks = np.rint(position / self._per_tick + self._zero)
-        return [int(tick) for tick in np.clip(ticks, -FARTHEST, FARTHEST)]
+        return _whole(np.minimum(np.maximum(ticks, -FARTHEST), FARTHEST))
 
     def position(self, ticks: Array) -> Vector:
         """Of the actuators, shape (m,), rad."""
@@ -133,4 +133,9 @@ class Calibration:
     def effort_counts(self, effort: Vector) -> list[int]:
         """The current to allow for an effort, in counts, rounded down, and never above the limit."""
         counts = np.floor(effort / np.abs(self.model.current_unit * self._per_ampere) + 1e-6)
-        return [int(value) for value in np.minimum(counts, self.current_counts)]
+        return _whole(np.minimum(counts, self.current_counts))
+
+
+def _whole(values: Array) -> list[int]:
+    found: list[int] = values.astype(int).tolist()
+    return found

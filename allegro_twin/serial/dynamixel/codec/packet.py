@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from functools import cache
 from typing import NamedTuple, TypeAlias
 
-import numpy as np
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -83,22 +81,21 @@ def status(identifier: int, error: int, data: bytes = b"") -> Packet:
 
 
 def crc16(data: bytes) -> int:
-    """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc. Sixteen bits at a time."""
-    table, crc, words = _table(), 0, len(data) // 2
-    for word in struct.unpack_from(f">{words}H", data):
-        crc = table[crc ^ word]
-    if len(data) % 2:
-        crc = (crc << 8 & 0xFFFF) ^ table[crc >> 8 ^ data[-1]]
+    """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc."""
+    crc = 0
+    for byte in data:
+        crc = (crc << 8 & 0xFF00) ^ _TABLE[crc >> 8 ^ byte]
     return crc
 
 
-@cache
-def _table() -> list[int]:
-    """The remainder of every sixteen bits, length 65536."""
-    rest = np.arange(1 << 16, dtype=np.uint32)
-    for _ in range(16):
-        rest = np.where(rest & 0x8000, rest << 1 ^ _POLYNOMIAL, rest << 1) & 0xFFFF
-    return [int(value) for value in rest]
+def _remainder(byte: int) -> int:
+    rest = byte << 8
+    for _ in range(8):
+        rest = rest << 1 ^ (_POLYNOMIAL if rest & 0x8000 else 0)
+    return rest & 0xFFFF
+
+
+_TABLE = tuple(_remainder(byte) for byte in range(256))
 
 
 class Parser:

@@ -118,8 +118,8 @@ _XM430 = (
     _r(144, 2, "present_input_voltage", 120),
     _r(146, 1, "present_temperature", 25),
 )
-# What is otherwise on the XC330-M288. Its acceleration limit does not exist; where its indirect addresses are the manual
-# (208) and the SDK's file (224) disagree, so it has none here.
+# What is otherwise on the XC330-M288. It has no acceleration limit; on where its indirect data begin the manual (208)
+# and the SDK's file (224) disagree, so it has none here.
 _XC330_M288 = (
     _r(0, 2, "model_number", 1240),
     _rw(8, 1, "baud_rate", 1, 0, 6),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial, reduce
 
 from allegro_twin.serial.dynamixel.codec.budget import BITS, DELAY_UNIT
@@ -44,44 +44,43 @@ class Bus:
         return answer
 
     def _answers(self, heard: Heard, baud: int) -> Iterator[bytes]:
-        there = [servo for servo in self.servos if servo.baud == baud and not servo.mute]
+        there = dict[int, list[Servo]]()
+        for servo in self.servos:
+            if servo.baud == baud and not servo.mute:
+                there.setdefault(servo.id, []).append(servo)
+        mine = there.get(heard.id, [])
         if isinstance(heard, Damaged):
-            mine = [servo for servo in there if servo.id == heard.id and servo.return_level == 2]
-            yield self._together(mine, lambda servo: _status(servo, Refusal.CRC))
+            yield self._together([servo for servo in mine if servo.return_level == 2], _damaged)
             return
-        for servo in there:
-            if heard.id in (servo.id, BROADCAST):
-                servo.heard()
+        everybody = [servo for servos in there.values() for servo in servos]
+        for servo in everybody if heard.id == BROADCAST else mine:
+            servo.heard()
         match heard.instruction:
             case Instruction.SYNC_READ | Instruction.BULK_READ:
                 yield from self._in_turn(heard, there)
             case Instruction.SYNC_WRITE | Instruction.BULK_WRITE:
                 self._to_each(heard, there)
             case Instruction.PING if heard.id == BROADCAST:
-                for identifier in sorted({servo.id for servo in there}):
-                    yield self._together([servo for servo in there if servo.id == identifier], _ping)
+                for identifier in sorted(there):
+                    yield self._together(there[identifier], _ping)
             case _ if heard.id == BROADCAST:
-                for servo in there:
+                for servo in everybody:
                     _obey(servo, heard)
             case _:
-                mine = [servo for servo in there if servo.id == heard.id]
                 yield self._together(mine, partial(_obey, heard=heard))
 
-    def _in_turn(self, heard: Packet, there: Sequence[Servo]) -> Iterator[bytes]:
+    def _in_turn(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> Iterator[bytes]:
         """Each waits for the one before: after one that is silent nobody speaks (DynamixelSDK issue 364)."""
         for identifier, address, length in _asked(heard):
-            mine = [servo for servo in there if servo.id == identifier and servo.return_level >= 1]
+            mine = [servo for servo in there.get(identifier, ()) if servo.return_level >= 1]
             answer = self._together(mine, partial(_read, address=address, length=length))
             if not answer:
                 return
             yield answer
 
-    def _to_each(self, heard: Packet, there: Sequence[Servo]) -> None:
-        by_id = dict[int, list[Servo]]()
-        for servo in there:
-            by_id.setdefault(servo.id, []).append(servo)
+    def _to_each(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> None:
         for identifier, address, data in _told(heard):
-            for servo in by_id.get(identifier, ()):
+            for servo in there.get(identifier, ()):
                 servo.write(address, data)
 
     def _together(self, servos: Sequence[Servo], answered: Callable[[Servo], bytes]) -> bytes:
@@ -99,6 +98,10 @@ def _over(one: bytes, other: bytes) -> bytes:
 
 def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
     return status(servo.id, error | servo.alert, data).encoded()
+
+
+def _damaged(servo: Servo) -> bytes:
+    return _status(servo, Refusal.CRC)
 
 
 def _read(servo: Servo, address: int, length: int) -> bytes:

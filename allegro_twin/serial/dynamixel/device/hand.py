@@ -13,8 +13,8 @@ from allegro_twin.serial.dynamixel.codec.shafts import Shafts, of_joints
 from allegro_twin.serial.dynamixel.codec.table import FARTHEST
 from allegro_twin.serial.dynamixel.device.bus import Bus
 from allegro_twin.serial.dynamixel.device.faults import FaultPlan, Faults
-from allegro_twin.serial.dynamixel.device.servo import Servo
-from allegro_twin.types import Array, HandState, PositionCommand
+from allegro_twin.serial.dynamixel.device.servo import Servo, Wants
+from allegro_twin.types import Array, HandState, PositionCommand, Vector
 
 _INT16 = 32767
 
@@ -61,18 +61,19 @@ class VirtualHand:
         """Begin the scene anew; the servos stay as they are."""
         self.state = self.backend.reset()
         self._steps, self.now = 0, 0.0
-        self._told: list[tuple[int, int]] | None = None
+        self._told: list[Wants] | None = None
+        self._warmth: Vector | None = None
         self._sense()
 
     def step(self) -> HandState:
         """Let one period pass."""
         self.faults.happen(self._on)
-        wants = [(servo.wants) for servo in self.servos]
+        wants = [servo.wants for servo in self.servos]
         if wants != self._told:
             goals, currents = np.array(wants, dtype=np.float64).T
             effort = self.calibration.effort(currents)
             self.backend.write(PositionCommand(self.calibration.position(goals), effort=effort))
-            self._told = list(wants)
+            self._told = wants
         self.state = self.backend.read()
         self._steps += 1
         self.now = self._steps * self.period
@@ -96,18 +97,16 @@ class VirtualHand:
         rows = zip(self.servos, calibration.ticks(shafts.position), velocity, current, strict=True)
         for servo, tick, speed, draws in rows:
             servo.sense(tick, speed, draws)
-        for k, celsius in enumerate(self.state.temperature) if self._warm else ():
-            self.servos[k].heat(float(celsius))
+        warmth = self.state.temperature
+        if warmth is not self._warmth and len(warmth) == len(self.servos) and np.isfinite(warmth).all():
+            for servo, celsius in zip(self.servos, warmth, strict=True):
+                servo.heat(float(celsius))
+        self._warmth = warmth
         for k, celsius in self.faults.heat.items():
             self.servos[k].heat(celsius)
-
-    @property
-    def _warm(self) -> bool:
-        """Whether the backend says how warm each servo is."""
-        warmth = self.state.temperature
-        return len(warmth) == len(self.servos) and bool(np.isfinite(warmth).all())
 
 
 def _whole(values: Array, most: int) -> list[int]:
     """What a servo can say of them; what a simulation does not say is 0, for a servo always measures."""
-    return [int(value) for value in np.clip(np.nan_to_num(values), -most, most)]
+    found: list[int] = np.minimum(np.maximum(np.nan_to_num(values), -most), most).astype(int).tolist()
+    return found

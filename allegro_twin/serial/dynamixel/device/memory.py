@@ -14,8 +14,8 @@ _GOALS = {*_LIMITED, "goal_position"}
 _TRIPPED = TRIPPED & 0xFF
 
 
-class Refused(Exception):  # noqa: N818  # It never leaves the servo: it becomes the error of a status packet.
-    """A servo's answer is this error number."""
+class Refused(Exception):
+    """A servo's answer is this error number. It never leaves the servo."""
 
     def __init__(self, why: Refusal) -> None:
         super().__init__(why)
@@ -30,6 +30,8 @@ class Memory:
         self._pointers = {
             data + k: pointer + 2 * k for pointer, data, count in model.indirect for k in range(count)
         }  # fmt: skip
+        self._plain = set[tuple[int, int]]()
+        """Rows of bytes, address and length, that are known to belong to items."""
         self.restore(range(_SIZE))
 
     def restore(self, addresses: range) -> None:
@@ -43,7 +45,7 @@ class Memory:
 
     def get(self, name: str) -> int:
         item = self.model.named[name]
-        return item.value_of(self.bytes[item.address : item.address + item.size])
+        return item.value_of(bytes(self.bytes[item.address : item.address + item.size]))
 
     def put(self, name: str, value: int) -> None:
         """What the servo itself does: nothing is checked."""
@@ -54,8 +56,10 @@ class Memory:
         """Raises Refused."""
         if not length:
             raise Refused(Refusal.LENGTH)
-        if self.model.at.keys() >= {address, address + length - 1} and self._known(address, length):
+        if (address, length) in self._plain:
             return bytes(self.bytes[address : address + length])
+        if all(k in self.model.at for k in range(address, address + length)):
+            self._plain.add((address, length))
         return bytes(self._byte(k) for k in range(address, address + length))
 
     def writes(self, address: int, data: bytes) -> list[tuple[Field, int]]:
@@ -63,6 +67,11 @@ class Memory:
         once. Raises Refused."""
         if not data:
             raise Refused(Refusal.LENGTH)
+        item = self.model.at.get(address)
+        if item is not None and (item.address, item.size) == (address, len(data)):
+            value = item.value_of(data)
+            self._check(item, value)
+            return [(item, value)]
         items = list[tuple[Field, int]]()
         for begin, piece in self._runs(address, data):
             if begin in self._pointers.values():
@@ -72,9 +81,6 @@ class Memory:
         for item, value in items:
             self._check(item, value)
         return items
-
-    def _known(self, address: int, length: int) -> bool:
-        return all(k in self.model.at for k in range(address, address + length))
 
     def _byte(self, address: int) -> int:
         pointer = self._pointers.get(address)

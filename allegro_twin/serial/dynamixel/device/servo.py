@@ -23,7 +23,6 @@ from allegro_twin.serial.dynamixel.device.memory import Memory, Refused
 _PRESENT = struct.Struct("<hii")
 """Current, velocity, position, from address 126 on."""
 _GOAL_CURRENT, _CURRENT_LIMIT, _GOAL_POSITION = struct.Struct("<hh"), struct.Struct("<H"), struct.Struct("<i")
-_HOMING_OFFSET = struct.Struct("<i")
 _RAM = range(EEPROM_END, 1 << 16)
 _GAINS = (
     "velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain",
@@ -57,7 +56,9 @@ class Servo:
         self.mute = False
         """Whether it is off the bus: no power, or its plug is out."""
         self._silent = self._time = 0.0
-        self._shaft, self._turns = 0, 0
+        self._shaft = self._turns = 0
+        self._sign, self._offset = 1, 0
+        """Of its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
 
     @property
     def id(self) -> int:
@@ -137,7 +138,8 @@ class Servo:
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
         """The error number and the bytes."""
-        self.memory.put("realtime_tick", int(1000.0 * self._time) % 32768)
+        if address < 122 <= address + length + 1:
+            self.memory.put("realtime_tick", int(1000.0 * self._time) % 32768)
         try:
             return 0, self.memory.read(address, length)
         except Refused as refused:
@@ -179,9 +181,9 @@ class Servo:
         self.memory.put("goal_pwm", self.memory.get("pwm_limit"))
         self.memory.put("present_temperature", temperature)
         self.registered = None
-        self._turns = 0
+        self._place()
         self._turns = -((self._sign * self._shaft) // TURN) * TURN
-        self.sense(self._shaft, 0, 0)
+        self._place()
         self._stay()
 
     def factory_reset(self, option: int) -> int:
@@ -204,16 +206,14 @@ class Servo:
         if self.memory.get("present_velocity"):
             return Refusal.RESULT
         self._turns -= self.memory.get("present_position") // TURN * TURN
-        self.sense(self._shaft, 0, self._sign * self.memory.get("present_current"))
+        self._place()
         return 0
 
-    @property
-    def _sign(self) -> int:
-        return -1 if self.memory.bytes[10] & 1 else 1
-
-    @property
-    def _offset(self) -> int:
-        return int(self._turns + _HOMING_OFFSET.unpack_from(self.memory.bytes, 20)[0])
+    def _place(self) -> None:
+        """What lies between its ticks and its shaft has changed."""
+        self._sign = -1 if self.memory.bytes[10] & 1 else 1
+        self._offset = self._turns + self.memory.get("homing_offset")
+        self.sense(self._shaft, 0, 0)
 
     def _to_shaft(self, tick: int) -> int:
         return self._sign * (tick - self._offset)
@@ -233,4 +233,4 @@ class Servo:
             memory.put("goal_pwm", memory.get("pwm_limit"))
             memory.put("goal_current", memory.get("current_limit"))
         elif item.name in ("homing_offset", "drive_mode"):
-            self.sense(self._shaft, 0, 0)
+            self._place()

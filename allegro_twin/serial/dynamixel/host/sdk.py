@@ -1,0 +1,156 @@
+"""The vendor's packet handler, unmodified: what is asked of a hand's servos, and what their answers mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
+from allegro_twin.serial.dynamixel.codec.packet import ALERT, BROADCAST, Instruction, Packet, Refusal
+from allegro_twin.serial.dynamixel.codec.table import ERRORS, Model
+from allegro_twin.serial.dynamixel.host.line import Line
+
+_DONE, _OVERDUE, _GARBLED = 0, -3001, -3002
+"""COMM_SUCCESS, COMM_RX_TIMEOUT, COMM_RX_CORRUPT of dynamixel_sdk.robotis_def."""
+_REASONS = {
+    Refusal.RESULT: "it could not do it",
+    Refusal.INSTRUCTION: "it does not know the instruction",
+    Refusal.CRC: "it heard it garbled",
+    Refusal.RANGE: "the value is out of range, or its bus watchdog has struck",
+    Refusal.LENGTH: "the length is wrong",
+    Refusal.LIMIT: "the value is beyond its limit",
+    Refusal.ACCESS: "the item cannot be accessed, or is locked while torque is on",
+}
+
+
+def packet_handler() -> Any:
+    """`dynamixel_sdk`'s, of protocol 2.0. Raises ConfigError where it is not installed."""
+    try:
+        from dynamixel_sdk import PacketHandler
+    except ImportError as error:
+        raise ConfigError("a Dynamixel hand needs the vendor's SDK: pip install 'allegro-twin[dynamixel]'") from error
+    return PacketHandler(2.0)
+
+
+def causes(hardware_error: int) -> str:
+    """The bits of Hardware Error Status in words."""
+    known = [word for bit, word in ERRORS.items() if hardware_error & 1 << bit]
+    return " and ".join(known) or f"hardware error 0x{hardware_error:02X}"
+
+
+class Sdk:
+    """Items of servos, by their names. Raises LinkTimeout where none answers, ProtocolError where what comes is no
+    answer or a refusal, LinkError when the line is gone. `names`: what each id is called in messages."""
+
+    def __init__(self, line: Line, model: Model, names: dict[int, str]) -> None:
+        self.line, self._model, self._names = line, model, names
+        self._handler = packet_handler()
+        self.alerts = set[int]()
+        """Ids whose last answer said that there is a hardware error."""
+
+    def ping(self, identifier: int) -> int | None:
+        """The model number; None where nobody answers, or not as a servo does."""
+        with self._turn():
+            number, result, _ = self._handler.ping(self.line, identifier)
+        return int(number) if result == _DONE else None
+
+    def everybody(self) -> dict[int, int]:
+        """Whoever answers to a broadcast: ids and their model numbers. Takes most of a second on a real line."""
+        with self._turn():
+            found, _ = self._handler.broadcastPing(self.line)
+        return {int(identifier): int(said[0]) for identifier, said in found.items()}
+
+    def read(self, identifier: int, name: str) -> int:
+        """An item of one servo."""
+        item = self._model.named[name]
+        with self._turn():
+            data, result, error = self._handler.readTxRx(self.line, identifier, item.address, item.size)
+        self._check(identifier, result, error, f"read {name} of")
+        return item.value_of(self._whole(identifier, data, item.size))
+
+    def write(self, identifier: int, name: str, value: int) -> None:
+        """Set an item of one servo, and have it confirmed."""
+        item = self._model.named[name]
+        with self._turn():
+            data = list(item.bytes_of(value))
+            result, error = self._handler.writeTxRx(self.line, identifier, item.address, item.size, data)
+        self._check(identifier, result, error, f"write {name} = {value} to")
+
+    def reboot(self, identifier: int) -> None:
+        with self._turn():
+            result, error = self._handler.reboot(self.line, identifier)
+        self._check(identifier, result, error & ~ALERT, "reboot")
+
+    def tell(self, ids: Sequence[int], name: str, values: Sequence[int]) -> None:
+        """Set an item of all of them at once. Nobody confirms it."""
+        item, parameters = self._model.named[name], bytearray()
+        for identifier, value in zip(ids, values, strict=True):
+            parameters.append(identifier)
+            parameters += item.bytes_of(value)
+        with self._turn():
+            result = self._handler.syncWriteTxOnly(
+                self.line, item.address, item.size, list(parameters), len(parameters)
+            )
+        if result != _DONE:
+            raise LinkError(f"{self.line.name} did not take {name} for {len(ids)} servos; is it plugged in?")
+
+    def ask(self, ids: Sequence[int], address: int, size: int) -> bytes:
+        """So many bytes of each of them, one after the other."""
+        said = bytearray()
+        with self._turn():
+            self._handler.syncReadTx(self.line, address, size, list(ids), len(ids), False)
+            for identifier in ids:
+                data, result, error = self._handler.readRx(self.line, identifier, size)
+                self._check(identifier, result, error, "read")
+                said += self._whole(identifier, data, size)
+        return bytes(said)
+
+    def ask_item(self, ids: Sequence[int], name: str) -> list[int]:
+        """An item of each of them."""
+        item = self._model.named[name]
+        said = self.ask(ids, item.address, item.size)
+        return [item.value_of(said[k : k + item.size]) for k in range(0, len(said), item.size)]
+
+    def limp_words(self) -> bytes:
+        """The bytes that switch every motor on the line off."""
+        item = self._model.named["torque_enable"]
+        address = item.address.to_bytes(2, "little")
+        return Packet(BROADCAST, Instruction.WRITE, address + bytes((0,))).encoded()
+
+    def _turn(self) -> _Turn:
+        return _Turn(self.line)
+
+    def _check(self, identifier: int, result: int, error: int, doing: str) -> None:
+        if result == _DONE and not error:
+            return
+        who = f"{self._names.get(identifier, 'servo')} (id {identifier})"
+        if result == _OVERDUE:
+            raise LinkTimeout(f"no answer from {who} on {self.line.name}; is it powered and plugged in?")
+        if result != _DONE:
+            raise ProtocolError(f"what {who} answered on {self.line.name} is garbled (SDK result {result})")
+        if error & ALERT:
+            self.alerts.add(identifier)
+        if error & ~ALERT:
+            why = _REASONS.get(Refusal(error & ~ALERT), "") if error & ~ALERT <= Refusal.ACCESS else f"error {error}"
+            raise ProtocolError(f"cannot {doing} {who}: {why}")
+
+    def _whole(self, identifier: int, data: Sequence[int], size: int) -> bytes:
+        if len(data) != size:
+            raise ProtocolError(f"id {identifier} answered with {len(data)} bytes in place of {size}")
+        return bytes(data)
+
+
+class _Turn:
+    """One exchange. The SDK marks its port as in use and forgets to take that back on some ways out; and its parser
+    counts on a packet that is as long as it says."""
+
+    def __init__(self, line: Line) -> None:
+        self._line = line
+
+    def __enter__(self) -> None:
+        self._line.is_using = False
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+        self._line.is_using = False
+        if isinstance(error, IndexError):
+            raise ProtocolError(f"what came on {self._line.name} is no packet; the SDK gave up on it") from error
