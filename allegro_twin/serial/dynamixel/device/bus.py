@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial, reduce
+from functools import partial
 
 from allegro_twin.serial.dynamixel.codec.budget import BITS, DELAY_UNIT
 from allegro_twin.serial.dynamixel.codec.packet import (
@@ -72,8 +72,7 @@ class Bus:
     def _in_turn(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> Iterator[bytes]:
         """Each waits for the one before: after one that is silent nobody speaks (DynamixelSDK issue 364)."""
         for identifier, address, length in _asked(heard):
-            mine = [servo for servo in there.get(identifier, ()) if servo.return_level >= 1]
-            answer = self._together(mine, partial(_read, address=address, length=length))
+            answer = self._together(there.get(identifier, ()), partial(_read, address=address, length=length))
             if not answer:
                 return
             yield answer
@@ -84,11 +83,13 @@ class Bus:
                 servo.write(address, data)
 
     def _together(self, servos: Sequence[Servo], answered: Callable[[Servo], bytes]) -> bytes:
-        spoken = [answer for servo in servos if (answer := answered(servo))]
-        if not spoken:
-            return b""
-        self.seconds += max(servo.return_delay for servo in servos) * DELAY_UNIT
-        return spoken[0] if len(spoken) == 1 else reduce(_over, spoken)
+        spoken = b""
+        for servo in servos:
+            answer = answered(servo)
+            if answer:
+                spoken = _over(spoken, answer) if spoken else answer
+                self.seconds += servo.return_delay * DELAY_UNIT
+        return spoken
 
 
 def _over(one: bytes, other: bytes) -> bytes:
@@ -105,7 +106,7 @@ def _damaged(servo: Servo) -> bytes:
 
 
 def _read(servo: Servo, address: int, length: int) -> bytes:
-    return _status(servo, *servo.read(address, length))
+    return _status(servo, *servo.read(address, length)) if servo.return_level >= 1 else b""
 
 
 def _ping(servo: Servo) -> bytes:
@@ -121,8 +122,9 @@ def _obey(servo: Servo, heard: Packet) -> bytes:
         case Instruction.READ:
             if heard.id == BROADCAST:
                 return b""
-            error, data = servo.read(*_WHERE.unpack(given)) if len(given) == _WHERE.size else (Refusal.LENGTH, b"")
-            return _status(servo, error, data) if level >= 1 else b""
+            if len(given) == _WHERE.size:
+                return _read(servo, *_WHERE.unpack(given))
+            return _status(servo, Refusal.LENGTH) if level >= 1 else b""
         case Instruction.WRITE if len(given) >= 2:
             error = servo.write(int.from_bytes(given[:2], "little"), given[2:])
         case Instruction.REG_WRITE if len(given) >= 2:
