@@ -26,6 +26,8 @@ from allegro_twin.types import Command, HandState, PositionCommand, Vector, froz
 
 BAUD = 1_000_000
 PERIOD = 0.01
+MADE: list[DynamixelBackend] = []
+"""What a test has made and may not have closed."""
 KT = 1.5
 """N·m/A of the servos here."""
 LIMIT = 0.4
@@ -120,7 +122,8 @@ class Bench:
         self.backend = self.made()
 
     def made(self) -> DynamixelBackend:
-        return DynamixelBackend(self.joints.spec, self.calibration, self.open, self.settings)
+        MADE.append(DynamixelBackend(self.joints.spec, self.calibration, self.open, self.settings))
+        return MADE[-1]
 
     def go(self, position: float | Vector, periods: int = 1, effort: float | None = None) -> HandState:
         """Go there for so many periods; the last state."""

@@ -10,7 +10,6 @@ import struct
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
-
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
 LAST_ID = 0xFC

@@ -163,7 +163,7 @@ class DynamixelBackend:
         try:
             n = len(self._calibration.ids)
             budget.check(self._settings.period, budget.budget(n, line.baud, self._settings.return_delay))
-            self._sdk = Sdk(line, self._calibration.model, self._names)
+            self._sdk = Sdk(line, self._calibration.model, self._names, self._settings.tries)
             self._motors = Motors(self._sdk, self._calibration, self._settings.watchdog_counts)
             self._fresh()
             prepare.find(self._sdk, self._calibration)
@@ -247,7 +247,4 @@ class DynamixelBackend:
         if self._line is None or not self._motors.on:
             return
         if why := self._motors.stop():
-            after = f"; its servos stop by themselves after {self._settings.watchdog:g} s"
-            self.unconfirmed = (
-                f"the hand has not confirmed that it is limp ({why}){after}; cut its power if it still pushes"
-            )
+            self.unconfirmed = f"the hand has not confirmed that it is limp ({why}); cut its power if it still pushes"

@@ -49,7 +49,7 @@ class Motors:
         for _ in range(_TRIES):
             try:
                 self._each("torque_enable", 0)
-                if self._are("torque_enable", [0] * len(self._ids)):
+                if not any(self._sdk.ask_item(self._ids, "torque_enable")):
                     self.on = False
                     return ""
                 why = "a servo says that its torque is on"

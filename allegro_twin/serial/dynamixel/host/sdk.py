@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
@@ -42,17 +43,18 @@ class Sdk:
     """Items of servos, by their names. Raises LinkTimeout where none answers, ProtocolError where what comes is no
     answer or a refusal, LinkError when the line is gone. `names`: what each id is called in messages."""
 
-    def __init__(self, line: Line, model: Model, names: dict[int, str]) -> None:
-        self.line, self._model, self._names = line, model, names
+    def __init__(self, line: Line, model: Model, names: dict[int, str], tries: int = 3) -> None:
+        """`tries`: how often one servo is asked before it counts as silent."""
+        self.line, self._model, self._names, self._tries = line, model, names, tries
         self._handler = packet_handler()
         self.alerts = set[int]()
         """Ids whose last answer said that there is a hardware error."""
 
     def ping(self, identifier: int) -> int | None:
         """The model number; None where nobody answers, or not as a servo does."""
-        with self._turn():
-            number, result, _ = self._handler.ping(self.line, identifier)
-        return int(number) if result == _DONE else None
+        number, result, error = self._again(lambda: self._handler.ping(self.line, identifier))
+        # Of an answer that is nothing but an error the SDK takes the CRC for the model number.
+        return int(number) if result == _DONE and not error & ~ALERT else None
 
     def everybody(self) -> dict[int, int]:
         """Whoever answers to a broadcast: ids and their model numbers. Takes most of a second on a real line."""
@@ -63,22 +65,23 @@ class Sdk:
     def read(self, identifier: int, name: str) -> int:
         """An item of one servo."""
         item = self._model.named[name]
-        with self._turn():
-            data, result, error = self._handler.readTxRx(self.line, identifier, item.address, item.size)
+        data, result, error = self._again(
+            lambda: self._handler.readTxRx(self.line, identifier, item.address, item.size)
+        )
         self._check(identifier, result, error, f"read {name} of")
         return item.value_of(self._whole(identifier, data, item.size))
 
     def write(self, identifier: int, name: str, value: int) -> None:
         """Set an item of one servo, and have it confirmed."""
         item = self._model.named[name]
-        with self._turn():
-            data = list(item.bytes_of(value))
-            result, error = self._handler.writeTxRx(self.line, identifier, item.address, item.size, data)
+        data = list(item.bytes_of(value))
+        result, error = self._again(
+            lambda: self._handler.writeTxRx(self.line, identifier, item.address, item.size, data)
+        )
         self._check(identifier, result, error, f"write {name} = {value} to")
 
     def reboot(self, identifier: int) -> None:
-        with self._turn():
-            result, error = self._handler.reboot(self.line, identifier)
+        result, error = self._again(lambda: self._handler.reboot(self.line, identifier))
         self._check(identifier, result, error & ~ALERT, "reboot")
 
     def tell(self, ids: Sequence[int], name: str, values: Sequence[int]) -> None:
@@ -108,7 +111,12 @@ class Sdk:
     def ask_item(self, ids: Sequence[int], name: str) -> list[int]:
         """An item of each of them."""
         item = self._model.named[name]
-        said = self.ask(ids, item.address, item.size)
+        for _ in range(self._tries - 1):
+            with suppress(LinkTimeout, ProtocolError):  # Lost on the way: asked again.
+                said = self.ask(ids, item.address, item.size)
+                break
+        else:
+            said = self.ask(ids, item.address, item.size)
         return [item.value_of(said[k : k + item.size]) for k in range(0, len(said), item.size)]
 
     def limp_words(self) -> bytes:
@@ -116,6 +124,21 @@ class Sdk:
         item = self._model.named["torque_enable"]
         address = item.address.to_bytes(2, "little")
         return Packet(BROADCAST, Instruction.WRITE, address + bytes((0,))).encoded()
+
+    def _again(self, exchange: Callable[[], Any]) -> Any:
+        """What the SDK makes of an exchange with one servo: at the last try, or once it is whole."""
+        for left in reversed(range(self._tries)):
+            try:
+                with self._turn():
+                    outcome = exchange()
+            except ProtocolError:
+                if not left:
+                    raise
+                continue
+            heard = outcome[-1] & ~ALERT != Refusal.CRC
+            if heard and outcome[-2] not in (_OVERDUE, _GARBLED):
+                break
+        return outcome
 
     def _turn(self) -> _Turn:
         return _Turn(self.line)
