@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from allegro_twin.config.backends import CanSettings, ReplaySettings, SimSettings
 from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.dynamixel import DynamixelSettings
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.unread import unread
 from allegro_twin.config.values import PerJoint, Positive
@@ -40,7 +41,7 @@ class RunConfig(Settings):
     """Everything that `allegro-twin run` needs."""
 
     hand: HandSettings = HandSettings()
-    backend: Annotated[SimSettings | CanSettings | ReplaySettings, Field(discriminator="kind")]
+    backend: Annotated[SimSettings | CanSettings | DynamixelSettings | ReplaySettings, Field(discriminator="kind")]
     controller: Annotated[
         TorqueSettings | GravitySettings | PositionSettings | PolicySettings, Field(discriminator="kind")
     ]

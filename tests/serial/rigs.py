@@ -54,7 +54,7 @@ def calibrated(n: int = 4, model: Model = XM430_W350, **changed: object) -> Cali
 class Joints:
     """A HandBackend of joints with inertia and damping, each drawn to its goal by a spring of limited force."""
 
-    inertia, damping, stiffness = 0.005, 0.05, 3.0
+    inertia, damping, stiffness = 0.005, 0.15, 3.0
     steps = 10
     """Of integration, a period."""
 

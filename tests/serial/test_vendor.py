@@ -14,8 +14,8 @@ dynamixel_sdk = pytest.importorskip("dynamixel_sdk", reason="pip install 'allegr
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from tests.serial.rigs import Joints, Serving, calibrated, small_spec, soon
+from allegro_twin.serial.dynamixel.device.hand import VirtualHand  # noqa: E402  # What is missing is said first.
+from tests.serial.rigs import Joints, Serving, calibrated, small_spec, soon  # noqa: E402  # As above.
 
 BAUD = 1_000_000
 PATIENCE = 1000.0
@@ -68,7 +68,6 @@ def test_a_goal_current_above_the_limit_is_error_6_and_other_mistakes_have_their
     assert packets.write2ByteTxRx(port, 4, 102, 100) == (0, 0)
     assert packets.write1ByteTxRx(port, 4, 11, 9) == (0, 4)
     assert packets.write2ByteTxRx(port, 4, 116, 0) == (0, 5)
-    assert packets.action(port, 4) == 0
     assert packets.write4ByteTxRx(port, 4, 132, 0) == (0, 7)
 
 
@@ -90,7 +89,7 @@ def test_sync_write_and_sync_read_move_the_hand_and_tell_where_it_is(
         assert read.txRxPacket() == 0
         return all(abs(read.getData(3 + k, 132, 4) - (2300 + 10 * k)) <= 1 for k in range(4))
 
-    assert soon(there)
+    assert soon(there, 30.0)  # The SDK waits busily, in one interpreter with the hand.
     np.testing.assert_allclose(hand.state.position, np.array([252, -252, 252, -252]) * np.pi / 2048, atol=0.003)
 
 
