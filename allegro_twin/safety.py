@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.backend import HandBackend, torque_of
+from allegro_twin.backend import HandBackend, limp_of, position_of, torque_of
 from allegro_twin.errors import HandError, HandFault
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, Sample, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand, Vector
 
 HISTORY = 500  # Samples: 1.5 s at 333 Hz.
 
@@ -48,6 +48,17 @@ def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
     return limited
 
 
+def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: HandSpec) -> PositionCommand:
+    """What may be sent of wanted positions: inside the soft stops; where the hand can limit efforts, under the ceiling
+    and fading from warm to hot."""
+    position = np.minimum(np.maximum(command.position, limits.lower), limits.upper)
+    if "limited_position" not in spec.commands or command.limp:
+        return PositionCommand(position, command.effort, command.duration)
+    wanted = limits.torque if command.effort is None else np.minimum(command.effort, limits.torque)
+    fade = np.clip((limits.hot - state.temperature) / (limits.hot - limits.warm), 0.0, 1.0)
+    return PositionCommand(position, wanted * np.where(np.isnan(fade), 1.0, fade), command.duration)
+
+
 def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     """Why the hand must stop now, or None."""
     over = np.abs(state.velocity) > limits.velocity
@@ -67,7 +78,7 @@ class Guard:
     def __init__(self, inner: HandBackend, limits: Limits) -> None:
         self._inner, self._limits = inner, limits
         self._history: deque[Sample] = deque(maxlen=HISTORY)
-        self._limp: Command = TorqueCommand(np.zeros(inner.spec.n_actuators))
+        self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
         self._fault: HandError | None = None
 
@@ -81,7 +92,7 @@ class Guard:
 
     @property
     def applied(self) -> Command:
-        """What the last command became, or zero torque before the first."""
+        """What the last command became, or the limp one before the first."""
         return self._history[-1].command if self._history else self._limp
 
     def reset(self) -> HandState:
@@ -93,7 +104,7 @@ class Guard:
     def write(self, command: Command) -> None:
         state = self._ready()
         try:
-            limited = TorqueCommand(clamp(torque_of(command, self.spec), state, self._limits))
+            limited = self._limited(command, state)
             self._history.append(Sample(state, limited))
             self._inner.write(limited)
         except HandError as error:
@@ -113,6 +124,12 @@ class Guard:
 
     def close(self) -> None:
         self._inner.close()
+
+    def _limited(self, command: Command, state: HandState) -> Command:
+        spec, limits = self.spec, self._limits
+        if "torque" in spec.commands:
+            return TorqueCommand(clamp(torque_of(command, spec), state, limits))
+        return bounded(position_of(command, spec), state, limits, spec)
 
     def _ready(self) -> HandState:
         if self._fault is not None:

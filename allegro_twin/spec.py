@@ -41,20 +41,38 @@ class Actuation:
     """Rotor inertia seen at the joint, kg·m²."""
     frictionloss: Vector
     """Dry friction, N·m."""
+    stiffness: Vector | None = None
+    """Of the loop that the hand's firmware closes, N·m/rad; None for a hand that takes torques."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Follower:
+    """A joint that follows a driven one, wherever nothing is in its way."""
+
+    name: str
+    """In the description file."""
+    driven: int
+    """The index of the one that it follows."""
+    positions: Vector
+    """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForeignModel:
-    """Somebody else's MJCF of the same hand, and where our names are in it."""
+    """Somebody else's MJCF of a hand, and where our names are in it."""
 
     mjcf: str
     """Path of the file."""
     root: str
     """Body that is the palm."""
     joints: tuple[str, ...]
-    """Its joint names in our order, length n."""
+    """Its joint names in our order, length n; of its actuators, where these are kept."""
     tips: Mapping[str, tuple[str, tuple[float, float, float]]]
     """For each finger the body that ends it and the fingertip's centre in that body's frame, m."""
+    palm: tuple[float, float, float, float] | None = None
+    """How the palm's frame is turned in the root's, quaternion w x y z; None: as it is."""
+    keeps: bool = False
+    """Its actuators, ranges and frictions are the hand's; else they give way to torque motors with the spec's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +99,8 @@ class HandSpec:
     """Simulate this file instead of ours."""
     commands: tuple[CommandKind, ...] = ("torque",)
     """What it takes; a hand that takes torques takes nothing else."""
+    followers: tuple[Follower, ...] = ()
+    """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
     drive: Drive | None = None
     """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
 
@@ -109,6 +129,21 @@ class HandSpec:
             if finger.name == name:
                 return finger
         raise ConfigError(unknown("finger", name, [f.name for f in self.fingers]))
+
+    def followed(self, position: Array) -> Array:
+        """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
+        span = self.upper - self.lower
+        return np.stack(
+            [
+                np.interp(
+                    (position[..., each.driven] - self.lower[each.driven]) / span[each.driven],
+                    np.linspace(0.0, 1.0, len(each.positions)),
+                    each.positions,
+                )
+                for each in self.followers
+            ],
+            axis=-1,
+        ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
 
     def vector(self, values: ArrayLike, what: str) -> Vector:
         """One value per joint, read-only, shape (n,); a single number stands for all. Raises ConfigError."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from allegro_twin.backend import limp_of
 from allegro_twin.build.references import posture_of, wanted_of
 from allegro_twin.config import (
+    FollowSettings,
     GravitySettings,
+    LimpSettings,
     PolicySettings,
     PositionSettings,
     RunConfig,
@@ -27,9 +30,14 @@ if TYPE_CHECKING:
 
 def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
     """The controller, and how long its motion takes where that is known. Raises ConfigError."""
-    from allegro_twin.control.controllers import GravityCompensation, Torque
+    from allegro_twin.control.controllers import GravityCompensation, Send, Torque
 
+    _check_kind(config.controller.kind, spec)
     match config.controller:
+        case LimpSettings():
+            return Send(limp_of(spec)), None
+        case FollowSettings() as settings:
+            return _sending(settings, config, spec, trial)
         case TorqueSettings(torque=torque):
             return Torque(spec.vector(torque, "controller.torque")), None
         case GravitySettings(gravity=vector):
@@ -38,6 +46,28 @@ def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> t
             return _deciding(settings, config, spec, trial)
         case PositionSettings() as settings:
             return _following(settings, config, spec, trial)
+
+
+def _check_kind(kind: str, spec: HandSpec) -> None:
+    """Raises ConfigError for a controller whose commands this hand does not take."""
+    if kind == "position" and "torque" in spec.commands:
+        raise ConfigError(f"controller.kind position is for a hand whose firmware closes the loop; {spec.name}: use pd")
+    if kind not in ("position", "limp") and "torque" not in spec.commands:
+        raise ConfigError(f"controller.kind {kind} commands torques; {spec.name} takes {', '.join(spec.commands)}: "
+                          "use position or limp")  # fmt: skip
+
+
+def _sending(
+    settings: FollowSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """Positions for the hand's own loop."""
+    from allegro_twin.control.controllers import Follow
+
+    wanted = wanted_of(config, settings, spec, trial)
+    if wanted.grasp is not None and wanted.grasp.grip is not None:
+        raise ConfigError(f"grasp {wanted.grasp.name} controls force by torques; {spec.name} takes none")
+    effort = None if settings.effort is None else spec.vector(settings.effort, "controller.effort")
+    return Follow(wanted.reference, effort), wanted.seconds
 
 
 def _deciding(

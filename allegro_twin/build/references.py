@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from allegro_twin.config import PerJoint, PositionSettings, RunConfig
+from allegro_twin.config import FollowSettings, PerJoint, PositionSettings, RunConfig
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -41,7 +41,9 @@ class Wanted:
         return Timed(self.reference, self.close_at, self.squeeze_at)
 
 
-def wanted_of(config: RunConfig, settings: PositionSettings, spec: HandSpec, trial: Trial | None) -> Wanted:
+def wanted_of(
+    config: RunConfig, settings: PositionSettings | FollowSettings, spec: HandSpec, trial: Trial | None
+) -> Wanted:
     """The scenario's grasp, a grasp in the open, or a posture. Raises ConfigError."""
     from allegro_twin.control.trajectory import Moves, Waypoint
     from allegro_twin.library.named import load_grasp

@@ -62,6 +62,8 @@ def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:
     """What a config lets through. Raises ConfigError."""
     torque = spec.actuation.torque_limit
     if settings.torque is not None:
+        if not {"torque", "limited_position"} & set(spec.commands):
+            raise ConfigError(f"limits.torque: nobody can limit the effort of {spec.name}")
         torque = np.minimum(torque, spec.vector(settings.torque, "limits.torque"))
     velocity = spec.vector(settings.velocity, "limits.velocity")
     for name, values in (("torque", torque), ("velocity", velocity)):

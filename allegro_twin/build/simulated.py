@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from allegro_twin.build.references import posture_of
-from allegro_twin.config import RunConfig, SimSettings, TaskSettings
+from allegro_twin.config import HandSettings, RunConfig, SimSettings, TaskSettings
+from allegro_twin.description.hands import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -90,6 +91,13 @@ def scenario_config(
             "controller": {"kind": "pd"},
         }
     )
+
+
+def following(hand: HandSettings, gains: str | None = None) -> dict[str, str]:
+    """The controller with which a hand performs what a task asks: PD, or its firmware's own loop."""
+    if "torque" not in load_spec(hand.model, hand.side, hand.serial).commands:
+        return {"kind": "position"}
+    return {"kind": "pd"} if gains is None else {"kind": "pd", "gains": gains}
 
 
 def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:

@@ -38,7 +38,7 @@ KEYS: dict[str, Key] = {
     "m": Key("pinch, middle and thumb", _grasp("pinch_middle")),
     "e": Key("envelop", _grasp("envelop")),
     "a": Key("gravity compensation", lambda hand: hand.set_controller("gravity")),
-    "o": Key("off", lambda hand: hand.set_controller("torque")),
+    "o": Key("off", lambda hand: hand.set_controller(hand.controllers[0])),
     "1": Key("rock", _posture("rock")),
     "2": Key("scissors", _posture("scissors")),
     "3": Key("paper", _posture("paper")),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.build import Rig, scenario_config
+from allegro_twin.build.simulated import following
 from allegro_twin.config import PositionSettings, RunConfig, load_config
 from allegro_twin.description.hands import side_of
 from allegro_twin.errors import ConfigError, unknown
@@ -212,11 +213,11 @@ def _performing(scenario: Path, hand: str | None, side: str | None) -> RunConfig
     if hand is None:
         return alone
     base = load_config(hand)
-    gains = {"gains": base.controller.gains} if isinstance(base.controller, PositionSettings) else {}
-    controller = PositionSettings.model_validate({"kind": "pd", **gains})
+    gains = base.controller.gains if isinstance(base.controller, PositionSettings) else None
+    controller = following(base.hand, gains)
     task = alone.task.model_dump(exclude_unset=True, exclude_none=True)
     content = base.model_dump(exclude_unset=True, exclude={"task", "seconds"})
-    return RunConfig.model_validate(content | {"task": task, "controller": controller.model_dump(exclude_unset=True)})
+    return RunConfig.model_validate(content | {"task": task, "controller": controller})
 
 
 def _with(config: RunConfig, options: Options) -> RunConfig:

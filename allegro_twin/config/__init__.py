@@ -9,7 +9,14 @@ from allegro_twin.config.backends import (
     SceneSettings,
     SimSettings,
 )
-from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.controllers import (
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
 from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
 from allegro_twin.config.run import HandSettings, LimitSettings, RunConfig, load_config
 from allegro_twin.config.task import TaskSettings
@@ -22,9 +29,11 @@ __all__ = [
     "DynamixelSettings",
     "FaultSettings",
     "FirmwareSettings",
+    "FollowSettings",
     "GravitySettings",
     "HandSettings",
     "LimitSettings",
+    "LimpSettings",
     "PerJoint",
     "PolicySettings",
     "PositionSettings",

@@ -39,6 +39,23 @@ class PositionSettings(Settings):
     """m/s² in the palm frame; default: what the hand reports."""
 
 
+class LimpSettings(Settings):
+    """Let go of the joints."""
+
+    kind: Literal["limp"]
+
+
+class FollowSettings(Settings):
+    """Perform the task with a hand whose firmware closes the loop."""
+
+    kind: Literal["position"]
+    speed: Positive = 1.0
+    """To a posture: the peak, of the joint that travels furthest, rad/s."""
+    profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
+    effort: PerJoint | None = None
+    """The most that each motor may give, N·m; default: what the hand allows."""
+
+
 class PolicySettings(Settings):
     """Let a trained policy decide."""
 

@@ -9,7 +9,14 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from allegro_twin.config.backends import CanSettings, ReplaySettings, SimSettings
-from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.controllers import (
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
 from allegro_twin.config.dynamixel import DynamixelSettings
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.unread import unread
@@ -43,7 +50,8 @@ class RunConfig(Settings):
     hand: HandSettings = HandSettings()
     backend: Annotated[SimSettings | CanSettings | DynamixelSettings | ReplaySettings, Field(discriminator="kind")]
     controller: Annotated[
-        TorqueSettings | GravitySettings | PositionSettings | PolicySettings, Field(discriminator="kind")
+        TorqueSettings | GravitySettings | PositionSettings | LimpSettings | FollowSettings | PolicySettings,
+        Field(discriminator="kind"),
     ]
     task: TaskSettings = TaskSettings()
     limits: LimitSettings = LimitSettings()

@@ -6,11 +6,21 @@ from collections.abc import Iterator
 from typing import TypeAlias
 
 from allegro_twin.config.backends import VIRTUAL, CanSettings, ReplaySettings, SimSettings
-from allegro_twin.config.controllers import GravitySettings, PolicySettings, PositionSettings, TorqueSettings
+from allegro_twin.config.controllers import (
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
 from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
 from allegro_twin.config.task import TaskSettings
 
-Controller: TypeAlias = TorqueSettings | GravitySettings | PositionSettings | PolicySettings
+Controller: TypeAlias = (
+    TorqueSettings | GravitySettings | PositionSettings | LimpSettings | FollowSettings | PolicySettings
+)
+_MOVING = (PositionSettings, FollowSettings)
 Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | ReplaySettings
 
 
@@ -26,14 +36,14 @@ def _task(task: TaskSettings, controller: Controller) -> Iterator[str]:
         yield "task.object takes the place of a scenario's first object: name task.scenario, too"
     if isinstance(controller, PolicySettings):
         return
-    if isinstance(controller, PositionSettings):
+    if isinstance(controller, _MOVING):
         if task.posture is not None and (task.scenario or task.grasp) is not None:
             other = "scenario" if task.scenario is not None else "grasp"
             yield f"task.posture and task.{other} are two motions: leave one out"
         return
     for key in ("posture", "grasp"):
         if getattr(task, key) is not None:
-            yield f"task.{key} is not for the {kind} controller: use pd or pid, or leave it out"
+            yield f"task.{key} is not for the {kind} controller: use pd, pid or position, or leave it out"
 
 
 def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
@@ -41,7 +51,7 @@ def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
     if task.scenario is None and task.grasp is None:
         return
     for key in ("speed", "profile"):
-        if isinstance(controller, PositionSettings) and key in given:
+        if isinstance(controller, _MOVING) and key in given:
             yield f"controller.{key} is for postures; a grasp brings its own: leave it out"
 
 

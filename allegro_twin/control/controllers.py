@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.control import laws
 from allegro_twin.control.trajectory import Path, Reference
 from allegro_twin.errors import ConfigError
-from allegro_twin.types import HandState, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 GravityTorque: TypeAlias = Callable[[Vector, Vector], Vector]
 """(joint positions (n,) rad, gravity in the palm frame (3,) m/s²) -> torques that hold the hand still (n,), N·m."""
@@ -105,6 +105,34 @@ class PD:
             0.0 if self.gravity is None else self.gravity(state),
         )
         return TorqueCommand(torque), memory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Follow:
+    """Follow a reference with a hand whose firmware closes the loop."""
+
+    reference: Reference
+    effort: Vector | None = None
+    """The most that each motor may give, (n,), N·m; None: what the hand allows."""
+
+    def start(self, state: HandState) -> Following:
+        return Following(self.reference.begin(state.position), state.t)
+
+    def __call__(self, state: HandState, memory: Following) -> tuple[PositionCommand, Following]:
+        return PositionCommand(memory.path(state.t - memory.began).position, self.effort), memory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Send:
+    """Send the same command on and on: the limp one, for instance."""
+
+    command: Command
+
+    def start(self, state: HandState) -> None:
+        return None
+
+    def __call__(self, state: HandState, memory: None) -> tuple[Command, None]:
+        return self.command, None
 
 
 class Integrating(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.types import Command, HandState, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 HANDOVER = 0.25  # s. A full reversal of the clip then changes by 2.4 % of it a period.
 
@@ -33,7 +33,8 @@ class Relay:
 
     `switch` may be called from any thread; the new controller begins at the next state. At that moment the torque stays
     what it was; the difference to what the new controller wants fades over `HANDOVER`: τ = τ_new + (1 - s) (τ_before -
-    τ_new(t₀)), s the minimum-jerk step from 0 to 1. `cut` is the exception, for a stop: nothing fades.
+    τ_new(t₀)), s the minimum-jerk step from 0 to 1. `cut` is the exception, for a stop: nothing fades. Positions are
+    passed on as they are.
     """
 
     first: Any
@@ -64,6 +65,8 @@ class Relay:
         while self._waiting:
             memory = self._waiting.pop(0)(state, memory)
         command, inner = memory.driver(state, memory.memory)
+        if isinstance(command, PositionCommand):  # The hand's own loop knows no jump of torque.
+            return command, memory._replace(memory=inner)
         wanted = self._clipped(command)
         s = min((state.t - memory.since) / HANDOVER, 1.0)
         torque = wanted + (1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)) * memory.offset
@@ -74,6 +77,8 @@ class Relay:
         command, _ = controller(state, inner)
         return Driving(controller, inner, state.t, memory.torque, memory.torque - self._clipped(command))
 
-    def _clipped(self, command: TorqueCommand) -> Vector:
+    def _clipped(self, command: Command) -> Vector:
+        if isinstance(command, PositionCommand):
+            return np.zeros_like(self.torque_limit)
         clipped: Vector = np.minimum(np.maximum(command.torque, -self.torque_limit), self.torque_limit)
         return clipped

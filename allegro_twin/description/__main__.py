@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import product
 from pathlib import Path
 
 from allegro_twin.description import facts, mesh
@@ -14,10 +15,10 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.spec import SIDES
 
 
-def files(model: str = "allegro") -> dict[Path, str]:
-    """Every generated file, by its path under models/."""
+def files() -> dict[Path, str]:
+    """Every generated file of every hand whose facts are here, by its path under models/."""
     made: dict[Path, str] = {}
-    for side in SIDES:
+    for model, side in product(sorted(path.stem for path in (data_root() / "models").glob("*.yaml")), SIDES):
         hand = facts.load(model, side)
         actuation = load_actuation(model, len(hand.joints))
         made[Path("mjcf") / f"{model}_{side}.xml"] = mjcf(hand, actuation)

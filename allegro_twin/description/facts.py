@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from allegro_twin.files.assets import data_root, read_yaml
@@ -45,6 +46,8 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
+    number: int
+    """Its place in every array."""
     name: str
     axis: Triple
     lower: float
@@ -83,12 +86,26 @@ class Description:
     def joints(self) -> tuple[Joint, ...]:
         """In the order of the joints' numbers."""
         found = [link.joint for link in self.links if link.joint is not None]
-        return tuple(sorted(found, key=lambda joint: int(joint.name.rsplit("_", 1)[1].split(".")[0])))
+        return tuple(sorted(found, key=lambda joint: joint.number))
+
+    def last_link(self, finger: str) -> Link:
+        """The one that carries a finger's tip."""
+        number = self.fingers[finger][-1]
+        return next(link for link in self.links if link.joint is not None and link.joint.number == number)
+
+
+def known(model: str) -> bool:
+    """Whether the facts of a hand are here, from which its files are made."""
+    return model.isidentifier() and _table(model).is_file()
+
+
+def _table(model: str) -> Path:
+    return data_root() / "models" / f"{model}.yaml"
 
 
 def load(model: str, side: Side) -> Description:
     """The description of one hand, from models/<model>.yaml."""
-    table = read_yaml(data_root() / "models" / f"{model}.yaml")
+    table = read_yaml(_table(model))
     right = Description(
         name=table["name"],
         side="right",
@@ -144,12 +161,13 @@ def _links(table: dict[str, Any]) -> list[Link]:
     for finger in table["fingers"].values():
         parent = table["root"]
         rows = table["chains"][finger["chain"]]
-        for number, row in zip(finger["joints"], rows, strict=True):
+        called = finger.get("names", [None] * len(rows))
+        for number, row, own in zip(finger["joints"], rows, called, strict=True):
             first, last = row is rows[0], row is rows[-1]
-            joint = Joint(f"joint_{number}.0", triple(row["axis"]), *map(float, row["limit"]))
+            joint = Joint(number, own or f"joint_{number}.0", triple(row["axis"]), *map(float, row["limit"]))
             place = finger if first else row
             tip = finger["tip"] if last else None
-            name = f"link_{number}.0"
+            name = f"{own}_link" if own else f"link_{number}.0"
             rpy = triple(place.get("rpy", zero))
             links.append(_link(table, name, row["link"], parent, joint, triple(place["xyz"]), rpy, tip))
             parent = name

@@ -10,15 +10,16 @@ import numpy as np
 
 from allegro_twin.description import facts
 from allegro_twin.description.calibration import NOMINAL, Version
+from allegro_twin.description.card import spec_of
 from allegro_twin.description.wiring import HIDDEN, NOTHING, load_wiring
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
-from allegro_twin.spec import Actuation, Finger, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.types import Vector, frozen
 
 _MOTOR = ("damping", "armature", "frictionloss")
-_ACTUATION = (*_MOTOR, "torque_limit")
+_ACTUATION = (*_MOTOR, "torque_limit", "stiffness")
 
 
 def load_spec(
@@ -36,9 +37,11 @@ def load_spec(
     its = side_of(serial) if serial else None
     if its is not None and its != side:
         raise ConfigError(f"{serial} is a {its} hand; hand.side is {side}")
+    if not facts.known(model):
+        return _by_card(model, side, serial)
     hand = facts.load(model, side)
     lower, upper = _limits(hand.joints, serial)
-    fingers = tuple(Finger(name, joints, f"link_{joints[-1]}.0_tip") for name, joints in hand.fingers.items())
+    fingers = tuple(Finger(name, joints, f"{hand.last_link(name).name}_tip") for name, joints in hand.fingers.items())
     joints = hand.joints
     return HandSpec(
         model=model,
@@ -52,8 +55,16 @@ def load_spec(
         serial=serial,
         aliases=aliases(fingers, len(joints)),
         foreign=_foreign(serial, [finger.name for finger in fingers], len(joints)) if serial else None,
+        commands=_commands(model),
         drive=_drive(len(joints), serial, over),
     )
+
+
+def _by_card(model: str, side: Side, serial: str) -> HandSpec:
+    path = find(model, "hand", "conf/hands")
+    if serial:
+        raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
+    return spec_of(path, Path(model).stem, side)
 
 
 def side_of(serial: str) -> Side | None:
@@ -109,16 +120,25 @@ def load_actuation(
     The torque limit follows from the counts that the driver may send and from what a count is in N·m; a file that gives
     `torque_limit`, N·m, lowers it.
     """
-    nominal = data_root() / "conf" / "hands" / f"{model}.yaml"
+    nominal = _nominal(model)
     values = _block(str(nominal), read_yaml(nominal), "actuation", _ACTUATION)
     for where, table in _own(serial, over):
         values |= _block(where, table, "actuation", _ACTUATION)
-    arrays = {key: _row(values[key], key, n_joints, serial or model) for key in _MOTOR}
-    wiring = load_wiring(model, serial, over)
-    limit = frozen(wiring.calibration.torque_limit(wiring.version or version or NOMINAL))
-    if "torque_limit" in values:
-        limit = frozen(np.minimum(limit, _row(values["torque_limit"], "torque_limit", n_joints, serial or model)))
-    return Actuation(torque_limit=limit, **arrays)
+    arrays = {key: _row(values[key], key, n_joints, serial or model) for key in values}
+    if "wire" in read_yaml(nominal):
+        wiring = load_wiring(model, serial, over)
+        clip = frozen(wiring.calibration.torque_limit(wiring.version or version or NOMINAL))
+        arrays["torque_limit"] = frozen(np.minimum(clip, arrays.get("torque_limit", clip)))
+    return Actuation(**arrays)
+
+
+def _nominal(model: str) -> Path:
+    """What is written of every hand of a model."""
+    return data_root() / "conf" / "hands" / f"{model}.yaml"
+
+
+def _commands(model: str) -> tuple[CommandKind, ...]:
+    return tuple(read_yaml(_nominal(model)).get("commands", ("torque",)))
 
 
 def _row(given: object, key: str, n_joints: int, hand: str) -> Vector:

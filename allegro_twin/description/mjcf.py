@@ -5,7 +5,7 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from allegro_twin.description import inertia
-from allegro_twin.description.facts import Description, Link
+from allegro_twin.description.facts import Description, Joint, Link
 from allegro_twin.description.text import document, mesh_name, number, numbers
 from allegro_twin.kinematics.orientation import quaternion_from_euler
 from allegro_twin.spec import Actuation
@@ -28,18 +28,30 @@ def mjcf(hand: Description, actuation: Actuation) -> str:
         bodies[link.name] = _body(bodies[link.parent] if link.parent else world, link, hand, actuation)
     _contact(root, hand)
     actuators, sensors = SubElement(root, "actuator"), SubElement(root, "sensor")
-    for joint, limit in zip(hand.joints, actuation.torque_limit, strict=True):
-        bounds = numbers((-limit, limit))
-        SubElement(actuators, "motor", name=joint.name, joint=joint.name, ctrlrange=bounds, forcerange=bounds)
+    for joint in hand.joints:
+        _motor(actuators, joint, actuation)
         SubElement(sensors, "jointpos", name=f"{joint.name}_position", joint=joint.name)
         SubElement(sensors, "jointvel", name=f"{joint.name}_velocity", joint=joint.name)
-    for finger, numbers_of in hand.fingers.items():
+    for finger in hand.fingers:
         # Net force on the fingertip's link, world axes; the first number counts the contacts.
         SubElement(
-            sensors, "contact", name=f"{finger}_touch", body2=f"link_{numbers_of[-1]}.0", reduce="netforce",
+            sensors, "contact", name=f"{finger}_touch", body2=hand.last_link(finger).name, reduce="netforce",
             data="found force",
         )  # fmt: skip
     return document(root, hand.name)
+
+
+def _motor(actuators: Element, joint: Joint, actuation: Actuation) -> None:
+    """A source of torque; or, where the firmware closes the loop, a spring to the commanded position."""
+    limit = actuation.torque_limit[joint.number]
+    bounds = numbers((-limit, limit))
+    if actuation.stiffness is None:
+        SubElement(actuators, "motor", name=joint.name, joint=joint.name, ctrlrange=bounds, forcerange=bounds)
+        return
+    SubElement(
+        actuators, "position", name=joint.name, joint=joint.name, kp=number(actuation.stiffness[joint.number]),
+        ctrlrange=numbers((joint.lower, joint.upper)), forcerange=bounds,
+    )  # fmt: skip
 
 
 def _defaults(root: Element) -> None:

@@ -43,7 +43,7 @@ class Direct:
         """End a motion where the hand is, for nobody is there to see it. What has arrived stays as it is: a grasp goes
         on pressing, a limp hand is limp. A hand that cannot hold, for nobody says where down is, is left limp."""
         mover, goal = self._mover, self._mover.goal
-        if mover.cut or mover.kind == "torque":
+        if mover.cut or mover.kind == mover.kinds[0]:
             return
         if goal is not None and mover.state.t >= goal.began + goal.seconds:
             return

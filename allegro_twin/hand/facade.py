@@ -22,7 +22,7 @@ from allegro_twin.hand.cartesian import agreed, straight
 from allegro_twin.hand.demonstration import Demonstration
 from allegro_twin.hand.direct import Direct
 from allegro_twin.hand.grasps import Grasped, begin, felt, for_width
-from allegro_twin.hand.mover import KINDS, Kind, Mover
+from allegro_twin.hand.mover import Kind, Mover
 from allegro_twin.kinematics.model import Pose
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
@@ -96,7 +96,7 @@ class Hand:
     @property
     def controllers(self) -> tuple[Kind, ...]:
         """What `set_controller` takes."""
-        return KINDS
+        return self._mover.kinds
 
     @property
     def controller(self) -> str:

@@ -12,8 +12,9 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.backend import limp_of
 from allegro_twin.build import Rig
-from allegro_twin.control.controllers import PD, PID, Gains, Gravity, GravityCompensation, Torque
+from allegro_twin.control.controllers import PD, PID, Follow, Gains, Gravity, GravityCompensation, Send, Torque
 from allegro_twin.control.handover import Relay
 from allegro_twin.control.steering import Steering
 from allegro_twin.control.trajectory import Following, Hold, Reference
@@ -25,8 +26,11 @@ from allegro_twin.loop import paced, run
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
-Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid"]
+Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]
 KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
+"""Of a hand that takes torques."""
+FIRMWARES: tuple[Kind, ...] = ("limp", "position")
+"""Of a hand whose firmware closes the loop."""
 T = TypeVar("T")
 _DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
@@ -37,14 +41,17 @@ class Mover:
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
         self.model, self.ways = hand_model(rig.spec), Ways(rig.spec)
-        self.kind: Kind | str = "torque"
+        self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
+        """The controllers that this hand can have: the first lets go of it."""
+        self.kind: Kind | str = self.kinds[0]
         self.listeners: list[Callable[[Sample], None]] = []
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
         self._watch: Watch | None = None
         self._gravity = Gravity(self.model.gravity_torque)
-        self._relay = Relay(Torque(np.zeros(rig.spec.n_joints)), rig.spec.actuation.torque_limit)
+        self._limp = Send(limp_of(rig.spec))
+        self._relay = Relay(self._limp, rig.spec.actuation.torque_limit)
         self.driver = Driver(self._samples(background), background=background)
 
     @property
@@ -58,7 +65,9 @@ class Mover:
 
     @property
     def position_kind(self) -> Kind:
-        """The controller that a motion takes: PD if it drives already, else PID."""
+        """The controller that a motion takes: the firmware's own, PD if it drives already, else PID."""
+        if self.kinds is FIRMWARES:
+            return "position"
         return "pd" if self.kind == "pd" else "pid"
 
     @property
@@ -90,14 +99,16 @@ class Mover:
 
     def turn_to(self, kind: Kind, torque: Vector) -> None:
         """Another controller: the torques, (n,), N·m; gravity compensation; or stay here. Raises ConfigError."""
+        if kind not in self.kinds:
+            raise ConfigError(unknown("controller", kind, self.kinds))
         if kind == "torque":
             self.drive("torque", Torque(torque))
+        elif kind == "limp":
+            self.drive("limp", self._limp)
         elif kind == "gravity":
             self.drive("gravity", GravityCompensation(self.gravity))
-        elif kind in KINDS:
-            self.hold(kind)
         else:
-            raise ConfigError(unknown("controller", kind, KINDS))
+            self.hold(kind)
 
     @property
     def cut(self) -> bool:
@@ -109,8 +120,8 @@ class Mover:
         with self._changing:
             self._cut = on
             if on:
-                self.kind, self.stalled, self._watch = "torque", None, None
-                self._relay.cut(Torque(np.zeros(self._rig.spec.n_joints)))
+                self.kind, self.stalled, self._watch = self.kinds[0], None, None
+                self._relay.cut(self._limp)
 
     def steer(self, posture: Vector, speed: float, what: str) -> None:
         """Head for a posture, (n,), rad, at `speed`, rad/s, from whatever the last such wish is doing, or from rest."""
@@ -132,7 +143,7 @@ class Mover:
 
     def follow(self, kind: Kind, reference: Reference, what: str = "the motion") -> None:
         """Let PD or PID follow a reference from the present state on; `what` it is stands in messages."""
-        controller, state = self._position(kind, reference, self.gravity), self.state
+        controller, state = self._position(kind, reference), self.state
         path = reference.begin(state.position)
         seconds = float(getattr(path, "seconds", 0.0))
         self.drive(kind, controller, Goal(path, state.t, seconds, what, math.inf if seconds else 0.0))
@@ -164,10 +175,12 @@ class Mover:
             raise self.stalled
         return state
 
-    def _position(self, kind: Kind, reference: Reference, gravity: Gravity) -> PD | PID:
+    def _position(self, kind: Kind, reference: Reference) -> PD | PID | Follow:
+        if kind == "position":
+            return Follow(reference)
         if kind == "pd":
-            return PD(reference, self.gains, gravity)
-        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, gravity)
+            return PD(reference, self.gains, self.gravity)
+        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
 
     def _watched(self, goal: Goal | None) -> Watch | None:
         return None if goal is None else Watch(goal, self._rig.spec, self.gains, self._rig.backend.period)
@@ -180,12 +193,13 @@ class Mover:
         parts = " and ".join(dict.fromkeys(part for pair in self.ways.touching(state.position) for part in pair))
         met = f"{parts} touch" if parts else "something is in the way"
         hold = Hold(state.position)
+        still: Kind = "position" if self.kinds is FIRMWARES else "pid"
         with self._changing:
             if self._watch is not watch:
                 return  # Somebody wanted something else in the meantime.
-            self._relay.switch(self._position("pid", hold, self._gravity))
+            self._relay.switch(self._position(still, hold))
             words = f"{watch.goal.what} stalled: {watch.words} short; {met}. The hand holds where it is"
-            self.kind, self.stalled, self._told = "pid", MotionStalled(words), False
+            self.kind, self.stalled, self._told = still, MotionStalled(words), False
             self._watch = self._watched(Goal(hold.begin(state.position), state.t, 0.0))
 
     def _samples(self, background: bool) -> Iterator[Sample]:

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.moving import Moving
 from allegro_twin.kinematics.pose import Pose as Pose
 from allegro_twin.kinematics.tree import Tree, built
 from allegro_twin.spec import HandSpec
@@ -27,9 +28,7 @@ class HandModel:
             )
         self._model = built(source) if isinstance(source, Tree) else _from_urdf(spec, source)
         self._data = self._model.createData()
-        # Pinocchio orders the fingers by name; `order` reads its vectors in ours, `place` writes ours into its.
-        self._order = np.array([self._model.idx_vs[self._model.getJointId(name)] for name in spec.joints])
-        self._place = np.argsort(self._order)
+        self._moving = Moving(spec, self._model)
         self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
         self._links = {frame.name: index for index, frame in enumerate(self._model.frames) if _is_link(frame)}
         self._gravity: Vector | None = None
@@ -43,9 +42,8 @@ class HandModel:
             return np.array([self.gravity_torque(*each) for each in zip(position, gravity, strict=True)])
         if gravity is not self._gravity:
             self._model.gravity.linear = self._gravity = gravity
-        torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, position[self._place])
-        ours: Vector = torque[self._order]
-        return ours
+        torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, self._moving.configuration(position))
+        return self._moving.driven(torque, position)
 
     def fingertips(self, position: Vector) -> dict[str, Pose]:
         """Centre and orientation of every fingertip."""
@@ -90,28 +88,28 @@ class HandModel:
         return {name: float(np.linalg.svd(j[:3], compute_uv=False).prod()) for name, j in found.items()}
 
     def _jacobians(self, position: Vector, axes: pin.ReferenceFrame) -> dict[str, Array]:
-        pin.computeJointJacobians(self._model, self._data, position[self._place])
+        pin.computeJointJacobians(self._model, self._data, self._moving.configuration(position))
         pin.updateFramePlacements(self._model, self._data)
         return {
-            name: pin.getFrameJacobian(self._model, self._data, index, axes)[:, self._order]
+            name: self._moving.driven(pin.getFrameJacobian(self._model, self._data, index, axes), position)
             for name, index in self._tips.items()
         }
 
     def _poses(self, frames: dict[str, int], position: Vector) -> dict[str, Pose]:
-        pin.framesForwardKinematics(self._model, self._data, position[self._place])
+        pin.framesForwardKinematics(self._model, self._data, self._moving.configuration(position))
         placed = {name: self._data.oMf[index] for name, index in frames.items()}
         return {name: Pose(frame.translation.copy(), frame.rotation.copy()) for name, frame in placed.items()}
 
     def fingertip_jacobians(self, position: Vector, fingers: Sequence[str]) -> tuple[Array, Array]:
         """Positions (k, 3), m, and translational Jacobians (k, 3, n), m/rad, of some fingertips, in the palm frame."""
-        q = position[self._place]
+        q = self._moving.configuration(position)
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
         frames = [self._tips[finger] for finger in fingers]
         places = np.array([self._data.oMf[frame].translation for frame in frames])
         aligned = pin.LOCAL_WORLD_ALIGNED
-        jacobians = [pin.getFrameJacobian(self._model, self._data, f, aligned)[:3][:, self._order] for f in frames]
-        return places, np.array(jacobians)
+        jacobians = [pin.getFrameJacobian(self._model, self._data, f, aligned)[:3] for f in frames]
+        return places, self._moving.driven(np.array(jacobians), position)
 
 
 def _from_urdf(spec: HandSpec, urdf: Path | None) -> pin.Model:

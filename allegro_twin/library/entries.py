@@ -22,8 +22,11 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
 Angles: TypeAlias = dict[str, list[float]]
-"""For each finger the positions of its joints from the palm outward, rad."""
+"""For each finger the positions of its joints from the palm outward, rad; for each joint its position, where one joint
+moves several fingers."""
 Kind: TypeAlias = Literal["posture", "grasp", "trajectory"]
+HAND = "allegro"
+"""Whose an entry is that does not say."""
 
 
 class Taxonomy(Settings):
@@ -43,6 +46,8 @@ class PostureFile(Settings):
     joint_fields: ClassVar[tuple[str, ...]] = ("angles",)
     kind: Literal["posture"] = "posture"
     description: str = ""
+    hand: str = HAND
+    """The model of hand that it is of."""
     side: Side = "right"
     """Which hand the angles are for; the other hand uses their mirror image."""
     angles: Angles
@@ -54,6 +59,8 @@ class GraspFile(Settings):
     joint_fields: ClassVar[tuple[str, ...]] = ("preshape", "close", "squeeze")
     kind: Literal["grasp"] = "grasp"
     description: str = ""
+    hand: str = HAND
+    """The model of hand that it is of."""
     taxonomy: Taxonomy
     object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
     """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
@@ -90,12 +97,14 @@ class TrajectoryFile(Settings):
     joint_fields: ClassVar[tuple[str, ...]] = ("positions",)
     kind: Literal["trajectory"] = "trajectory"
     description: str = ""
+    hand: str = HAND
+    """The model of hand that it is of."""
     side: Side = "right"
     """Which hand the positions are for; the other hand uses their mirror image."""
     times: Annotated[tuple[float, ...], Field(min_length=2)]
     """Ascending, s; the motion begins at the first."""
     positions: tuple[tuple[float, ...], ...]
-    """For each time one value a joint, in the order of the hand's joints (index, middle, ring, thumb), rad."""
+    """For each time one value a joint, in the order of the hand's joints, rad."""
 
     @model_validator(mode="after")
     def _timed(self) -> TrajectoryFile:
@@ -134,7 +143,7 @@ def parse_entry(content: Any, source: Where) -> Entry:
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
     """An entry from joint positions of the spec's hand, shape (n,), rad. Raises ConfigError outside the limits."""
     values = spec.posture(position)
-    return PostureFile(description=description, side=spec.side, angles=_angles(values, spec))
+    return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
 
 
 def grasp_entry(
@@ -146,7 +155,7 @@ def grasp_entry(
     preshape, close, squeeze = (_angles(spec.posture(postures[name], name), spec) for name in GraspFile.joint_fields)
     return GraspFile(
         description=description, taxonomy=taxonomy, side=spec.side, evidence=evidence, object_size=object_size,
-        preshape=preshape, close=close, squeeze=squeeze,
+        preshape=preshape, close=close, squeeze=squeeze, **_whose(spec),
     )  # fmt: skip
 
 
@@ -157,6 +166,7 @@ def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, des
         "side": spec.side,
         "times": np.asarray(times, dtype=np.float64).tolist(),
         "positions": np.asarray(positions, dtype=np.float64).tolist(),
+        **_whose(spec),
     }
     entry = parse(TrajectoryFile, content, "trajectory")
     joint_values(entry, spec, "trajectory")
@@ -168,6 +178,8 @@ def joint_values(entry: Entry, spec: HandSpec, where: str) -> dict[str, Array]:
 
     Raises ConfigError for a wrong number of joints, and for one outside its limits: which, and by how much.
     """
+    if entry.hand != spec.model:
+        raise ConfigError(f"{where}: a {entry.kind} of the hand {entry.hand}; this one is {spec.model}")
     found: dict[str, Array] = {}
     for field in entry.joint_fields:
         values: Any = getattr(entry, field)
@@ -213,12 +225,19 @@ def joint_vector(angles: Mapping[str, list[float]], spec: HandSpec, what: str) -
     """From angles by finger to one vector in the spec's order, shape (n,), rad. Raises ConfigError."""
     values = np.full(spec.n_joints, np.nan)
     for name, row in angles.items():
-        finger = spec.finger(name)
-        if len(row) != len(finger.joints):
-            raise ConfigError(f"{what}: {name} has {len(finger.joints)} joints, not {len(row)}")
-        values[list(finger.joints)] = row
+        joints = spec.finger(name).joints if spec.aliases else (spec.joint(name),)
+        if len(row) != len(joints):
+            raise ConfigError(f"{what}: {name} has {len(joints)} joints, not {len(row)}")
+        values[list(joints)] = row
     return spec.vector(values, what)
 
 
+def _whose(spec: HandSpec) -> dict[str, Any]:
+    return {} if spec.model == HAND else {"hand": spec.model}
+
+
 def _angles(values: Vector, spec: HandSpec) -> Angles:
+    """By finger; by joint, where one joint moves several fingers."""
+    if not spec.aliases:
+        return {name: [value] for name, value in zip(spec.joints, values.tolist(), strict=True)}
     return {finger.name: values[list(finger.joints)].tolist() for finger in spec.fingers}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
@@ -10,8 +12,21 @@ from allegro_twin.spec import HandSpec
 _KEYS = ("kp", "kd", "ki", "clamp")
 
 
+def gains_names(spec: HandSpec) -> tuple[str, ...]:
+    """Every name that `load_gains` knows of a hand."""
+    if "torque" not in spec.commands:
+        return ("default",)
+    return tuple(read_yaml(data_root() / "conf" / "gains" / f"{spec.model}.yaml"))
+
+
 def load_gains(name: str, spec: HandSpec) -> Gains:
-    """Gains by name from conf/gains/<model>.yaml. Raises ConfigError for an unknown name or a wrong count."""
+    """Gains by name from conf/gains/<model>.yaml; those of its own loop, `default`, for a hand that takes positions.
+    Raises ConfigError for an unknown name or a wrong count."""
+    if "torque" not in spec.commands:
+        if name != "default":
+            raise ConfigError(f"{spec.name} closes its own loop: leave out the gains {name!r}")
+        stiffness, nothing = spec.actuation.stiffness, np.zeros(spec.n_joints)
+        return Gains(nothing if stiffness is None else stiffness, nothing, nothing, nothing)
     path = data_root() / "conf" / "gains" / f"{spec.model}.yaml"
     table = read_yaml(path)
     if name not in table:

@@ -51,22 +51,22 @@ class Library:
 
     def get(self, name: str, spec: HandSpec) -> Vector | Grasp | Motion:
         """What a name stands for, on the spec's hand. Raises ConfigError: the nearest names, or the joint outside."""
-        return _built(self._found(name), spec)
+        return _built(self._found(name, spec), spec)
 
     def posture(self, name: str | Path, spec: HandSpec) -> Vector:
         """Joint positions by name or path, shape (n,), rad."""
-        listed = self._found(name, "posture")
+        listed = self._found(name, spec, "posture")
         return frozen(joint_values(listed.entry, spec, listed.where)["angles"])
 
     def grasp(self, name: str | Path, spec: HandSpec) -> Grasp:
         """A grasp by name or path."""
-        listed = self._found(name, "grasp")
+        listed = self._found(name, spec, "grasp")
         assert isinstance(listed.entry, GraspFile)
         return build_grasp(listed.name, listed.entry, spec, listed.where)
 
     def trajectory(self, name: str | Path, spec: HandSpec) -> Motion:
         """A motion by name or path; its `reference()` plays it."""
-        listed = self._found(name, "trajectory")
+        listed = self._found(name, spec, "trajectory")
         assert isinstance(listed.entry, TrajectoryFile)
         return _motion(listed, listed.entry, spec)
 
@@ -141,9 +141,12 @@ class Library:
             self._sources.append(file)
         del self._added[name]
 
-    def _found(self, name: str | Path, kind: Kind | None = None) -> Listed:
+    def _found(self, name: str | Path, spec: HandSpec, kind: Kind | None = None) -> Listed:
         """By path, else from memory, from what ships, from the user's files. What ships cannot be replaced, so a
-        mistake in a user's file does not keep a hand from going home."""
+        mistake in a user's file does not keep a hand from going home. What ships for one model of hand has its name in
+        front: `home` of a LEAP Hand is `leap_home`."""
+        if f"{spec.model}_{name}" in shipped():
+            name = f"{spec.model}_{name}"
         given = Path(name)
         if given.suffix == ".yaml" or len(given.parts) > 1:
             listed = _at(given, kind)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from allegro_twin.control.motion import Motion
+from allegro_twin.library.entries import HAND, Kind
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
-from allegro_twin.library.sources import shipped
+from allegro_twin.library.sources import read_shipped, shipped
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -17,9 +18,9 @@ def load_posture(name: str | Path, spec: HandSpec) -> Vector:
     return Library().posture(name, spec)
 
 
-def posture_names() -> list[str]:
-    """Every posture that ships with the package."""
-    return sorted(shipped("posture"))
+def posture_names(model: str = HAND) -> list[str]:
+    """Every posture of a model of hand that ships with the package."""
+    return _names("posture", model)
 
 
 def load_grasp(name: str | Path, spec: HandSpec) -> Grasp:
@@ -32,6 +33,10 @@ def load_trajectory(name: str | Path, spec: HandSpec) -> Motion:
     return Library().trajectory(name, spec)
 
 
-def grasp_names() -> list[str]:
-    """Every grasp that ships with the package."""
-    return sorted(shipped("grasp"))
+def grasp_names(model: str = HAND) -> list[str]:
+    """Every grasp of a model of hand that ships with the package."""
+    return _names("grasp", model)
+
+
+def _names(kind: Kind, model: str) -> list[str]:
+    return sorted(name for name in shipped(kind) if read_shipped(name).entry.hand == model)

@@ -13,6 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.marks import Mark
 from allegro_twin.look.screen import Screen
 from allegro_twin.look.views import DEFAULT, Aim, View, seen
+from allegro_twin.sim.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -73,11 +74,11 @@ def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
     """What to look at and from where, by the scene as it is built: the same whatever has happened in it."""
     spec, model, data = scene.spec, scene.model, mujoco.MjData(scene.model)
     palm = model.body("palm_link").id
-    last = [model.joint(spec.joints[finger.joints[-1]]).bodyid[0] for finger in spec.fingers]
-    addresses = [int(model.joint(joint).qposadr[0]) for joint in spec.joints]
+    last = [model.site(finger.tip).bodyid[0] for finger in spec.fingers]
+    posed = Posed(spec, model)
 
     def distal(posture: Array) -> Array:
-        data.qpos[addresses] = posture
+        posed(posture, data.qpos)
         mujoco.mj_kinematics(model, data)
         places: Array = (data.xpos[last] - data.xpos[palm]) @ data.xmat[palm].reshape(3, 3)
         return places

@@ -12,11 +12,11 @@ from allegro_twin.config import (
     SimSettings,
 )
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
 from allegro_twin.hand.cartesian import agreed
-from allegro_twin.hand.mover import KINDS
 from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.library.gains import gains_names
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.panel.eyes import scenery_of
@@ -36,8 +36,8 @@ def described(opened: OpenHand) -> Opened:
         rig.spec,
         scenery_of(rig),
         rig.backend.period,
-        KINDS,
-        tuple(read_yaml(data_root() / "conf" / "gains" / f"{rig.spec.model}.yaml")),
+        opened.hand.controllers,
+        gains_names(rig.spec),
         opened.gains,
         _scenarios() if choice else (),
         _things() if choice else (),

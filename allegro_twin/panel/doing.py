@@ -9,7 +9,6 @@ from typing import assert_never
 from allegro_twin.control.motion import Motion
 from allegro_twin.errors import ConfigError
 from allegro_twin.hand.demonstration import Demonstration
-from allegro_twin.hand.mover import KINDS
 from allegro_twin.library.entries import posture_entry, trajectory_entry
 from allegro_twin.library.library import Library
 from allegro_twin.panel import wishes as w
@@ -43,7 +42,7 @@ class Doing:
             case w.Grasp(name):
                 hand.grasp(name, wait=False)
             case w.Control(kind):
-                hand.set_controller(next((k for k in KINDS if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
+                hand.set_controller(next((k for k in hand.controllers if k == kind), kind))  # type: ignore[arg-type]  # Checked there.
             case w.Gravity(vector):
                 hand.gravity = vector
             case w.UseGains(name):

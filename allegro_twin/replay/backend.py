@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from allegro_twin.backend import torque_of
+from allegro_twin.backend import position_of, torque_of
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.replay.recording import Recording
 from allegro_twin.spec import HandSpec
@@ -33,7 +33,7 @@ class ReplayBackend:
         return self._state()
 
     def write(self, command: Command) -> None:
-        torque_of(command, self._spec)
+        (torque_of if "torque" in self._spec.commands else position_of)(command, self._spec)
         self.written.append(command)
 
     def read(self) -> HandState:

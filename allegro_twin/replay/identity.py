@@ -5,26 +5,30 @@ from __future__ import annotations
 from typing import Any
 
 from allegro_twin.drive import Drive
-from allegro_twin.spec import Actuation, Finger, HandSpec
+from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
 from allegro_twin.types import frozen
 
-_ACTUATION = ("torque_limit", "damping", "armature", "frictionloss")
+_ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness")
 
 
 def spec_to_json(spec: HandSpec) -> dict[str, Any]:
     drive = {} if spec.drive is None else {"drive": spec.drive.plain()}
-    return drive | {
-        "model": spec.model,
-        "side": spec.side,
-        "serial": spec.serial,
-        "joints": list(spec.joints),
-        "aliases": list(spec.aliases),
-        "fingers": [{"name": f.name, "joints": list(f.joints), "tip": f.tip} for f in spec.fingers],
-        "lower": spec.lower.tolist(),
-        "upper": spec.upper.tolist(),
-        "actuation": {key: getattr(spec.actuation, key).tolist() for key in _ACTUATION},
-        "mirror_flips": list(spec.mirror_flips),
-    }
+    return (
+        drive
+        | _otherwise(spec)
+        | {
+            "model": spec.model,
+            "side": spec.side,
+            "serial": spec.serial,
+            "joints": list(spec.joints),
+            "aliases": list(spec.aliases),
+            "fingers": [{"name": f.name, "joints": list(f.joints), "tip": f.tip} for f in spec.fingers],
+            "lower": spec.lower.tolist(),
+            "upper": spec.upper.tolist(),
+            "actuation": {k: v.tolist() for k in _ACTUATION if (v := getattr(spec.actuation, k)) is not None},
+            "mirror_flips": list(spec.mirror_flips),
+        }
+    )
 
 
 def spec_from_json(content: dict[str, Any]) -> HandSpec:
@@ -39,6 +43,18 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
         fingers=tuple(Finger(f["name"], tuple(f["joints"]), f["tip"]) for f in content["fingers"]),
         lower=frozen(content["lower"]),
         upper=frozen(content["upper"]),
-        actuation=Actuation(**{key: frozen(content["actuation"][key]) for key in _ACTUATION}),
+        actuation=Actuation(**{key: frozen(row) for key, row in content["actuation"].items()}),
+        commands=tuple(content.get("commands", ("torque",))),
+        followers=tuple(Follower(f["name"], f["driven"], frozen(f["positions"])) for f in content.get("followers", ())),
         mirror_flips=tuple(content["mirror_flips"]),
     )
+
+
+def _otherwise(spec: HandSpec) -> dict[str, Any]:
+    """What hands with a torque motor on every joint have nothing to say of."""
+    said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
+    if spec.followers:
+        said["followers"] = [
+            {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
+        ]
+    return said

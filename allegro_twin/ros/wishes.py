@@ -67,7 +67,7 @@ class Wishes:
     def _lib_cmd(self, message: Any, sender: UUID) -> float:
         word, hand = message.data, self._hand
         if word == OFF:
-            hand.set_controller("torque")
+            hand.set_controller(hand.controllers[0])
         elif word == "gravcomp":
             hand.set_controller("gravity")
         elif word == "save":
@@ -76,9 +76,11 @@ class Wishes:
             hand.move_to(hand.state.position if self._saved is None else self._saved, self._speed, wait=False)
         elif word == "envelop":
             hand.grasp("envelop", force=self._scale, wait=False)
-        elif GRASPS.get(word, word) in grasp_names():
+        elif GRASPS.get(word, word) in grasp_names(hand.spec.model):
             hand.grasp(GRASPS.get(word, word), wait=False)
-        elif word in posture_names():  # A path would be read as well, and who is on the network is not asked in.
+        elif word in posture_names(
+            hand.spec.model
+        ):  # A path would be read as well, and who is on the network is not asked in.
             hand.move_to(word, self._speed, wait=False)
         else:
             raise ConfigError(f"lib_cmd: {unknown('word', word, [*WORDS, *GRASPS, *grasp_names(), *posture_names()])}")

@@ -9,11 +9,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.backend import torque_of
+from allegro_twin.backend import position_of, torque_of
 from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
+from allegro_twin.sim.posed import Posed, moved_by
+from allegro_twin.sim.servos import Servos
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -34,7 +36,8 @@ class SimBackend:
     """A hand in a compiled scene.
 
     `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
-    `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits.
+    `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits. Joints
+    that follow begin where they are when nothing is in their way.
     `pushing` is what pushes a body of the scene.
     Raises ConfigError for a period that is not a whole number of the model's timesteps.
     """
@@ -51,9 +54,12 @@ class SimBackend:
     ) -> None:
         self._substeps = substeps(period, model.opt.timestep)
         self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
-        self._qpos = span([model.jnt_qposadr[model.joint(name).id] for name in spec.joints])
-        self._dof = span([model.jnt_dofadr[model.joint(name).id] for name in spec.joints])
         self._motors = span([model.actuator(name).id for name in spec.joints])
+        self._servos = None if "torque" in spec.commands else Servos(spec, model, period)
+        joints = list(moved_by(spec, model).values())
+        self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
+        self._dof = span([model.jnt_dofadr[joint] for joint in joints])
+        self._pose = Posed(spec, model)
         self._palm = model.body("palm_link").id
         self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
         self.drive, self.pushing = drive, pushing
@@ -78,16 +84,21 @@ class SimBackend:
 
     def reset(self) -> HandState:
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[self._qpos] = self._posture
+        self._pose(self._posture, self.data.qpos)
         if self._wrist:
             self.data.ctrl[self._wrist] = self.drive[0]
         mujoco.mj_forward(self.model, self.data)
+        if self._servos is not None:
+            self._servos.reset(self.data)
         if self._train is not None:
             self._train.reset()
         self._tick = 0
         return self._state()
 
     def write(self, command: Command) -> None:
+        if self._servos is not None:
+            self._servos.command(position_of(command, self._spec))
+            return
         torque = torque_of(command, self._spec)
         if self._train is None:
             self.data.ctrl[self._motors] = torque
@@ -98,6 +109,8 @@ class SimBackend:
         if self._pushed is not None and self.pushing is not None:
             rows = self.pushing.force[self._tick : self._tick + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
+        if self._servos is not None:
+            self._servos.drive(self.data)
         first = self._tick * self._substeps
         rows = self.drive[first : first + self._substeps]
         if len(rows) or self._train is not None:
@@ -124,7 +137,10 @@ class SimBackend:
         self._train.suffer(what, joint, amount)
 
     def close(self) -> None:
-        self.data.ctrl[self._motors] = 0.0
+        if self._servos is not None:
+            self._servos.release()
+        else:
+            self.data.ctrl[self._motors] = 0.0
 
     def mass_of(self, body: str) -> float:
         """Of a body of the scene, kg."""
@@ -132,19 +148,19 @@ class SimBackend:
 
     def meta(self) -> dict[str, str]:
         """What a recording should say of the simulation: the engine, and a hash of the model as it was stepped."""
-        size = mujoco.mj_sizeModel(self.model)
-        buffer = np.empty(size, np.uint8)
-        mujoco.mj_saveModel(self.model, None, buffer)
-        return {"engine": ENGINE, "model": hashlib.sha256(buffer.tobytes()).hexdigest()[:16]}
+        if self._servos is None:
+            return {"engine": ENGINE, "model": _hash(self.model)}
+        with self._servos.able():
+            return {"engine": ENGINE, "model": _hash(self.model)}
 
     def _state(self) -> HandState:
         data = self.data
-        position = data.qpos[self._qpos].copy()
+        position = data.qpos[self._qpos].copy() if self._servos is None else self._servos.position(data)
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
         if self._train is not None:
             position = self._train.reported(position, data)
-        velocity = data.qvel[self._dof].copy()
+        velocity = data.qvel[self._dof].copy() if self._servos is None else self._servos.velocity(data)
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)
         for array in (position, velocity, torque, gravity):
@@ -164,9 +180,15 @@ def substeps(period: float, timestep: float) -> int:
 def span(indices: list[int]) -> slice | list[int]:
     """A slice where the indices run on, which NumPy reads faster than a list."""
     indices = [int(index) for index in indices]
-    if indices == list(range(indices[0], indices[0] + len(indices))):
+    if indices and indices == list(range(indices[0], indices[0] + len(indices))):
         return slice(indices[0], indices[0] + len(indices))
     return indices
+
+
+def _hash(model: mujoco.MjModel) -> str:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).hexdigest()[:16]
 
 
 def _unstable(data: mujoco.MjData) -> str:

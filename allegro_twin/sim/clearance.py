@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.parts import part_names, parts_of
+from allegro_twin.sim.posed import Posed
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -26,7 +27,7 @@ class Clearance:
         model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         self._model, self._data = model, mujoco.MjData(model)
         self._in_use = threading.Lock()
-        self._places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+        self._posed = Posed(spec, model)
         names = part_names(spec)
         couples = list(combinations_with_replacement(range(len(names)), 2))
         self.pairs = tuple((names[a], names[b]) for a, b in couples)
@@ -72,7 +73,7 @@ class Clearance:
         return rows[kept], pairs[kept]
 
     def _place(self, posture: Array) -> None:
-        self._data.qpos[self._places] = posture
+        self._posed(posture, self._data.qpos)
         mujoco.mj_kinematics(self._model, self._data)
 
 

@@ -6,8 +6,10 @@ import importlib
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.kinematics.orientation import conjugate
 from allegro_twin.spec import ForeignModel, HandSpec
 
 _FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
@@ -43,6 +45,45 @@ def _fetched(module: str, git_error: type[Exception]) -> str:
         raise ConfigError(f"robot_descriptions could not fetch Menagerie: {text}; set `mjcf` to a copy") from error
 
 
+def read(file: Path) -> mujoco.MjSpec:
+    """Raises ConfigError."""
+    try:
+        return mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
+
+
+def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
+    """Their hand on a palm of ours, with their actuators under our names, and a site and a contact sensor at each tip.
+
+    Raises ConfigError with the nearest name when the card names something that the file does not have.
+    """
+    root = _get(theirs.bodies, foreign.root, "body", foreign.mjcf)
+    if root.parent != theirs.worldbody:
+        raise ConfigError(f"{foreign.mjcf}: root {foreign.root} hangs on {root.parent.name}; take that, or cut it free")
+    if list(root.joints):
+        raise ConfigError(f"{foreign.mjcf}: root {foreign.root} has a joint ({root.joints[0].name}): a palm is held")
+    root.pos, root.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    for element in (*theirs.worldbody.geoms, *theirs.worldbody.lights, *theirs.worldbody.cameras, *theirs.keys):
+        theirs.delete(element)
+    for other in theirs.worldbody.bodies:
+        if other != root:
+            theirs.delete(other)
+    for name, ours in zip(foreign.joints, spec.joints, strict=True):
+        _get(theirs.actuators, name, "actuator", foreign.mjcf).name = ours
+    if extra := [each.name for each in theirs.actuators if each.name not in spec.joints]:
+        raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
+    for follower in spec.followers:
+        _get(theirs.joints, follower.name, "joint", foreign.mjcf)
+    _add_tips(theirs, spec, foreign)
+    hand = mujoco.MjSpec()
+    hand.compiler.degree = False
+    turn = conjugate(foreign.palm or (1.0, 0.0, 0.0, 0.0))
+    frame = hand.worldbody.add_body(name="palm_link").add_frame(quat=turn)
+    hand.attach(theirs, frame=frame, prefix="")
+    return hand
+
+
 def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
     """Rename its root and joints, replace its actuators by torque motors, add a site at each fingertip.
 
@@ -58,6 +99,11 @@ def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
         motor = hand.add_actuator(name=ours, target=ours, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
     _follow(hand, renamed)
+    _add_tips(hand, spec, foreign)
+
+
+def _add_tips(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
+    """A site and a contact sensor at each fingertip that has none."""
     for finger in spec.fingers:
         body_name, offset = foreign.tips[finger.name]
         body = _get(hand.bodies, body_name, "body", foreign.mjcf)

@@ -18,12 +18,26 @@ def part_names(spec: HandSpec) -> tuple[str, ...]:
 
 
 def parts_of(model: mujoco.MjModel, spec: HandSpec) -> Indices:
-    """The number of each body's part in `part_names`, (bodies,): the finger whose joint it hangs on, by however many
-    welds, else the palm; -1 for what is not the hand."""
+    """The number of each body's part in `part_names`, (bodies,): the finger on whose way from a moving joint to its tip
+    it is, or off which it branches; else the palm; -1 for what is not the hand."""
     part = np.full(model.nbody, -1)
-    part[model.body("palm_link").id] = len(spec.fingers)
-    mine = {int(model.joint(spec.joints[j]).bodyid[0]): k for k, f in enumerate(spec.fingers) for j in f.joints}
+    palm = model.body("palm_link").id
+    part[palm] = len(spec.fingers)
+    ways = [_way(model, int(model.site(finger.tip).bodyid[0]), palm) for finger in spec.fingers]
+    shared = {body for one, way in enumerate(ways) for other in ways[:one] for body in way if body in other}
+    mine = {body: k for k, way in enumerate(ways) for body in way if body not in shared}
     for body in range(1, model.nbody):  # Parents come first.
         if part[body] < 0:
             part[body] = mine.get(body, part[model.body_parentid[body]])
     return part
+
+
+def _way(model: mujoco.MjModel, body: int, palm: int) -> list[int]:
+    """From a tip's body back to the first that moves in the palm."""
+    way: list[int] = []
+    while body not in (palm, 0):
+        way.append(body)
+        body = int(model.body_parentid[body])
+    while way and not model.body_jntnum[way[-1]]:
+        way.pop()
+    return way

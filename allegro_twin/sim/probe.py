@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.parts import part_names, parts_of
+from allegro_twin.sim.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, frozen
 
@@ -105,10 +106,10 @@ class Probe:
 def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
     """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n)."""
     data = mujoco.MjData(model)
-    places = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+    posed = Posed(spec, model)
     found = []
     for posture in postures:
-        data.qpos[places] = posture
+        posed(posture, data.qpos)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)

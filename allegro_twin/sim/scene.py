@@ -11,7 +11,7 @@ from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim import drivetrain, objects, presenter, wrist
-from allegro_twin.sim.foreign import adopt, located
+from allegro_twin.sim.foreign import adopt, located, mounted, read
 from allegro_twin.sim.physics import Physics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -47,10 +47,9 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     file = located(spec) if spec.foreign is not None else path
     if not file.is_file():
         raise ConfigError(f"hand {spec.name}: no MJCF at {file}")
-    try:
-        hand = mujoco.MjSpec.from_file(str(file))
-    except ValueError as error:
-        raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
+    hand = read(file)
+    if spec.foreign is not None and spec.foreign.keeps:
+        return mounted(hand, spec, spec.foreign)
     if spec.foreign is not None:
         adopt(hand, spec, spec.foreign)
     for index, name in enumerate(spec.joints):
@@ -60,7 +59,8 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
         joint.armature = spec.actuation.armature[index]
         joint.frictionloss = spec.actuation.frictionloss[index]
         limit = spec.actuation.torque_limit[index]
-        motor.ctrlrange = motor.forcerange = [-limit, limit]
+        motor.forcerange = [-limit, limit]
+        motor.ctrlrange = motor.forcerange if spec.actuation.stiffness is None else joint.range
     if spec.drive is not None:
         drivetrain.build(hand, spec, spec.drive)
     return hand

@@ -65,14 +65,14 @@ def _link(model: mujoco.MjModel, body: int, bodies: list[int], spec: HandSpec) -
 def _hinges(model: mujoco.MjModel, body: int, spec: HandSpec) -> tuple[Hinge, ...]:
     import mujoco
 
-    found = []
+    found, known = [], {*spec.joints, *(each.name for each in spec.followers)}
     for number in range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body])):
         joint = model.joint(number)
-        if joint.name not in spec.joints:
+        if joint.name not in known:
             continue
         kind = int(joint.type[0])
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            raise ConfigError(f"hand {spec.serial}: joint {joint.name} is neither a hinge nor a slide")
+            raise ConfigError(f"hand {spec.serial or spec.model}: joint {joint.name} is neither a hinge nor a slide")
         slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
         found.append(Hinge(joint.name, joint.axis.copy(), joint.pos.copy(), float(joint.qpos0[0]), slides))
     return tuple(found)

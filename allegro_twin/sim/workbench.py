@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from allegro_twin.sim import wrist
 from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.parts import parts_of
+from allegro_twin.sim.posed import Posed
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -43,7 +44,7 @@ class Workbench:
         """What is placed here, and room for a state from elsewhere."""
         self.name = self.thing.thing.name
         self.body = int(model.body(self.name).id)
-        self._joints = [int(model.joint(name).qposadr[0]) for name in spec.joints]
+        self._posed = Posed(spec, model)
         self._wrist = [int(model.joint(name).qposadr[0]) for name in wrist.JOINTS]
         self.part = parts_of(model, spec)[model.geom_bodyid]
         """Which part of the hand each geom belongs to; -1: none."""
@@ -83,7 +84,7 @@ class Workbench:
         return float((centre - np.sum(np.abs(turn) * box[:, 3:], axis=1)).min())
 
     def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
-        self.data.qpos[self._joints] = posture
+        self._posed(posture, self.data.qpos)
         self.data.qpos[self._wrist] = coordinates(position, rotation)
         mujoco.mj_kinematics(self.model, self.data)
 

@@ -1,0 +1,34 @@
+"""Where a posture of the hand is in its simulation."""
+
+from __future__ import annotations
+
+import mujoco
+
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+
+class Posed:
+    """Puts postures into `qpos`: driven joints, and those that follow where they are when nothing is in their way."""
+
+    def __init__(self, spec: HandSpec, model: mujoco.MjModel) -> None:
+        self._spec, driven = spec, moved_by(spec, model)
+        self._driven = list(driven)
+        self._places = [int(model.jnt_qposadr[joint]) for joint in driven.values()]
+        self._followers = [int(model.joint(each.name).qposadr[0]) for each in spec.followers]
+
+    def __call__(self, posture: Array, qpos: Array) -> None:
+        """Write a posture, (n,), rad, into a state."""
+        qpos[self._places] = posture[self._driven]
+        if self._followers:
+            qpos[self._followers] = self._spec.followed(posture)
+
+
+def moved_by(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
+    """The joint that each motor turns, by the motor's place in the spec; motors on tendons have none."""
+    found = {}
+    for index, name in enumerate(spec.joints):
+        motor = model.actuator(name)
+        if motor.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT:
+            found[index] = int(motor.trnid[0])
+    return found
