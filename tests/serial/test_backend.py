@@ -219,7 +219,7 @@ def test_servos_that_are_not_there_are_named_and_strangers_too() -> None:
 
 def bench_with(bench: Bench, what: str, which: int, amount: float) -> DynamixelBackend:
     """Its backend anew, after something has happened to a servo."""
-    bench.hand.servos[which].memory.put("id", int(amount))
+    bench.hand.servos[which].become(int(amount))
     return bench.made()
 
 

@@ -87,10 +87,14 @@ class Calibration:
         return frozen([servo.zero for servo in self.servos])
 
     @cached_property
-    def _per_ampere(self) -> Vector:
-        """Torque at the actuator, with its sign."""
-        own = self.model.torque_per_ampere
-        return frozen([s.direction * (s.torque_per_ampere or own) / s.gear for s in self.servos])
+    def _per_velocity(self) -> Vector:
+        return frozen(self._per_tick * (self.model.velocity_unit / RAD_PER_TICK))
+
+    @cached_property
+    def _per_current(self) -> Vector:
+        """Torque at the actuator, with its sign, N·m a count."""
+        unit, own = self.model.current_unit, self.model.torque_per_ampere
+        return frozen([unit * s.direction * (s.torque_per_ampere or own) / s.gear for s in self.servos])
 
     @cached_property
     def current_counts(self) -> tuple[int, ...]:
@@ -114,17 +118,17 @@ class Calibration:
 
     def velocity(self, counts: Array) -> Vector:
         """Of the actuators, shape (m,), rad/s."""
-        return counts * (self.model.velocity_unit / RAD_PER_TICK) * self._per_tick
+        return counts * self._per_velocity
 
     def velocity_counts(self, velocity: Vector) -> Array:
-        return np.rint(velocity / self._per_tick * (RAD_PER_TICK / self.model.velocity_unit))
+        return np.rint(velocity / self._per_velocity)
 
     def torque(self, counts: Array) -> Vector:
         """Of the actuators, with sign, shape (m,), N·m."""
-        return counts * self.model.current_unit * self._per_ampere
+        return counts * self._per_current
 
     def torque_counts(self, torque: Vector) -> Array:
-        return np.rint(torque / (self.model.current_unit * self._per_ampere))
+        return np.rint(torque / self._per_current)
 
     def effort(self, counts: Array) -> Vector:
         """What a current without sign can do at the actuators, shape (m,), N·m."""
@@ -132,7 +136,7 @@ class Calibration:
 
     def effort_counts(self, effort: Vector) -> list[int]:
         """The current to allow for an effort, in counts, rounded down, and never above the limit."""
-        counts = np.floor(effort / np.abs(self.model.current_unit * self._per_ampere) + 1e-6)
+        counts = np.floor(effort / np.abs(self._per_current) + 1e-6)
         return _whole(np.minimum(counts, self.current_counts))
 
 

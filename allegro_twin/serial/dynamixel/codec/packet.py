@@ -20,6 +20,7 @@ FRAME = 10
 STATUS = 0x55
 ALERT = 0x80
 """In a status packet's error: the servo has a hardware error."""
+_HEAD = struct.Struct("<4sBH")
 _POLYNOMIAL = 0x8005
 _PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
 
@@ -60,8 +61,10 @@ class Packet(NamedTuple):
 
     def encoded(self) -> bytes:
         """As it stands on the wire. Raises ValueError where the stuffed length exceeds 65535."""
-        body = (bytes((self.instruction,)) + self.parameters).replace(_PATTERN, _STUFFED)
-        head = HEADER + struct.pack("<BH", self.id, len(body) + 2) + body
+        body = bytes((self.instruction,)) + self.parameters
+        if _PATTERN in body:
+            body = body.replace(_PATTERN, _STUFFED)
+        head = _HEAD.pack(HEADER, self.id, len(body) + 2) + body
         return head + crc16(head).to_bytes(2, "little")
 
 
@@ -81,9 +84,9 @@ def status(identifier: int, error: int, data: bytes = b"") -> Packet:
 
 def crc16(data: bytes) -> int:
     """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc."""
-    crc = 0
+    table, crc = _TABLE, 0
     for byte in data:
-        crc = (crc << 8 & 0xFF00) ^ _TABLE[crc >> 8 ^ byte]
+        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ byte]
     return crc
 
 

@@ -72,7 +72,12 @@ class Bus:
     def _in_turn(self, heard: Packet, there: Mapping[int, Sequence[Servo]]) -> Iterator[bytes]:
         """Each waits for the one before: after one that is silent nobody speaks (DynamixelSDK issue 364)."""
         for identifier, address, length in _asked(heard):
-            answer = self._together(there.get(identifier, ()), partial(_read, address=address, length=length))
+            mine = there.get(identifier, ())
+            if len(mine) == 1:
+                answer = _read(mine[0], address, length)
+                self.seconds += mine[0].return_delay * DELAY_UNIT
+            else:
+                answer = self._together(mine, partial(_read, address=address, length=length))
             if not answer:
                 return
             yield answer

@@ -72,7 +72,7 @@ class Faults:
             case "watchdog":
                 servo.trip()
             case "other_id":
-                servo.memory.put("id", 252 if event.amount is None else int(event.amount))
+                servo.become(252 if event.amount is None else int(event.amount))
             case "overheat":
                 self.heat[event.which] = OVERHEATED if event.amount is None else event.amount
             case "overload":
@@ -87,4 +87,4 @@ class Faults:
                 self.heat = dict.fromkeys(self.heat, _WARM)
                 for each, identifier in zip(self._servos, self._ids, strict=True):
                     each.dead = each.mute = False
-                    each.memory.put("id", identifier)
+                    each.become(identifier)

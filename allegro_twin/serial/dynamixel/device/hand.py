@@ -108,5 +108,7 @@ class VirtualHand:
 
 def _whole(values: Array, most: int) -> list[int]:
     """What a servo can say of them; what a simulation does not say is 0, for a servo always measures."""
-    found: list[int] = np.minimum(np.maximum(np.nan_to_num(values), -most), most).astype(int).tolist()
+    bounded = np.minimum(np.maximum(values, -most), most)
+    bounded[np.isnan(bounded)] = 0.0
+    found: list[int] = bounded.astype(int).tolist()
     return found

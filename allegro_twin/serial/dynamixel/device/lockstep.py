@@ -15,7 +15,9 @@ class LockstepLine(Line):
 
     def __init__(self, hand: VirtualHand, baud: int) -> None:
         super().__init__(f"virtual {hand.backend.spec.name}", baud)
-        self.hand, self._came = hand, bytearray()
+        self.hand = hand
+        self._came, self._at = b"", 0
+        """What has come, and how much of it was read."""
 
     def now(self) -> float:
         return self.hand.now
@@ -38,15 +40,16 @@ class LockstepLine(Line):
         self.clearPort()
 
     def clearPort(self) -> None:  # noqa: N802  # The SDK's name, as are those below.
-        self._came.clear()
+        self._came, self._at = b"", 0
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
-        self._came += self.hand.receive(bytes(packet), self.baud)
+        self._came = self._came[self._at :] + self.hand.receive(bytes(packet), self.baud)
+        self._at = 0
         return len(packet)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
-        data = bytes(self._came[:length])
-        del self._came[:length]
+        data = self._came[self._at : self._at + length]
+        self._at += len(data)
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
@@ -56,4 +59,4 @@ class LockstepLine(Line):
         pass
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
-        return not self._came
+        return self._at >= len(self._came)

@@ -134,11 +134,19 @@ class Memory:
         name = item.name
         if not item.writable or (item.address < EEPROM_END and self.bytes[64]):
             raise Refused(Refusal.ACCESS)
-        if name in _GOALS and self.bytes[98] == _TRIPPED:
+        if not item.low <= value <= item.high:
             raise Refused(Refusal.RANGE)
-        if not item.low <= value <= item.high or (name == "operating_mode" and value not in MODES):
+        if name in _GOALS:
+            self._check_goal(name, value)
+        if name == "operating_mode" and value not in MODES:
             raise Refused(Refusal.RANGE)
         if name == "bus_watchdog" and value < 0:
+            raise Refused(Refusal.RANGE)
+        if name == "torque_enable" and value and self.bytes[70] & self.bytes[63]:
+            raise Refused(Refusal.RESULT)  # "REBOOT is the only method", and no number: e-Manual, Shutdown.
+
+    def _check_goal(self, name: str, value: int) -> None:
+        if self.bytes[98] == _TRIPPED:
             raise Refused(Refusal.RANGE)
         if name in _LIMITED and abs(value) > self.get(_LIMITED[name]):
             raise Refused(Refusal.LIMIT)
@@ -146,5 +154,3 @@ class Memory:
             lowest, highest = self.get("min_position_limit"), self.get("max_position_limit")
             if not lowest <= value <= highest:
                 raise Refused(Refusal.LIMIT)
-        if name == "torque_enable" and value and self.bytes[70] & self.bytes[63]:
-            raise Refused(Refusal.RESULT)  # "REBOOT is the only method", and no number: e-Manual, Shutdown.

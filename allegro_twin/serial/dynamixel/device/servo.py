@@ -22,12 +22,16 @@ from allegro_twin.serial.dynamixel.device.memory import Memory, Refused
 
 _PRESENT = struct.Struct("<hii")
 """Current, velocity, position, from address 126 on."""
-_GOAL_CURRENT, _CURRENT_LIMIT, _GOAL_POSITION = struct.Struct("<hh"), struct.Struct("<H"), struct.Struct("<i")
+_GOALS = struct.Struct("<hh12xi")
+"""Goal PWM, Goal Current and Goal Position, from address 100 on."""
+_CURRENT_LIMIT = struct.Struct("<H")
 _RAM = range(EEPROM_END, 1 << 16)
 _GAINS = (
     "velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain",
     "feedforward_2nd_gain", "feedforward_1st_gain", "profile_acceleration", "profile_velocity",
 )  # fmt: skip
+_FAR_REACHING = {"operating_mode", "id", "baud_rate", "homing_offset", "drive_mode"}
+"""Items that change more than themselves."""
 _OVERHEATED = 1 << 2
 _MULTI_TURN = bytes((0x01, 0x44, 0x58, 0x4C, 0x22))
 """What a Clear must say. e-Manual, protocol2."""
@@ -49,6 +53,8 @@ class Servo:
         self.model, self.memory = model, Memory(model)
         self.memory.put("id", identifier)
         self.memory.put("baud_rate", BAUDS.index(baud))
+        self.id, self.baud = identifier, baud
+        """As its table has them."""
         self.registered: tuple[int, bytes] | None = None
         """A write that waits for an Action."""
         self.dead = False
@@ -59,14 +65,6 @@ class Servo:
         self._shaft = self._turns = 0
         self._sign, self._offset = 1, 0
         """Of its ticks to the shaft's: Drive Mode, Homing Offset and turns that were forgotten."""
-
-    @property
-    def id(self) -> int:
-        return self.memory.bytes[7]
-
-    @property
-    def baud(self) -> int:
-        return BAUDS[self.memory.bytes[8]]
 
     @property
     def return_delay(self) -> int:
@@ -90,13 +88,13 @@ class Servo:
     def wants(self) -> Wants:
         table = self.memory.bytes
         mode = table[11]
-        pwm, allowed = _GOAL_CURRENT.unpack_from(table, 100)
-        if not self.on or self.dead or not pwm or mode not in (POSITION, EXTENDED, CURRENT_POSITION):
+        pwm, allowed, goal = _GOALS.unpack_from(table, 100)
+        if not table[64] or self.dead or not pwm or mode not in (POSITION, EXTENDED, CURRENT_POSITION):
             return Wants(self._shaft, 0)  # Of the modes only those with a goal position are modelled.
         (current,) = _CURRENT_LIMIT.unpack_from(table, 38)
         if mode == CURRENT_POSITION:
             current = min(current, abs(allowed))
-        return Wants(self._to_shaft(*_GOAL_POSITION.unpack_from(table, 116)), current)
+        return Wants(self._sign * (goal - self._offset), current)
 
     def sense(self, position: int, velocity: int, current: int) -> None:
         """Where its shaft is now, in ticks and counts of the shaft."""
@@ -128,7 +126,7 @@ class Servo:
         self._time += seconds
         self._silent += seconds
         watchdog = self.memory.bytes[98]
-        if self.on and 0 < watchdog < 128 and self._silent > watchdog * WATCHDOG_UNIT:
+        if 0 < watchdog < 128 and self.on and self._silent > watchdog * WATCHDOG_UNIT:
             self.trip()
 
     def trip(self) -> None:
@@ -196,6 +194,7 @@ class Servo:
             self.memory.bytes[7] = identifier
         if option == 0x02:
             self.memory.bytes[8] = baud
+        self._introduce()
         self.reboot()
         return 0
 
@@ -209,14 +208,19 @@ class Servo:
         self._place()
         return 0
 
+    def become(self, identifier: int) -> None:
+        """It has another id from now on."""
+        self.memory.put("id", identifier)
+        self._introduce()
+
+    def _introduce(self) -> None:
+        self.id, self.baud = self.memory.bytes[7], BAUDS[self.memory.bytes[8]]
+
     def _place(self) -> None:
         """What lies between its ticks and its shaft has changed."""
         self._sign = -1 if self.memory.bytes[10] & 1 else 1
         self._offset = self._turns + self.memory.get("homing_offset")
         self.sense(self._shaft, 0, 0)
-
-    def _to_shaft(self, tick: int) -> int:
-        return self._sign * (tick - self._offset)
 
     def _stay(self) -> None:
         self.memory.put("goal_position", self.memory.get("present_position"))
@@ -226,11 +230,15 @@ class Servo:
         if item.name == "torque_enable" and value and not self.on:
             self._silent = 0.0
             self._stay()
-        memory.put(item.name, value)
+        memory.bytes[item.address : item.address + item.size] = item.bytes_of(value)
+        if item.name not in _FAR_REACHING:
+            return
         if item.name == "operating_mode":
             for name in _GAINS:
                 memory.put(name, self.model.named[name].default)
             memory.put("goal_pwm", memory.get("pwm_limit"))
             memory.put("goal_current", memory.get("current_limit"))
+        elif item.name in ("id", "baud_rate"):
+            self._introduce()
         elif item.name in ("homing_offset", "drive_mode"):
             self._place()

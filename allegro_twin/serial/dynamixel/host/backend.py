@@ -162,7 +162,7 @@ class DynamixelBackend:
         self._line = line = self._open()
         try:
             n = len(self._calibration.ids)
-            budget.check(self._settings.period, budget.budget(n, line.baud, self._settings.return_delay))
+            budget.check(self._settings.period, budget.budget(n, line.baud, self._settings.return_delay, limited=True))
             self._sdk = Sdk(line, self._calibration.model, self._names, self._settings.tries)
             self._motors = Motors(self._sdk, self._calibration, self._settings.watchdog_counts)
             self._fresh()
@@ -189,7 +189,7 @@ class DynamixelBackend:
         self._every = max(int(self._settings.temperature_period / questions / self._settings.period), 1)
         self._tick, self._next = 0, self._every
         self._glide: Glide | None = None
-        self._sent = self._limited = False
+        self._sent = False
 
     def _ready(self) -> None:
         if self._fault is not None:
@@ -206,10 +206,9 @@ class DynamixelBackend:
         if not self._motors.on:
             self._motors.start(goal, wanted.effort)
         else:
-            if wanted.effort is not None or self._limited:
-                self._motors.currents(wanted.effort)
+            self._motors.currents(wanted.effort)
             self._motors.goals(goal)
-        self._limited, self._spoken = wanted.effort is not None, self._opened.now()
+        self._spoken = self._opened.now()
 
     def _let_go(self) -> None:
         """Limp, confirmed. Raises LinkError."""

@@ -10,6 +10,8 @@ from allegro_twin.serial.dynamixel.host.sdk import Sdk
 from allegro_twin.types import Vector
 
 _TRIES = 3
+_AGAIN = 10
+"""Periods after which a current is said again."""
 
 
 class Motors:
@@ -19,19 +21,25 @@ class Motors:
         self._sdk, self._calibration, self._ids, self._watchdog = sdk, calibration, calibration.ids, watchdog
         self.on = False
         """Whether torque may be enabled."""
+        self._allowed: Sequence[int] = ()
+        self._periods = 0
 
     def goals(self, position: Vector) -> None:
         """Go there, shape (m,), rad."""
         self._sdk.tell(self._ids, "goal_position", self._calibration.ticks(position))
 
     def currents(self, effort: Vector | None) -> None:
-        """Use no more than this on the way, shape (m,), N·m; None: than the limit."""
-        self._sdk.tell(self._ids, "goal_current", self._counts(effort))
+        """Use no more than this on the way, shape (m,), N·m; None: than the limit. Said when it changes, and again now
+        and then, for nobody confirms it; what it can never exceed is in the servos."""
+        counts, self._periods = self._counts(effort), self._periods + 1
+        if counts != self._allowed or self._periods >= _AGAIN:
+            self._allowed, self._periods = counts, 0
+            self._sdk.tell(self._ids, "goal_current", counts)
 
     def start(self, position: Vector, effort: Vector | None) -> None:
         """Torque on, with a limited current, going there. Raises LinkError where it does not come about."""
         self.on = True
-        counts = self._counts(effort)
+        self._allowed = counts = self._counts(effort)
         for _ in range(_TRIES):
             self._each("bus_watchdog", 0)
             self._sdk.tell(self._ids, "goal_current", counts)
@@ -68,4 +76,4 @@ class Motors:
 
     def _counts(self, effort: Vector | None) -> Sequence[int]:
         limit = self._calibration.current_counts
-        return limit if effort is None else self._calibration.effort_counts(effort)
+        return list(limit) if effort is None else self._calibration.effort_counts(effort)

@@ -104,8 +104,10 @@ class Sdk:
             self._handler.syncReadTx(self.line, address, size, list(ids), len(ids), False)
             for identifier in ids:
                 data, result, error = self._handler.readRx(self.line, identifier, size)
-                self._check(identifier, result, error, "read")
-                said += self._whole(identifier, data, size)
+                if result or error or len(data) != size:
+                    self._check(identifier, result, error, "read")
+                    self._whole(identifier, data, size)
+                said += bytes(data)
         return bytes(said)
 
     def ask_item(self, ids: Sequence[int], name: str) -> list[int]:
