@@ -43,10 +43,7 @@ class Field(NamedTuple):
     default: int
     low: int
     high: int
-
-    @property
-    def signed(self) -> bool:
-        return self.low < 0
+    signed: bool
 
     def bytes_of(self, value: int) -> bytes:
         """As it stands in the table, little-endian."""
@@ -57,11 +54,12 @@ class Field(NamedTuple):
 
 
 def _rw(address: int, size: int, name: str, default: int, low: int, high: int) -> Field:
-    return Field(address, size, name, True, default, low, high)
+    return Field(address, size, name, True, default, low, high, low < 0)
 
 
 def _r(address: int, size: int, name: str, default: int = 0, *, signed: bool = False) -> Field:
-    return Field(address, size, name, False, default, -(1 << 8 * size - 1) if signed else 0, (1 << 8 * size) - 1)
+    bits = 8 * size - signed
+    return Field(address, size, name, False, default, -(1 << bits) if signed else 0, (1 << bits) - 1, signed)
 
 
 _XM430 = (

@@ -10,6 +10,7 @@ from allegro_twin.serial.dynamixel.codec.budget import BITS, DELAY_UNIT
 from allegro_twin.serial.dynamixel.codec.packet import (
     BROADCAST,
     LAST_ID,
+    STATUS,
     Damaged,
     Heard,
     Instruction,
@@ -103,7 +104,7 @@ def _over(one: bytes, other: bytes) -> bytes:
 
 
 def _status(servo: Servo, error: int, data: bytes = b"") -> bytes:
-    return status(servo.id, error | servo.alert, data).encoded()
+    return Packet(servo.id, STATUS, bytes((error | servo.alert,)) + data).encoded()
 
 
 def _damaged(servo: Servo) -> bytes:
@@ -111,7 +112,10 @@ def _damaged(servo: Servo) -> bytes:
 
 
 def _read(servo: Servo, address: int, length: int) -> bytes:
-    return _status(servo, *servo.read(address, length)) if servo.return_level >= 1 else b""
+    if servo.memory.bytes[68] < 1:
+        return b""
+    error, data = servo.read(address, length)
+    return _status(servo, error, data)
 
 
 def _ping(servo: Servo) -> bytes:

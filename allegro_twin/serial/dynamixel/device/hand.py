@@ -62,6 +62,8 @@ class VirtualHand:
         self.state = self.backend.reset()
         self._steps, self.now = 0, 0.0
         self._told: list[Wants] | None = None
+        self._currents: tuple[int, ...] = ()
+        self._effort = np.empty(0)
         self._warmth: Vector | None = None
         self._sense()
 
@@ -70,9 +72,10 @@ class VirtualHand:
         self.faults.happen(self._on)
         wants = [servo.wants for servo in self.servos]
         if wants != self._told:
-            goals, currents = np.array(wants, dtype=np.float64).T
-            effort = self.calibration.effort(currents)
-            self.backend.write(PositionCommand(self.calibration.position(goals), effort=effort))
+            goals, currents = zip(*wants, strict=True)
+            if currents != self._currents:
+                self._currents, self._effort = currents, self.calibration.effort(np.array(currents))
+            self.backend.write(PositionCommand(self.calibration.position(np.array(goals)), effort=self._effort))
             self._told = wants
         self.state = self.backend.read()
         self._steps += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from allegro_twin.serial.dynamixel.codec.packet import Refusal
 from allegro_twin.serial.dynamixel.codec.table import EEPROM_END, MODES, POSITION, TRIPPED, Field, Model
@@ -62,16 +62,16 @@ class Memory:
             self._plain.add((address, length))
         return bytes(self._byte(k) for k in range(address, address + length))
 
-    def writes(self, address: int, data: bytes) -> list[tuple[Field, int]]:
+    def writes(self, address: int, data: bytes) -> Sequence[tuple[Field, int]]:
         """The items that these bytes are for, and their values, checked; pointers of indirect addresses are set at
         once. Raises Refused."""
         if not data:
             raise Refused(Refusal.LENGTH)
         item = self.model.at.get(address)
-        if item is not None and (item.address, item.size) == (address, len(data)):
-            value = item.value_of(data)
+        if item is not None and item.address == address and item.size == len(data):
+            value = int.from_bytes(data, "little", signed=item.signed)
             self._check(item, value)
-            return [(item, value)]
+            return ((item, value),)
         items = list[tuple[Field, int]]()
         for begin, piece in self._runs(address, data):
             if begin in self._pointers.values():
@@ -131,26 +131,24 @@ class Memory:
             offset += item.size
 
     def _check(self, item: Field, value: int) -> None:
-        name = item.name
         if not item.writable or (item.address < EEPROM_END and self.bytes[64]):
             raise Refused(Refusal.ACCESS)
         if not item.low <= value <= item.high:
             raise Refused(Refusal.RANGE)
-        if name in _GOALS:
-            self._check_goal(name, value)
-        if name == "operating_mode" and value not in MODES:
+        if item.name in _GOALS:
+            self._check_goal(item.name, value)
+        elif (item.name == "operating_mode" and value not in MODES) or (item.name == "bus_watchdog" and value < 0):
             raise Refused(Refusal.RANGE)
-        if name == "bus_watchdog" and value < 0:
-            raise Refused(Refusal.RANGE)
-        if name == "torque_enable" and value and self.bytes[70] & self.bytes[63]:
+        elif item.name == "torque_enable" and value and self.bytes[70] & self.bytes[63]:
             raise Refused(Refusal.RESULT)  # "REBOOT is the only method", and no number: e-Manual, Shutdown.
 
     def _check_goal(self, name: str, value: int) -> None:
         if self.bytes[98] == _TRIPPED:
             raise Refused(Refusal.RANGE)
-        if name in _LIMITED and abs(value) > self.get(_LIMITED[name]):
-            raise Refused(Refusal.LIMIT)
-        if name == "goal_position" and self.bytes[11] == POSITION:
+        if name in _LIMITED:
+            if abs(value) > self.get(_LIMITED[name]):
+                raise Refused(Refusal.LIMIT)
+        elif self.bytes[11] == POSITION:
             lowest, highest = self.get("min_position_limit"), self.get("max_position_limit")
             if not lowest <= value <= highest:
                 raise Refused(Refusal.LIMIT)

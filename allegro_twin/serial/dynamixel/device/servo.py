@@ -230,7 +230,8 @@ class Servo:
         if item.name == "torque_enable" and value and not self.on:
             self._silent = 0.0
             self._stay()
-        memory.bytes[item.address : item.address + item.size] = item.bytes_of(value)
+        raw = value.to_bytes(item.size, "little", signed=item.signed)
+        memory.bytes[item.address : item.address + item.size] = raw
         if item.name not in _FAR_REACHING:
             return
         if item.name == "operating_mode":

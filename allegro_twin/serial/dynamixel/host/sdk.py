@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -13,6 +14,7 @@ from allegro_twin.serial.dynamixel.host.line import Line
 
 _DONE, _OVERDUE, _GARBLED = 0, -3001, -3002
 """COMM_SUCCESS, COMM_RX_TIMEOUT, COMM_RX_CORRUPT of dynamixel_sdk.robotis_def."""
+_CODES = {1: "b", 2: "h", 4: "i"}
 _REASONS = {
     Refusal.RESULT: "it could not do it",
     Refusal.INSTRUCTION: "it does not know the instruction",
@@ -86,10 +88,9 @@ class Sdk:
 
     def tell(self, ids: Sequence[int], name: str, values: Sequence[int]) -> None:
         """Set an item of all of them at once. Nobody confirms it."""
-        item, parameters = self._model.named[name], bytearray()
-        for identifier, value in zip(ids, values, strict=True):
-            parameters.append(identifier)
-            parameters += item.bytes_of(value)
+        item, n = self._model.named[name], len(ids)
+        row = [number for pair in zip(ids, values, strict=True) for number in pair]
+        parameters = struct.pack("<" + f"B{_CODES[item.size]}" * n, *row)
         with self._turn():
             result = self._handler.syncWriteTxOnly(
                 self.line, item.address, item.size, list(parameters), len(parameters)
