@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from functools import cache
 from typing import NamedTuple, TypeAlias
-
-import numpy as np
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -86,21 +83,21 @@ def status(identifier: int, error: int, data: bytes = b"") -> Packet:
 
 
 def crc16(data: bytes) -> int:
-    """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc. Sixteen bits at a time, so by a table of them."""
-    table, crc, words = _table(), 0, len(data) // 2
-    for word in struct.unpack_from(f">{words}H", data):
-        crc = table[crc ^ word]
-    return (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ data[-1]] if len(data) % 2 else crc
+    """Polynomial 0x8005, begun with 0, not reflected; e-Manual, crc."""
+    table, crc = _TABLE, 0
+    for byte in data:
+        crc = (crc << 8 & 0xFF00) ^ table[crc >> 8 ^ byte]
+    return crc
 
 
-@cache
-def _table() -> list[int]:
-    """The remainder of every sixteen bits, length 65536."""
-    rest = np.arange(1 << 16, dtype=np.int64)
-    for _ in range(16):
-        rest = (rest << 1 ^ np.where(rest & 0x8000, _POLYNOMIAL, 0)) & 0xFFFF
-    found: list[int] = rest.tolist()
-    return found
+def _remainder(byte: int) -> int:
+    rest = byte << 8
+    for _ in range(8):
+        rest = rest << 1 ^ (_POLYNOMIAL if rest & 0x8000 else 0)
+    return rest & 0xFFFF
+
+
+_TABLE = tuple(_remainder(byte) for byte in range(256))
 
 
 class Parser:
