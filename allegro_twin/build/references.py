@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from allegro_twin.config import FollowSettings, PerJoint, PositionSettings, RunConfig
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.trajectory import Reference
@@ -53,7 +53,7 @@ def wanted_of(
         return Wanted(trial.reference, None, trial.grasp, *begins)
     if config.task.grasp is not None:
         return _in_the_open(load_grasp(config.task.grasp, spec), spec)
-    posture = posture_of("home" if config.task.posture is None else config.task.posture, spec)
+    posture = _first(spec) if config.task.posture is None else posture_of(config.task.posture, spec)
     moves = Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)])
     return Wanted(moves, _longest(spec, settings.speed) + STAY)
 
@@ -63,6 +63,14 @@ def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
     from allegro_twin.library.named import load_posture
 
     return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
+
+
+def _first(spec: HandSpec) -> Vector:
+    """Home, for a hand that has one in the library; else the middle of every joint's range."""
+    from allegro_twin.library.named import load_posture, posture_names
+
+    names = posture_names(spec.model)
+    return load_posture("home", spec) if names else frozen((spec.lower + spec.upper) / 2)
 
 
 def _in_the_open(grasp: Grasp, spec: HandSpec) -> Wanted:

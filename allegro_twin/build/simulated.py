@@ -10,6 +10,7 @@ import numpy as np
 from allegro_twin.build.references import posture_of
 from allegro_twin.config import HandSettings, RunConfig, SimSettings, TaskSettings
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -57,6 +58,8 @@ def make_trial(
     from allegro_twin.library.named import load_grasp
 
     settings, path = load_scenario(scenario)
+    if settings.hand != spec.model and grasp is None:
+        raise ConfigError(f"{path} is for the hand {settings.hand}; this one is {spec.model}: name another grasp, too")
     if thing is not None:
         others = settings.objects[1:]
         settings = settings.model_copy(update={"objects": (object_of(thing), *others)})
@@ -78,17 +81,18 @@ def object_of(name: str) -> ObjectSettings:
 def scenario_config(
     scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
 ) -> RunConfig:
-    """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD, with the nominal
-    hand."""
+    """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD or the firmware's
+    own loop, with the nominal hand."""
     from allegro_twin.evaluate.scenario import load_scenario
 
     settings, path = load_scenario(scenario)
+    hand = HandSettings.model_validate({"model": settings.hand, "side": side or settings.side})
     return RunConfig.model_validate(
         {
-            "hand": {"side": side or settings.side},
+            "hand": hand.model_dump(),
             "backend": {"kind": "sim"},
             "task": {"scenario": str(path), "grasp": grasp, "object": thing},
-            "controller": {"kind": "pd"},
+            "controller": following(hand),
         }
     )
 

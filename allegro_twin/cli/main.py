@@ -16,6 +16,7 @@ from allegro_twin.cli import (
     ends,
     evaluating,
     exchange,
+    hands,
     improving,
     live,
     looking,
@@ -70,6 +71,7 @@ twin.register(app)
 ros.register(app)
 schemas.register(app)
 doctor.register(app)
+hands.register(app)
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import sys
 from itertools import product
 from pathlib import Path
 
-from allegro_twin.description import facts, mesh
+from allegro_twin.description import facts, mesh, tendons
 from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.mjcf import mjcf
 from allegro_twin.description.text import mesh_name
@@ -25,6 +25,8 @@ def files() -> dict[Path, str]:
         made[Path("urdf") / f"{model}_{side}.urdf"] = urdf(hand, actuation)
         for visual in (v for link in hand.links for v in link.visuals if v.kind == "rounded"):
             made[Path("meshes") / f"{mesh_name(visual)}.obj"] = mesh.obj(*mesh.rounded_box(visual.size, visual.radius))
+    for path in tendons.tables():
+        made[Path("mjcf") / f"{path.stem}_right.xml"] = tendons.tendon_mjcf(path)
     return made
 
 

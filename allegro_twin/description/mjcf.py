@@ -15,12 +15,8 @@ def mjcf(hand: Description, actuation: Actuation) -> str:
     """The text of the file."""
     root = Element("mujoco", model=f"{hand.name}_{hand.side}")
     SubElement(root, "compiler", angle="radian", meshdir="../meshes", autolimits="true")
-    # docs/models.md#contact: what each option was measured to do.
-    SubElement(
-        root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
-        noslip_iterations="2",
-    )  # fmt: skip
-    _defaults(root)
+    options(root)
+    defaults(root)
     _assets(root, hand)
     bodies: dict[str, Element] = {}
     world = SubElement(root, "worldbody")
@@ -54,7 +50,16 @@ def _motor(actuators: Element, joint: Joint, actuation: Actuation) -> None:
     )  # fmt: skip
 
 
-def _defaults(root: Element) -> None:
+def options(root: Element) -> None:
+    """Of the simulation; docs/models.md#contact: what each was measured to do."""
+    SubElement(
+        root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
+        noslip_iterations="2",
+    )  # fmt: skip
+
+
+def defaults(root: Element) -> None:
+    """What a hand's joints and shapes have in common."""
     top = SubElement(SubElement(root, "default"), "default", {"class": "hand"})
     # A hard stop: 0.3 N·m press a joint 2 mrad into it; MuJoCo's own default lets it give by 60.
     SubElement(top, "joint", solreflimit="0.004 1", solimplimit="0.95 0.99 0.001")

@@ -188,6 +188,8 @@ class Scenario(Settings):
     """None: the objects lie on the table."""
     grasp: str
     """Name in the grasp library, or a file; a relative path is the scenario's own."""
+    hand: str = "allegro"
+    """The model of hand whose grasp and palm these are."""
     side: Side = "right"
     wrist: Wrist
     protocol: str = "table_pick"

@@ -58,7 +58,11 @@ class Trial:
         self.seconds = timeline.seconds
         model = compile_scene(spec, scene)
         if draw is not None:
-            model.actuator_gear[[model.actuator(joint).id for joint in spec.joints], 0] *= draw.torque
+            motors = [model.actuator(joint).id for joint in spec.joints]
+            if "torque" in spec.commands:
+                model.actuator_gear[motors, 0] *= draw.torque
+            else:
+                model.actuator_forcerange[motors] *= draw.torque
         physics, name = scene.physics, scenario.objects[0].name
         drive = wrist.commands(timeline.segments, physics.timestep, wrist.load(model), -physics.gravity[2])
         push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))

@@ -66,6 +66,7 @@ class Wishes:
 
     def _lib_cmd(self, message: Any, sender: UUID) -> float:
         word, hand = message.data, self._hand
+        grasps, postures = grasp_names(hand.spec.model), posture_names(hand.spec.model)
         if word == OFF:
             hand.set_controller(hand.controllers[0])
         elif word == "gravcomp":
@@ -76,14 +77,14 @@ class Wishes:
             hand.move_to(hand.state.position if self._saved is None else self._saved, self._speed, wait=False)
         elif word == "envelop":
             hand.grasp("envelop", force=self._scale, wait=False)
-        elif GRASPS.get(word, word) in grasp_names(hand.spec.model):
+        elif GRASPS.get(word, word) in grasps:
             hand.grasp(GRASPS.get(word, word), wait=False)
         elif word in posture_names(
             hand.spec.model
         ):  # A path would be read as well, and who is on the network is not asked in.
             hand.move_to(word, self._speed, wait=False)
         else:
-            raise ConfigError(f"lib_cmd: {unknown('word', word, [*WORDS, *GRASPS, *grasp_names(), *posture_names()])}")
+            raise ConfigError(f"lib_cmd: {unknown('word', word, [*WORDS, *GRASPS, *grasps, *postures])}")
         return 0.0
 
     def _envelop_torque(self, message: Any, sender: UUID) -> float:

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.kinematics.orientation import conjugate
+from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
 from allegro_twin.spec import ForeignModel, HandSpec
+from allegro_twin.types import Array
 
 _FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
 """Folders that robot_descriptions has, and in which of its modules; it fetches them at the first import."""
@@ -46,15 +47,34 @@ def _fetched(module: str, git_error: type[Exception]) -> str:
 
 
 def read(file: Path) -> mujoco.MjSpec:
-    """Raises ConfigError."""
+    """With its angles in radians, as all that is edited into it. Raises ConfigError."""
     try:
-        return mujoco.MjSpec.from_file(str(file))
+        spec = mujoco.MjSpec.from_file(str(file))
     except ValueError as error:
         raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
+    if spec.compiler.degree:
+        _to_radians(spec)
+    return spec
+
+
+def _to_radians(spec: mujoco.MjSpec) -> None:
+    for joint in spec.joints:
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL):
+            joint.range = np.radians(joint.range)
+            joint.ref, joint.springref = np.radians(joint.ref), np.radians(joint.springref)
+    turned = [
+        element.alt for kind in ("bodies", "geoms", "sites", "cameras", "frames") for element in getattr(spec, kind)
+    ]
+    for alt in [*turned, *(body.ialt for body in spec.bodies)]:
+        if alt.type == mujoco.mjtOrientation.mjORIENTATION_EULER:
+            alt.euler = np.radians(alt.euler)
+        if alt.type == mujoco.mjtOrientation.mjORIENTATION_AXISANGLE:
+            alt.axisangle = np.append(alt.axisangle[:3], np.radians(alt.axisangle[3]))
+    spec.compiler.degree = False
 
 
 def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
-    """Their hand on a palm of ours, with their actuators under our names, and a site and a contact sensor at each tip.
+    """Their hand with its palm in our axes, their actuators under our names, a site and a contact sensor at each tip.
 
     Raises ConfigError with the nearest name when the card names something that the file does not have.
     """
@@ -63,7 +83,6 @@ def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> muj
         raise ConfigError(f"{foreign.mjcf}: root {foreign.root} hangs on {root.parent.name}; take that, or cut it free")
     if list(root.joints):
         raise ConfigError(f"{foreign.mjcf}: root {foreign.root} has a joint ({root.joints[0].name}): a palm is held")
-    root.pos, root.quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     for element in (*theirs.worldbody.geoms, *theirs.worldbody.lights, *theirs.worldbody.cameras, *theirs.keys):
         theirs.delete(element)
     for other in theirs.worldbody.bodies:
@@ -75,13 +94,32 @@ def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> muj
         raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
     for follower in spec.followers:
         _get(theirs.joints, follower.name, "joint", foreign.mjcf)
+    root.name = "palm_link"
+    _follow(theirs, {foreign.root: "palm_link"})
+    if foreign.palm is not None:
+        _turn(root, conjugate(foreign.palm))
     _add_tips(theirs, spec, foreign)
-    hand = mujoco.MjSpec()
-    hand.compiler.degree = False
-    turn = conjugate(foreign.palm or (1.0, 0.0, 0.0, 0.0))
-    frame = hand.worldbody.add_body(name="palm_link").add_frame(quat=turn)
-    hand.attach(theirs, frame=frame, prefix="")
-    return hand
+    return theirs
+
+
+def _turn(root: mujoco.MjsBody, turn: Array) -> None:
+    """Everything in a body by a quaternion, so that the body's own frame is another."""
+    frame = root.add_frame(quat=turn)
+    for element in (*root.bodies, *root.geoms, *root.sites, *root.cameras, *root.lights):
+        outer = element
+        while outer.frame is not None:
+            outer = outer.frame
+        if outer != frame:
+            outer.set_frame(frame)
+    if root.explicitinertial:
+        matrix = matrix_from_quaternion(turn)
+        root.ipos = matrix @ root.ipos
+        if np.isfinite(root.fullinertia).all() and root.fullinertia.any():
+            xx, yy, zz, xy, xz, yz = root.fullinertia
+            tensor = matrix @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ matrix.T
+            root.fullinertia = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        else:
+            root.iquat = product(turn, root.iquat)
 
 
 def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:

@@ -6,23 +6,27 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from allegro_twin.backend import HandBackend
+from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.build import make_trial
+from allegro_twin.control.controllers import Follow
+from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
+from allegro_twin.loop import run, until
 from allegro_twin.replay.backend import ReplayBackend
+from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import HandState, PositionCommand, TorqueCommand
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand
 from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import MakeSim, on_a_bus
+from tests.hands.models import hand
 
 Make = Callable[[], HandBackend]
 
@@ -37,8 +41,21 @@ VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")
 CAN = [f"can-{version}" for version in VERSIONS]
 
 
-@pytest.fixture(params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left"])
-def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path) -> Make:
+OTHERS = ["leap", "leap-left", "leap-guarded", "leap-replay", "gripper", "soft", "soft-replay", "model-o", "qb"]
+"""Hands that close their own loop; on slides, and on one tendon."""
+
+
+@pytest.fixture(
+    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS],
+)
+def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path, tmp_path: Path) -> Make:
+    def replayed(spec: HandSpec) -> HandBackend:
+        path = tmp_path / "other.arrow"
+        samples = until(0.75, run(make_sim(spec), Follow(Hold((spec.lower + spec.upper) / 2))))
+        for _ in recorded(samples, path, spec, 0.003):
+            pass
+        return ReplayBackend(load(path))
+
     makers: dict[str, Make] = {
         "sim": lambda: make_sim(load_spec()),
         "sim-left": lambda: make_sim(load_spec(side="left")),
@@ -46,6 +63,15 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
         "sim-guarded": lambda: guarded(make_sim(load_spec())),
         "replay": lambda: ReplayBackend(load(recording_path)),
         "can-v4-left": lambda: on_a_bus("v4", side="left"),
+        "leap": lambda: make_sim(load_spec("leap")),
+        "leap-left": lambda: make_sim(load_spec("leap", "left")),
+        "leap-guarded": lambda: guarded(make_sim(load_spec("leap"))),
+        "leap-replay": lambda: replayed(load_spec("leap")),
+        "gripper": lambda: make_sim(hand("gripper", tmp_path)),
+        "soft": lambda: make_sim(hand("soft", tmp_path)),
+        "soft-replay": lambda: replayed(hand("soft", tmp_path)),
+        "model-o": lambda: make_sim(load_spec("model_o")),
+        "qb": lambda: make_sim(load_spec("qb_softhand")),
     }
     makers |= {name: partial(on_a_bus, version) for name, version in zip(CAN, VERSIONS, strict=True)}
     return makers[request.param]
@@ -58,14 +84,18 @@ def backend(make: Make) -> Iterator[HandBackend]:
     made.close()
 
 
-def limp(spec: HandSpec) -> TorqueCommand:
-    return TorqueCommand(np.zeros(spec.n_actuators))
+def some(spec: HandSpec, k: int) -> Command:
+    """A command that moves a hand a little."""
+    wave = np.sin(0.1 * k + np.arange(spec.n_actuators))
+    if "torque" in spec.commands:
+        return TorqueCommand(0.05 * wave)
+    return PositionCommand((spec.lower + spec.upper) / 2 + 0.1 * (spec.upper - spec.lower) * wave)
 
 
 def drive(backend: HandBackend, periods: int) -> list[HandState]:
     states = [backend.reset()]
     for k in range(periods):
-        backend.write(TorqueCommand(0.05 * np.sin(0.1 * k + np.arange(backend.spec.n_actuators))))
+        backend.write(some(backend.spec, k))
         states.append(backend.read())
     return states
 
@@ -114,7 +144,7 @@ def test_a_state_does_not_change_when_time_goes_on(backend: HandBackend) -> None
 
 def test_reading_without_writing_holds_the_last_command(backend: HandBackend) -> None:
     backend.reset()
-    backend.write(limp(backend.spec))
+    backend.write(limp_of(backend.spec))
     ticks = [backend.read().tick for _ in range(4)]
     assert ticks == sorted(set(ticks))
 
@@ -133,20 +163,46 @@ def test_a_second_instance_repeats_the_first_bit_for_bit(make: Make) -> None:
         np.testing.assert_array_equal(before.position, after.position)
 
 
-@pytest.mark.parametrize(
-    "command", [TorqueCommand(np.zeros(15)), TorqueCommand(np.zeros(17)), PositionCommand(np.zeros(16))]
-)
-def test_a_command_of_the_wrong_kind_or_length_is_refused(backend: HandBackend, command: Any) -> None:
-    backend.reset()
-    with pytest.raises(CommandError, match=r"actuators|takes a TorqueCommand"):
-        backend.write(command)
+def test_a_command_of_the_wrong_kind_or_length_is_refused(backend: HandBackend) -> None:
+    spec = backend.spec
+    kinds = [TorqueCommand, PositionCommand] if "torque" in spec.commands else [PositionCommand, TorqueCommand]
+    n, wanted = spec.n_actuators, f"takes a {kinds[0].__name__}"
+    for kind, count, words in ((0, n - 1, "actuators"), (0, n + 1, "actuators"), (1, n, wanted)):
+        backend.reset()
+        with pytest.raises(CommandError, match=words):
+            backend.write(kinds[kind](np.zeros(count)))
+
+
+def test_a_part_of_a_command_that_the_hand_does_not_take_is_refused(backend: HandBackend) -> None:
+    spec = backend.spec
+    if "torque" in spec.commands:
+        return
+    parts = {"timed_position": PositionCommand(spec.lower, duration=0.5),
+             "limited_position": PositionCommand(spec.lower, np.full(spec.n_actuators, 0.1))}  # fmt: skip
+    for kind, command in parts.items():
+        backend.reset()
+        if kind in spec.commands:
+            backend.write(command)
+            continue
+        with pytest.raises(CommandError, match=f"takes position, .*, and this command is a {kind}"):
+            backend.write(command)
+
+
+def test_every_hand_takes_the_limp_command_and_gives_nothing_then(backend: HandBackend) -> None:
+    if isinstance(backend, ReplayBackend):
+        return
+    drive(backend, 20)
+    backend.write(limp_of(backend.spec))
+    for _ in range(5):
+        state = backend.read()
+    np.testing.assert_array_equal(state.torque, 0.0)
 
 
 def test_close_may_be_called_twice(backend: HandBackend) -> None:
     backend.reset()
     backend.close()
     backend.close()
-    assert backend.spec.n_joints == 16  # It still says which hand it was.
+    assert backend.spec.n_joints in (1, 4, 16)  # It still says which hand it was.
 
 
 def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(backend: HandBackend) -> None:
@@ -154,7 +210,7 @@ def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(bac
     backend.close()
     if isinstance(backend, CanBackend):
         with pytest.raises(HandFault, match="closed"):
-            backend.write(limp(backend.spec))
+            backend.write(limp_of(backend.spec))
         with pytest.raises(HandFault, match="closed"):
             backend.read()
     assert backend.reset().tick == 0  # Reset leads out.

@@ -1,0 +1,162 @@
+"""`allegro-twin hand new`: from somebody's MJCF to a hand that runs, and what cannot be one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from allegro_twin.cli.main import app
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.cards import written
+from allegro_twin.sim.explore import explored
+from allegro_twin.sim.foreign import read
+from allegro_twin.sim.scene import hand_spec
+from tests.hands.models import GRIPPER, HANDS, SOFT, made
+
+
+def command(*words: str) -> None:
+    app(list(words), standalone_mode=False)
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_file_becomes_a_card_and_a_config_that_run(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(f"{name}.xml").write_text(HANDS[name])
+    command("hand", "new", f"{name}.xml")
+    command("run", f"mine/sim_{name}.yaml", "--record", "it.arrow")
+    assert Path("it.arrow").is_file()
+    assert f"{name}_right at" in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> None:
+    card = explored(_file(tmp_path, GRIPPER)).card
+    assert card["driven"] == [{"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0}]
+    (follower,) = card["followers"]
+    assert (follower["name"], follower["follows"]) == ("right", "left")
+    assert follower["positions"] == pytest.approx([-0.02 + 0.005 * k for k in range(11)], abs=1e-4)
+    assert sorted(card["fingers"]) == ["left_finger", "right_finger"]
+
+
+def test_fingers_along_x_that_close_downwards_are_seen(tmp_path: Path) -> None:
+    palm = explored(_file(tmp_path, SOFT)).card["palm"]
+    assert palm == {"facing": [0.0, 0.0, -1.0], "fingers": [1.0, 0.0, 0.0]}
+
+
+def test_a_card_is_not_written_over_unless_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gripper.xml").write_text(GRIPPER)
+    command("hand", "new", "gripper.xml")
+    with pytest.raises(ConfigError, match=r"mine/gripper.yaml is there already: --force"):
+        command("hand", "new", "gripper.xml")
+    command("hand", "new", "gripper.xml", "--force")
+
+
+WRONG = {
+    "has no actuators": (("<actuator>", "<!--"), ("</actuator>", "-->")),
+    "repeated name 'left'": (('joint name="right"', 'joint name="left"'),),
+    "actuator 0 has no name": (('position name="grip"', "position"),),
+    "actuator grip is no position servo": (("position name", "velocity name"), (' kp="400"', "")),
+    "actuator grip: neither it nor what it moves has a range": (
+        (' ctrlrange="-0.02 0.03"', ""), ('type="slide" axis="0 1 0" range="-0.02 0.03"', 'type="slide" axis="0 1 0"'),
+    ),
+    "XML parse error": (("</mujoco>", ""),),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_a_file_that_is_no_hand_says_why(words: str, tmp_path: Path) -> None:
+    text = GRIPPER
+    for old, new in WRONG[words]:
+        assert old in text
+        text = text.replace(old, new)
+    with pytest.raises(ConfigError, match=words) as raised:
+        explored(_file(tmp_path, text))
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_in_degrees_is_the_hand_that_it_is_in_radians(tmp_path: Path) -> None:
+    """Ranges, references, and every way to say an orientation."""
+    parts = """<body name="turned" axisangle="0 1 0 {half}"><inertial pos="0 0 0" euler="0 {third} 0" mass="1"
+      diaginertia="3 2 2"/><joint name="hinge" range="{low} {high}" ref="{low}" springref="{half}" limited="true"/>
+      <frame euler="{third} 0 0"><geom name="one" size="0.1" euler="0 {half} {third}"/><site euler="0 0 {low}"/>
+      </frame></body>"""
+    values = {"half": np.pi / 2, "third": np.pi / 3, "low": -0.4, "high": 1.3}
+    texts = {"radian": parts.format(**values), "degree": parts.format(**{k: np.degrees(v) for k, v in values.items()})}
+    models = []
+    for angle, text in texts.items():
+        body = f'<mujoco><compiler angle="{angle}"/><worldbody>{text}</worldbody></mujoco>'
+        spec = read(_file(tmp_path, body))
+        assert not spec.compiler.degree
+        models.append(spec.compile())
+    for field in ("jnt_range", "qpos0", "qpos_spring", "body_quat", "body_iquat", "geom_quat", "site_quat"):
+        np.testing.assert_allclose(getattr(models[1], field), getattr(models[0], field), atol=1e-9, err_msg=field)
+    assert np.ptp(models[0].jnt_range) == pytest.approx(1.7)
+
+
+def test_two_things_that_move_need_a_root(tmp_path: Path) -> None:
+    ball = '<body name="ball" pos="1 0 0"><freejoint/><geom size="0.1"/></body>'
+    path = _file(tmp_path, GRIPPER.replace("</worldbody>", f"{ball}</worldbody>"))
+    with pytest.raises(ConfigError, match=r"2 things that move \(base, ball\): say which with --root"):
+        explored(path)
+    assert explored(path, "base").card["root"] == "base"
+    with pytest.raises(ConfigError, match="no body under the world named 'bas'; did you mean 'base'"):
+        explored(path, "bas")
+
+
+def changed(card: dict[str, Any], **blocks: Any) -> dict[str, Any]:
+    return card | blocks
+
+
+DRIVEN = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0}
+CARDS: dict[str, dict[str, Any]] = {
+    "followers: right: 'lft' is none of what is driven: left": {
+        "followers": [{"name": "right", "follows": "lft", "positions": [0, 1]}]
+    },
+    "left is named twice": {"driven": [DRIVEN, DRIVEN]},
+    "left: lower 0.03 is not below upper -0.02": {"driven": [DRIVEN | {"lower": 0.03, "upper": -0.02}]},
+    "a hand that takes torques takes nothing else": {"commands": ["torque", "position"]},
+    "fingers.left_finger: 'lift' is none of what is driven": {
+        "fingers": {"left_finger": {"joints": ["lift"], "tip": ["left_finger", [0, 0, 0]]}}
+    },
+    "must not be parallel": {"palm": {"facing": [1, 0, 0], "fingers": [2, 0, 0]}},
+    "driven.0.actuatr: unknown key; did you mean 'actuator'": {"driven": [DRIVEN | {"actuatr": "x"}]},
+}
+
+
+@pytest.mark.parametrize("words", CARDS)
+def test_a_card_that_does_not_fit_together_says_where(words: str, tmp_path: Path) -> None:
+    path = made("gripper", tmp_path)
+    written(path, changed(yaml.safe_load(path.read_text()), **CARDS[words]), "gripper")
+    with pytest.raises(ConfigError, match=words):
+        load_spec(str(path))
+
+
+def test_a_card_that_names_what_its_file_does_not_have_says_the_nearest(tmp_path: Path) -> None:
+    path = made("gripper", tmp_path)
+    content = yaml.safe_load(path.read_text())
+    for block, words in (
+        ({"driven": [DRIVEN | {"actuator": "gripp"}]}, "did you mean 'grip'"),
+        ({"root": "bass"}, "did you mean 'base'"),
+        ({"followers": [{"name": "rigt", "follows": "left", "positions": [0, 1]}]}, "did you mean 'right'"),
+    ):
+        written(path, content | block, "gripper")
+        with pytest.raises(ConfigError, match=words):
+            hand_spec(load_spec(str(path)))
+
+
+def test_the_other_side_of_a_card_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is a right hand; hand.side is left"):
+        load_spec(str(made("gripper", tmp_path)), "left")
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "hand.xml"
+    path.write_text(text)
+    return path

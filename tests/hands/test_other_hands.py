@@ -1,0 +1,222 @@
+"""Hands other than the Allegro: what closes its own loop, what follows, and what the facade makes of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin import Hand
+from allegro_twin.build import assemble
+from allegro_twin.config import RunConfig
+from allegro_twin.control.controllers import Follow
+from allegro_twin.control.trajectory import Hold
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.library.library import Library
+from allegro_twin.library.named import load_posture
+from allegro_twin.loop import run, until
+from allegro_twin.replay.identity import spec_from_json, spec_to_json
+from allegro_twin.safety import Guard, Limits
+from allegro_twin.sim.parts import part_names, parts_of
+from allegro_twin.sim.scene import hand_spec
+from allegro_twin.sim.statics import hand_model
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import PositionCommand
+from tests.conftest import MakeSim
+from tests.hands.models import hand
+
+LEAP = {"hand": {"model": "leap"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
+
+
+@pytest.fixture
+def soft(tmp_path: Path) -> HandSpec:
+    return hand("soft", tmp_path)
+
+
+@pytest.fixture
+def gripper(tmp_path: Path) -> HandSpec:
+    return hand("gripper", tmp_path)
+
+
+def test_the_leap_hands_fingertips_are_where_its_public_description_has_them() -> None:
+    """mujoco_menagerie leap_hand at zero, brought into our palm frame: tips 48 mm beyond a finger's last axis, 60 mm
+    beyond the thumb's; ours end a sphere of 12 mm there."""
+    tips = hand_model(load_spec("leap")).fingertips(np.zeros(16))
+    ends = {"index": (0.0008, 0.0454, 0.1372), "middle": (0.0008, 0.0, 0.1372), "ring": (0.0008, -0.0454, 0.1372)}
+    for finger, end in ends.items():
+        np.testing.assert_allclose(tips[finger].position + np.array([0.0, 0.0, 0.012]), end, atol=1e-4)
+    np.testing.assert_allclose(
+        tips["thumb"].position + np.array([0.0, 0.012, 0.0]), (0.0029, 0.1745, -0.0753), atol=1e-4
+    )
+
+
+def test_a_left_leap_hand_is_the_mirror_image_of_a_right_one() -> None:
+    posture = np.linspace(0.1, 0.8, 16)
+    right, left = (hand_model(load_spec("leap", side)).fingertips(posture) for side in ("right", "left"))
+    for finger, pose in right.items():
+        np.testing.assert_allclose(left[finger].position, pose.position * (1, -1, 1), atol=1e-12)
+
+
+def test_a_hand_with_its_own_loop_is_limp_until_its_first_command_and_after_a_limp_one(make_sim: MakeSim) -> None:
+    spec = load_spec("leap")
+    sim = make_sim(spec)
+    sim.reset()
+    np.testing.assert_array_equal(sim.read().torque, 0.0)
+    sim.write(PositionCommand(np.full(16, 0.3)))
+    assert np.abs(sim.read().torque).max() > 0.1
+    sim.write(PositionCommand(np.full(16, 0.3), effort=np.zeros(16)))
+    np.testing.assert_array_equal(sim.read().torque, 0.0)
+
+
+def test_an_effort_is_not_exceeded(make_sim: MakeSim) -> None:
+    spec = load_spec("leap")
+    sim = make_sim(spec)
+    sim.reset()
+    sim.write(PositionCommand(np.full(16, 0.8), effort=np.full(16, 0.05)))
+    torques = np.array([sim.read().torque for _ in range(50)])
+    assert np.abs(torques).max() == pytest.approx(0.05)
+
+
+def test_what_a_recording_says_of_the_model_does_not_change_with_what_the_servos_may_give(make_sim: MakeSim) -> None:
+    sim = make_sim(load_spec("leap"))
+    sim.reset()
+    before = sim.meta()
+    sim.write(PositionCommand(np.zeros(16), effort=np.full(16, 0.05)))
+    sim.read()
+    assert sim.meta() == before
+
+
+def test_a_tendon_closes_what_nothing_holds_and_the_rest_adapts(soft: HandSpec, make_sim: MakeSim) -> None:
+    """A finger that is held lets the other one go on: no linkage could do that."""
+    sim = make_sim(soft)
+    sim.reset()
+    sim.write(PositionCommand(np.array([0.6])))
+    for _ in range(1500):
+        sim.read()
+    free = [float(sim.data.joint(f"{finger}_1").qpos[0]) for finger in ("first", "second")]
+    assert free[0] == pytest.approx(free[1], abs=1e-3)
+    sim.reset()
+    sim.write(PositionCommand(np.array([0.6])))
+    stop = [sim.model.joint(name).id for name in ("first_1", "first_2")]
+    sim.model.jnt_range[stop, 1] = 0.1
+    for _ in range(1500):
+        state = sim.read()
+    assert sim.data.joint("first_1").qpos[0] < 0.12
+    assert sim.data.joint("second_1").qpos[0] > 1.5 * free[1]
+    assert state.position[0] > 0.5
+
+
+def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, make_sim: MakeSim) -> None:
+    sim = make_sim(soft)
+    samples = list(until(4.0, run(sim, Follow(Hold(np.array([0.5]))))))
+    true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
+    np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
+
+
+def test_a_linkage_moves_both_jaws_and_both_are_fingers(gripper: HandSpec, make_sim: MakeSim) -> None:
+    tips = [hand_model(gripper).fingertips(np.array([at])) for at in (0.0, 0.02)]
+    for finger, way in (("left_finger", 0.02), ("right_finger", -0.02)):
+        moved = tips[1][finger].position - tips[0][finger].position
+        np.testing.assert_allclose(np.abs(moved).max(), abs(way), atol=1e-6)
+    model, names = hand_spec(gripper).compile(), part_names(gripper)
+    parts = parts_of(model, gripper)
+    for body, part in (("palm_link", "palm"), ("left_finger", "left_finger"), ("right_finger", "right_finger")):
+        assert names[parts[model.body(body).id]] == part
+
+
+def test_gravity_is_what_the_driven_joints_feel_of_all_that_moves_with_them(
+    gripper: HandSpec, make_sim: MakeSim
+) -> None:
+    """Both jaws of 50 g slide: hung along their way, the one motor feels one up and one down."""
+    torque = hand_model(gripper).gravity_torque(np.array([0.0]), np.array([0.0, 0.0, -9.81]))
+    np.testing.assert_allclose(torque, [0.0], atol=1e-9)
+
+
+def test_the_palm_of_a_card_looks_where_the_card_says(soft: HandSpec) -> None:
+    """Fingers along x and closing downwards, in its file: along z and towards x, in ours. Masses go with it."""
+    open_, closed = (hand_model(soft).fingertips(np.array([at]))["first"].position for at in (0.0, 1.0))
+    assert open_[2] > 0.05
+    assert closed[0] > open_[0] + 0.02
+    model = hand_spec(soft).compile()
+    palm = model.body("palm_link").id
+    assert model.body_mass[palm] == pytest.approx(0.3)
+    np.testing.assert_allclose(model.body_ipos[palm], [0.0, 0.0, 0.001], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["leap", "gripper", "soft"])
+def test_a_spec_survives_the_recording_that_carries_it(name: str, tmp_path: Path) -> None:
+    spec = load_spec("leap") if name == "leap" else hand(name, tmp_path)
+    back = spec_from_json(spec_to_json(spec))
+    assert (back.joints, back.commands) == (spec.joints, spec.commands)
+    assert [(f.name, f.driven) for f in back.followers] == [(f.name, f.driven) for f in spec.followers]
+    middle = (spec.lower + spec.upper) / 2
+    np.testing.assert_array_equal(back.followed(middle), spec.followed(middle))
+
+
+def test_the_guard_keeps_positions_inside_the_soft_stops_and_efforts_under_the_ceiling(make_sim: MakeSim) -> None:
+    spec = load_spec("leap")
+    limits = Limits(np.full(16, 0.1), np.full(16, 12.0), spec.lower + 0.1, spec.upper - 0.1)
+    guard = Guard(make_sim(spec), limits)
+    guard.reset()
+    guard.write(PositionCommand(spec.upper + 5.0))
+    assert isinstance(guard.applied, PositionCommand)
+    np.testing.assert_array_equal(guard.applied.position, spec.upper - 0.1)
+    np.testing.assert_array_equal(guard.applied.effort, 0.1)
+
+
+def test_a_guard_that_trips_leaves_a_hand_with_its_own_loop_limp(make_sim: MakeSim) -> None:
+    spec = load_spec("leap")
+    inner = make_sim(spec)
+    guard = Guard(inner, Limits(spec.actuation.torque_limit, np.full(16, 0.5), spec.lower, spec.upper))
+    guard.reset()
+    guard.write(PositionCommand(spec.upper))
+    with pytest.raises(HandFault, match="over its limit"):
+        for _ in range(300):
+            guard.read()
+    np.testing.assert_array_equal(inner.read().torque, 0.0)
+
+
+def test_the_facade_moves_a_leap_hand_and_lets_go_of_it() -> None:
+    with Hand.open(RunConfig.model_validate(LEAP)) as leap:
+        assert leap.controllers == ("limp", "position")
+        assert leap.controller == "limp"
+        home = load_posture("home", leap.spec)
+        leap.move_to("home")
+        np.testing.assert_allclose(leap.state.position, home, atol=0.05)
+        assert leap.controller == "position"
+        leap.set_controller("limp")
+        leap.wait(0.5)
+        np.testing.assert_array_equal(leap.state.torque, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["pd", "pid", "torque", "gravity"])
+def test_a_controller_of_torques_is_refused_by_a_hand_that_takes_positions(kind: str) -> None:
+    with pytest.raises(ConfigError, match="leap_right takes position, limited_position: use position or limp"):
+        assemble(RunConfig.model_validate(LEAP | {"controller": {"kind": kind}}))
+
+
+def test_a_controller_of_positions_is_refused_by_a_hand_that_takes_torques() -> None:
+    with pytest.raises(ConfigError, match="allegro_right: use pd"):
+        assemble(RunConfig.model_validate(LEAP | {"hand": {"model": "allegro"}}))
+
+
+def test_a_posture_of_another_hand_is_refused_by_name() -> None:
+    with pytest.raises(ConfigError, match=r"fist.yaml: a posture of the hand allegro; this one is leap"):
+        load_posture("fist", load_spec("leap"))
+    with pytest.raises(ConfigError, match="a posture of the hand leap; this one is allegro"):
+        load_posture("leap_home", load_spec())
+
+
+def test_what_a_hand_is_taught_is_stored_as_its_own(tmp_path: Path, soft: HandSpec) -> None:
+    from allegro_twin.library.entries import posture_entry
+
+    for spec, position in ((load_spec("leap"), np.full(16, 0.25)), (soft, np.array([0.4]))):
+        library = Library()
+        library.add("mine", posture_entry(position, spec), spec)
+        library.store("mine", tmp_path / f"{spec.model}_mine.yaml")
+        again = Library(tmp_path / f"{spec.model}_mine.yaml")
+        np.testing.assert_array_equal(again.posture("mine", spec), position)
+        with pytest.raises(ConfigError, match=f"of the hand {spec.model}; this one is allegro"):
+            again.posture("mine", load_spec())
