@@ -48,6 +48,7 @@ def calibration_of(config: RunConfig, settings: DynamixelSettings, spec: HandSpe
         _each(servos.direction, n, "direction"),
         _each(servos.gear, n, "gear"),
         _each(servos.torque_per_ampere, n, "torque_per_ampere"),
+        _each(servos.gains, n, "gains"),
         strict=True,
     )
     calibration = Calibration(model_named(servos.model), tuple(Mounting(*row) for row in rows))

@@ -14,6 +14,9 @@ VIRTUAL_PORT = "virtual"
 """The port that is a line inside this program."""
 
 
+Gains = tuple[int, int, int]
+
+
 class ServoSettings(Settings):
     """What lies between the servos and the actuators: one value for all, or one for each actuator."""
 
@@ -30,6 +33,9 @@ class ServoSettings(Settings):
     """What the actuator moves by in a radian of the shaft, rad."""
     torque_per_ampere: PerJoint | None = None
     """At the shaft, N·m/A; default: stall torque over stall current of the data sheet."""
+    gains: Gains | list[Gains] | None = None
+    """Position P, I and D as they stand in the servo; default: those that its mode brings. A virtual hand does not heed
+    them: it is as stiff as its simulation."""
 
 
 class LineEvent(Settings):

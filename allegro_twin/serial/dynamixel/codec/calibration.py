@@ -15,6 +15,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 RAD_PER_TICK = 2.0 * np.pi / TURN
 HALFWAY = TURN / 2.0
+_MOST = 16_383  # That a gain can be.
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Mounting:
     """What the actuator's position changes by in a radian of the shaft: 1 for a joint on the shaft itself, rad."""
     torque_per_ampere: float | None = None
     """At the shaft, N·m/A; None: of the data sheet's stall."""
+    gains: tuple[int, int, int] | None = None
+    """Position P, I and D as they stand in the servo; None: those that its mode brings."""
 
     def __post_init__(self) -> None:
         for name, right, rule in (
@@ -40,6 +43,7 @@ class Mounting:
             ("zero", -FARTHEST <= self.zero <= FARTHEST, f"within ±{FARTHEST} ticks"),
             ("direction", self.direction in (1, -1), "1 or -1"),
             ("gear", 0.0 < self.gear < np.inf, "above 0"),
+            ("gains", all(0 <= gain <= _MOST for gain in self.gains or ()), f"from 0 to {_MOST}"),
             ("torque_per_ampere", self.torque_per_ampere is None or 0.0 < self.torque_per_ampere < np.inf, "above 0"),
         ):
             if not right:

@@ -9,6 +9,7 @@ from allegro_twin.serial.dynamixel.codec.calibration import Calibration
 from allegro_twin.serial.dynamixel.codec.table import CURRENT_POSITION, MODELS
 from allegro_twin.serial.dynamixel.host.sdk import Sdk, causes
 
+_GAINS = ("position_p_gain", "position_i_gain", "position_d_gain")
 BOOT = 0.5
 """s that a servo takes after a reboot, at most."""
 
@@ -80,9 +81,10 @@ def settle(sdk: Sdk, calibration: Calibration, return_delay: int) -> None:
 def _wanted(calibration: Calibration, return_delay: int) -> Iterator[tuple[int, dict[str, int]]]:
     """Of each servo, in this order: a change of mode resets what follows. The current limit is the servo's own, so that
     no command and no lost packet can ask for more."""
-    for identifier, most in zip(calibration.ids, calibration.current_counts, strict=True):
+    for servo, most in zip(calibration.servos, calibration.current_counts, strict=True):
+        gains = {} if servo.gains is None else dict(zip(_GAINS, servo.gains, strict=True))
         yield (
-            identifier,
+            servo.id,
             {
                 "bus_watchdog": 0,
                 "status_return_level": 2,
@@ -93,5 +95,6 @@ def _wanted(calibration: Calibration, return_delay: int) -> Iterator[tuple[int, 
                 "goal_current": most,
                 "profile_velocity": 0,
                 "profile_acceleration": 0,
+                **gains,
             },
         )
