@@ -171,6 +171,27 @@ def test_killed_with_its_keeper_the_servos_stop_where_they_are(hand: VirtualHand
     assert {servo.wants.current for servo in hand.servos} == {calibrated().current_counts[0]}
 
 
+def test_a_leap_hand_in_one_program_is_driven_by_another(tmp_path: Path) -> None:
+    config, tty = tmp_path / "leap.yaml", tmp_path / "leap.tty"
+    block = f"{{kind: dynamixel, port: {tty}, baud: 4000000, latency: 1.0, watchdog: 2.0}}"
+    config.write_text(f"hand: {{model: leap}}\nbackend: {block}\ntask: {{posture: leap_home}}\nperiod: 0.05\n"
+                      "controller: {kind: position}\nseconds: 2.0\n")  # fmt: skip
+    command = [sys.executable, "-m", "allegro_twin"]
+    wide = {**os.environ, "COLUMNS": "200"}
+    with subprocess.Popen([*command, "firmware", str(config)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as there:
+        assert soon(tty.exists, 60.0)
+        done = subprocess.run(
+            [*command, "run", str(config)], cwd=ROOT, env=wide, capture_output=True, text=True, timeout=100
+        )
+        there.send_signal(signal.SIGINT)
+        said, _ = there.communicate(timeout=30)
+    assert done.returncode == 0, done.stderr
+    assert "leap_right at 2." in done.stdout
+    assert "leap_right at" in said
+    assert "bytes heard" in said
+    assert not tty.exists()
+
+
 def test_a_terminal_that_cannot_be_made_is_a_link_error(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match="cannot put a terminal at"):
         Terminal(tmp_path / "no" / "such" / "folder")
