@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
 from allegro_twin.errors import CommandError, ConfigError, HandError, HandFault, LinkError, LinkTimeout
+from allegro_twin.serial.dynamixel.codec.calibration import Calibration
 from allegro_twin.serial.dynamixel.codec.shafts import Shafts
-from allegro_twin.serial.dynamixel.codec.table import TRIPPED, XC330_M288
+from allegro_twin.serial.dynamixel.codec.table import TRIPPED, XC330_M288, XM430_W350
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.device.lockstep import LockstepLine
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
@@ -255,6 +257,17 @@ def test_a_period_that_the_baud_cannot_carry_is_refused_with_both() -> None:
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
     with pytest.raises(ConfigError, match=names):
         HostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
+
+
+def test_a_hand_that_would_be_where_it_cannot_be_is_refused() -> None:
+    turned = Calibration(XM430_W350, tuple(replace(servo, zero=servo.zero - 2048) for servo in calibrated().servos))
+    bench = Bench()
+    bench.calibration = turned
+    with pytest.raises(
+        ConfigError, match=r"joint_0 \(id 3\) would be at 3.14 rad, far outside \[-2.00, 2.00\]: its zero"
+    ):
+        bench.made().reset()
+    assert bench.hand.limp
 
 
 def test_a_hand_with_fewer_servos_than_joints_needs_to_know_how_joints_follow() -> None:

@@ -19,7 +19,7 @@ def after(*script: Event) -> Bench:
     return bench
 
 
-def until_fault(bench: Bench, periods: int = 400) -> HandError:
+def until_fault(bench: Bench, periods: int = 900) -> HandError:
     with pytest.raises(HandError) as caught:
         bench.go(0.4, periods)
     return caught.value
@@ -49,7 +49,7 @@ def test_an_overloaded_motor_is_a_fault_and_a_reboot_is_all_it_needs() -> None:
 
 def test_a_warm_motor_is_told_within_the_time_in_which_all_are_asked() -> None:
     bench = after(Event(0.05, "overheat", 2, 55.0))
-    state = bench.go(0.1, 210)
+    state = bench.go(0.1, 410)
     np.testing.assert_array_equal(state.temperature, [30.0, 30.0, 55.0, 30.0])
 
 

@@ -130,6 +130,11 @@ def test_what_it_wants_is_its_goal_with_the_smaller_of_both_currents(servo: Serv
     put(servo, "goal_current", -120)
     assert servo.wants == (3000, 120)
     put(servo, "torque_enable", 0)
+    put(servo, "current_limit", 50)
+    put(servo, "torque_enable", 1)
+    assert servo.wants.current == 50
+    put(servo, "torque_enable", 0)
+    put(servo, "current_limit", 300)
     put(servo, "operating_mode", EXTENDED)
     put(servo, "torque_enable", 1)
     assert servo.wants.current == 300

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,7 +18,8 @@ pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.errors import ConfigError, HandError, LinkError, LinkTimeout
+from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
+from allegro_twin.serial.dynamixel.codec.packet import status
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.serial.dynamixel.host.port import SerialLine
@@ -170,6 +172,39 @@ def test_killed_with_its_keeper_the_servos_stop_where_they_are(hand: VirtualHand
     assert soon(lambda: all(servo.memory.get("bus_watchdog") == -1 for servo in hand.servos))
     assert all(servo.on for servo in hand.servos)
     assert {servo.wants.current for servo in hand.servos} == {calibrated().current_counts[0]}
+
+
+def test_a_keeper_that_was_ended_is_a_fault_and_reset_starts_another(hand: VirtualHand, tty: Path) -> None:
+    backend = driven(tty, keeper=True)
+    backend.reset()
+    os.kill(backend.keeper, signal.SIGKILL)
+    with pytest.raises(HandFault, match="the keeper of this hand has ended"):
+        for _ in range(200):
+            backend.write(PositionCommand(np.full(4, 0.2)))
+            backend.read()
+    assert hand.limp
+    backend.reset()
+    assert Path(f"/proc/{backend.keeper}").exists()
+
+
+def test_a_stranger_that_never_stops_speaking_is_an_error_and_not_for_ever(tmp_path: Path) -> None:
+    terminal, over = Terminal(tmp_path / "line.tty"), threading.Event()
+    chatter = status(99, 0, bytes(10)).encoded() * 20
+
+    def speak() -> None:
+        while not over.is_set():
+            if not terminal.write(chatter):
+                over.wait(0.0005)
+
+    speaker = threading.Thread(target=speak, daemon=True)
+    speaker.start()
+    try:
+        with pytest.raises(HandError):
+            driven(tmp_path / "line.tty")
+    finally:
+        over.set()
+        speaker.join()
+        terminal.close()
 
 
 def test_a_leap_hand_in_one_program_is_driven_by_another(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ class Keeper:
         self._process = subprocess.Popen(
             [sys.executable, "-I", "-S", __file__, str(line), words.hex(), str(os.getpid())],
             stdin=subprocess.PIPE,
+            bufsize=0,
             pass_fds=(line,),
             start_new_session=True,  # Ctrl-C is for the program.
         )
@@ -51,9 +52,7 @@ class Keeper:
         assert pipe is not None
         with suppress(OSError):  # Somebody ended it.
             pipe.write(word)
-            pipe.flush()
-        with suppress(OSError):
-            pipe.close()
+        pipe.close()
         self._process.wait()
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -77,6 +79,15 @@ class Calibration:
         if "limited_position" not in spec.commands:
             kinds = ", ".join(spec.commands)
             raise ConfigError(f"servos need a hand that takes a limited_position; {spec.name} takes {kinds}")
+
+    def names(self, labels: Sequence[str]) -> dict[int, str]:
+        """What each id is called in messages: as its joint, where there is one for each."""
+        same = len(labels) == len(self.servos)
+        return {i: labels[k] if same else f"actuator {k}" for k, i in enumerate(self.ids)}
+
+    def described(self) -> dict[str, Any]:
+        """As plain data, for recordings."""
+        return {"model": self.model.name, "servos": [vars(servo) for servo in self.servos]}
 
     @cached_property
     def ids(self) -> tuple[int, ...]:

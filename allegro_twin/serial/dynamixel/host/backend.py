@@ -29,11 +29,10 @@ log = logging.getLogger(__name__)
 
 
 class DynamixelBackend:
-    """Reset leaves the servos limp; the first command that is not limp switches them on; `read` waits for the next
-    period and asks all of them at once.
+    """Reset leaves the servos limp; the first command that is not limp switches them on; `read` asks all at once.
 
-    Raises ConfigError, LinkError, LinkTimeout, ProtocolError or HandFault; after any but the first the hand is limp
-    until `reset`, or the error says that this was not confirmed. `joints`: how joints follow from actuators.
+    Raises ConfigError, LinkError, LinkTimeout, ProtocolError or HandFault; after these the hand is limp until `reset`,
+    or the error says that this was not confirmed. `joints`: how joints follow from actuators.
     """
 
     def __init__(
@@ -49,9 +48,7 @@ class DynamixelBackend:
         self._spec, self._calibration, self._open = spec, calibration, open_line
         self._settings = settings or HostSettings()
         self._joints = joints or to_joints(spec)
-        labels = spec.aliases or spec.joints
-        same = len(labels) == spec.n_actuators
-        self._names = {i: labels[k] if same else f"actuator {k}" for k, i in enumerate(calibration.ids)}
+        self._names = calibration.names(spec.aliases or spec.joints)
         self._line: Line | None = None
         self._keeper: Keeper | None = None
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
@@ -83,13 +80,11 @@ class DynamixelBackend:
     @property
     def calibration(self) -> dict[str, Any]:
         """What turns this hand's ticks into rad and N·m, for recordings."""
-        servos = [vars(servo) for servo in self._calibration.servos]
-        return {"model": self._calibration.model.name, "servos": servos}
+        return self._calibration.described()
 
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
-        counted = {"answers did not come": self._reading.silent, "answers were garbled": self._reading.garbled}
-        return [f"{number} {what} and were asked for again" for what, number in counted.items() if number]
+        return self._reading.warnings()
 
     def reset(self) -> HandState:
         try:
@@ -105,6 +100,8 @@ class DynamixelBackend:
             self._opened.begin()
             self._reading.first_temperatures()
             shafts = self._reading.state()
+            prepare.check_place(self._spec, shafts.position, self._calibration)
+            self._watched()
         except HandError as error:
             raise self._stopped(error) from error.__cause__
         self._fault = None
@@ -136,6 +133,8 @@ class DynamixelBackend:
             if self._tick >= self._next:
                 self._next = self._tick + self._every
                 self._reading.ask_more(moving=self._motors.on)
+                if self._keeper is not None and not self._keeper.alive:
+                    raise HandFault("the keeper of this hand has ended, and nobody would leave it limp; reset to go on")
         except HandError as error:
             raise self._stopped(error) from error.__cause__
         self._sent, self._spoken = False, line.now()
@@ -167,11 +166,19 @@ class DynamixelBackend:
             self._motors = Motors(self._sdk, self._calibration, self._settings.watchdog_counts)
             self._fresh()
             prepare.find(self._sdk, self._calibration)
-            if self._settings.keeper and line.shared is not None:
-                self._keeper = Keeper(line.shared, self._sdk.limp_words())
+            self._watched()
         except HandError:
             self._hang_up()
             raise
+
+    def _watched(self) -> None:
+        """Have a keeper, where the line can be shared with one."""
+        line = self._opened
+        if self._keeper is not None and not self._keeper.alive:
+            self._keeper.dismiss()
+            self._keeper = None
+        if self._settings.keeper and line.shared is not None and self._keeper is None:
+            self._keeper = Keeper(line.shared, self._sdk.limp_words())
 
     def _hang_up(self) -> None:
         """Close the line. Raises nothing."""
@@ -185,8 +192,7 @@ class DynamixelBackend:
     def _fresh(self) -> None:
         """Forget the last session."""
         self._reading = Reading(self._sdk, self._calibration, self._names, self._settings.tries)
-        questions = 3 * len(self._calibration.ids)
-        self._every = max(int(self._settings.temperature_period / questions / self._settings.period), 1)
+        self._every = self._settings.every(Reading.QUESTIONS * len(self._calibration.ids))
         self._tick, self._next = 0, self._every
         self._glide: Glide | None = None
         self._sent = False
@@ -196,8 +202,8 @@ class DynamixelBackend:
             raise self._fault
         silent = self._opened.now() - self._spoken
         if self._motors.on and silent > self._settings.watchdog:
-            why = f"nobody called for {silent:.2f} s, so the servos stopped by themselves"
-            raise self._stopped(HandFault(f"{why}; reset to go on"))
+            why = f"nobody called for {silent:.2f} s, so the servos stopped by themselves; reset to go on"
+            raise self._stopped(HandFault(why))
 
     def _go(self, wanted: PositionCommand) -> None:
         now = self._opened.now()
@@ -236,13 +242,12 @@ class DynamixelBackend:
         self._leave()
         if self.unconfirmed:
             error.args = (f"{error}; {self.unconfirmed}",)
-        if isinstance(error, LinkError):
-            self._hang_up()
+        if self.unconfirmed or isinstance(error, LinkError):
+            self._hang_up()  # And let the keeper speak.
         return error
 
     def _leave(self) -> None:
-        """Switch the motors off; where nobody confirms it, the keeper goes on with it, and the servos' watchdog stops
-        them."""
+        """Switch the motors off; where nobody confirms it, it is said so."""
         if self._line is None or not self._motors.on:
             return
         if why := self._motors.stop():

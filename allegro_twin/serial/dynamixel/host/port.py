@@ -15,6 +15,8 @@ from allegro_twin.errors import LinkError
 from allegro_twin.serial.dynamixel.codec.budget import BITS
 from allegro_twin.serial.dynamixel.host.line import Line
 
+FLOOD = 8192
+"""Bytes after which an answer counts as overdue, whatever still comes: the SDK waits as long as a stranger speaks."""
 LATENCY = 0.02
 """s that an adapter and a busy computer may take beside the bytes: FTDI's adapters hold bytes for 16 ms by default."""
 
@@ -24,7 +26,7 @@ class SerialLine(Line):
 
     def __init__(self, path: str, baud: int, latency: float = LATENCY) -> None:
         super().__init__(path, baud)
-        self._latency, self._overdue = latency, 0.0
+        self._latency, self._overdue, self._left = latency, 0.0, FLOOD
         with self._told("open"):
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
         with suppress(OSError, ValueError, NotImplementedError):  # Not every adapter can, and a terminal cannot.
@@ -65,19 +67,24 @@ class SerialLine(Line):
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
         with self._told("read"):
-            data = bytes(self._port.read(length))
-            if not data and select.select([self._port], [], [], max(self._overdue - time.monotonic(), 0.0))[0]:
-                data = bytes(self._port.read(length))
+            data = bytes(self._port.read(min(length, self._left)))
+            if (
+                not data
+                and self._left
+                and select.select([self._port], [], [], max(self._overdue - time.monotonic(), 0.0))[0]
+            ):
+                data = bytes(self._port.read(min(length, self._left)))
+        self._left -= len(data)
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
-        self._overdue = time.monotonic() + packet_length * BITS / self.baud + self._latency
+        self._overdue, self._left = time.monotonic() + packet_length * BITS / self.baud + self._latency, FLOOD
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
-        self._overdue = time.monotonic() + 1e-3 * msec
+        self._overdue, self._left = time.monotonic() + 1e-3 * msec, FLOOD
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
-        return time.monotonic() > self._overdue
+        return self._left <= 0 or time.monotonic() > self._overdue
 
     @contextmanager
     def _told(self, doing: str) -> Iterator[None]:

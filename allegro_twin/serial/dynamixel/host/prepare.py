@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from allegro_twin.errors import ConfigError, HandFault, LinkError, LinkTimeout
 from allegro_twin.serial.dynamixel.codec.calibration import Calibration
 from allegro_twin.serial.dynamixel.codec.table import CURRENT_POSITION, MODELS
 from allegro_twin.serial.dynamixel.host.sdk import Sdk, causes
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
 
 _GAINS = ("position_p_gain", "position_i_gain", "position_d_gain")
+FAR = 0.5
+"""rad outside its limits at which an actuator cannot be."""
 BOOT = 0.5
 """s that a servo takes after a reboot, at most."""
 
@@ -64,6 +70,20 @@ def wake(sdk: Sdk, calibration: Calibration, names: dict[int, str]) -> None:
     for identifier in ill:
         if bits := sdk.read(identifier, "hardware_error_status"):
             raise HandFault(f"{names[identifier]} (id {identifier}): {causes(bits)}, also after a reboot; let it cool")
+
+
+def check_place(spec: HandSpec, position: Vector, calibration: Calibration) -> None:
+    """Raises ConfigError for an actuator that cannot be where its servo says: its calibration is another's, or it was a
+    turn farther when it last lost its power, which a servo forgets."""
+    if len(position) != spec.n_joints:
+        return  # The limits are those of joints.
+    excess = np.maximum(spec.lower - position, position - spec.upper)
+    worst = int(np.argmax(excess))
+    if excess[worst] > FAR:
+        raise ConfigError(
+            f"{spec.joints[worst]} (id {calibration.ids[worst]}) would be at {position[worst]:.2f} rad, far outside "
+            f"[{spec.lower[worst]:.2f}, {spec.upper[worst]:.2f}]: its zero or direction is wrong, or it lost a turn"
+        )
 
 
 def settle(sdk: Sdk, calibration: Calibration, return_delay: int) -> None:

@@ -17,10 +17,15 @@ from allegro_twin.types import Vector
 _PRESENT = np.dtype([("current", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 """Present Current, Velocity and Position, which lie together from address 126 on."""
 _FIRST = "present_current"
+_ASKED = ("bus_watchdog", "torque_enable", "present_temperature")
+"""Slowly, one servo after the other."""
 
 
 class Reading:
     """Asks the servos. Raises LinkTimeout, ProtocolError, LinkError, or HandFault for what a servo says of itself."""
+
+    QUESTIONS = len(_ASKED)
+    """Of each servo."""
 
     def __init__(self, sdk: Sdk, calibration: Calibration, names: dict[int, str], tries: int) -> None:
         self._sdk, self._calibration, self._names, self._tries = sdk, calibration, names, tries
@@ -30,6 +35,11 @@ class Reading:
         self.silent = self.garbled = 0
         """How often an answer did not come, or came garbled, and was asked for again."""
         self._questions = self._turns()
+
+    def warnings(self) -> list[str]:
+        """What went wrong without ending the session."""
+        counted = {"answers did not come": self.silent, "answers were garbled": self.garbled}
+        return [f"{number} {what} and were asked for again" for what, number in counted.items() if number]
 
     def state(self) -> Shafts:
         """Of the actuators, all of one exchange on the bus."""
@@ -85,8 +95,7 @@ class Reading:
         self.temperature = np.array(self._sdk.ask_item(self._calibration.ids, "present_temperature"), dtype=np.float64)
 
     def _turns(self) -> Iterator[tuple[int, str]]:
-        names = ("bus_watchdog", "torque_enable", "present_temperature")
-        return cycle((k, name) for name, k in product(names, range(len(self._calibration.ids))))
+        return cycle((k, name) for name, k in product(_ASKED, range(len(self._calibration.ids))))
 
     def _who(self) -> str:
         """Who is silent."""

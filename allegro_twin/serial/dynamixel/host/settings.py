@@ -19,7 +19,7 @@ class HostSettings:
     """s without a word from the program after which the servos stop by themselves, in steps of 0.02 s."""
     tries: int = 3
     """How often a state is asked for before the hand counts as silent."""
-    temperature_period: float = 2.0
+    temperature_period: float = 4.0
     """s in which every servo is asked once for its temperature."""
     keeper: bool = True
     """Have a process of its own switch the motors off when the program dies; where the line can be shared."""
@@ -38,6 +38,10 @@ class HostSettings:
             raise ConfigError(
                 f"tries must be 1 or more and return_delay 0 to 254, not {self.tries}, {self.return_delay}"
             )
+
+    def every(self, questions: int) -> int:
+        """Periods between two of so many questions that are asked slowly, in turn."""
+        return max(int(self.temperature_period / questions / self.period), 1)
 
     @property
     def watchdog_counts(self) -> int:
