@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout, ProtocolError
+from allegro_twin.serial.dynamixel.codec.packet import Refusal, status
 from allegro_twin.serial.dynamixel.device.faults import Event, FaultPlan
 from allegro_twin.serial.line.spoil import Noise, Spoiler
 from tests.serial.rigs import Bench
@@ -120,6 +121,13 @@ def test_garbled_and_lost_bytes_cost_time_and_never_a_wrong_state() -> None:
         np.testing.assert_allclose(state.position, bench.hand.state.position, atol=np.pi / 4096 + 1e-9)
     assert again + len(bench.backend.warnings()) > 0
     assert ended < 6
+
+
+def test_an_answer_that_is_nothing_but_an_error_is_no_model_number() -> None:
+    bench = after()
+    for refusal in (Refusal.CRC, Refusal.RESULT):
+        bench.hand.receive = lambda data, baud, why=refusal: status(3, why).encoded()  # type: ignore[method-assign,misc]
+        assert bench.backend._sdk.ping(3) is None
 
 
 def test_what_was_asked_for_again_is_a_warning() -> None:

@@ -19,7 +19,7 @@ if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
-from allegro_twin.serial.dynamixel.codec.packet import status
+from allegro_twin.serial.dynamixel.codec.packet import Instruction, Packet, status
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.serial.dynamixel.host.port import SerialLine
@@ -33,12 +33,15 @@ PATIENCE = 1.0
 """s: a busy computer is no silent servo."""
 ROOT = Path(__file__).resolve().parents[2]
 DRIVER = """
-import sys, time
+import os, sys, time
 import numpy as np
 from pathlib import Path
 from allegro_twin.types import PositionCommand
 from tests.serial.test_two_processes import driven
-backend = driven(Path(sys.argv[1]), keeper=sys.argv[2] == "keeper")
+backend = driven(Path(sys.argv[1]), keeper=sys.argv[2] != "none")
+if sys.argv[2] == "forked" and os.fork() == 0:
+    time.sleep(10.0)  # A child that outlives its parent, with all that was open.
+    os._exit(0)
 backend.reset()
 said = False
 while True:
@@ -82,6 +85,20 @@ def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path) -
         assert state.t == pytest.approx(state.tick * PERIOD, abs=PERIOD / 2 + 1e-9) or state.tick > 60
     np.testing.assert_allclose(states[-1].position, 0.5, atol=0.05)
     assert soon(lambda: hand.limp)
+
+
+def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualHand, tty: Path) -> None:
+    line, ping = SerialLine(str(tty), BAUD, 0.2), list(Packet(3, Instruction.PING).encoded())
+    try:
+        for pause, answered in ((0.0, True), (0.3, False), (0.0, True)):
+            line.clearPort()
+            line.writePort(ping[:6])
+            time.sleep(pause)
+            line.writePort(ping[6:])
+            line.setPacketTimeout(14)
+            assert bool(line.readPort(14)) == answered
+    finally:
+        line.close()
 
 
 def test_a_second_program_cannot_open_the_port(hand: VirtualHand, tty: Path) -> None:
@@ -143,9 +160,13 @@ def driver(hand: VirtualHand, tty: Path) -> Iterator[Callable[[str], tuple[subpr
 Start = Callable[[str], tuple[subprocess.Popen[str], int]]
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_a_program_that_is_killed_leaves_the_hand_limp(hand: VirtualHand, driver: Start, how: signal.Signals) -> None:
-    program, keeper = driver("keeper")
+@pytest.mark.parametrize(
+    ("kind", "how"), [("alone", signal.SIGKILL), ("alone", signal.SIGTERM), ("forked", signal.SIGKILL)]
+)
+def test_a_program_that_is_killed_leaves_the_hand_limp(
+    hand: VirtualHand, driver: Start, kind: str, how: signal.Signals
+) -> None:
+    program, keeper = driver(kind)
     assert keeper
     assert not hand.limp
     program.send_signal(how)
@@ -156,7 +177,7 @@ def test_a_program_that_is_killed_leaves_the_hand_limp(hand: VirtualHand, driver
 
 
 def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: VirtualHand, driver: Start) -> None:
-    program, keeper = driver("keeper")
+    program, keeper = driver("alone")
     program.send_signal(signal.SIGINT)
     program.wait()
     assert hand.limp
@@ -165,7 +186,7 @@ def test_a_program_that_ends_by_itself_leaves_the_hand_limp_and_no_keeper(hand: 
 
 def test_killed_with_its_keeper_the_servos_stop_where_they_are(hand: VirtualHand, driver: Start) -> None:
     """What a real servo's watchdog does as well: it stops, and holds with the current that it was allowed."""
-    program, keeper = driver("keeper")
+    program, keeper = driver("alone")
     os.kill(keeper, signal.SIGKILL)
     program.kill()
     program.wait()

@@ -88,6 +88,8 @@ class DynamixelBackend:
 
     def reset(self) -> HandState:
         try:
+            if self._keeper is not None and not self._keeper.alive:
+                self._hang_up()
             if self._line is None:
                 self._connect()
             self.unconfirmed = ""
@@ -101,7 +103,6 @@ class DynamixelBackend:
             self._reading.first_temperatures()
             shafts = self._reading.state()
             prepare.check_place(self._spec, shafts.position, self._calibration)
-            self._watched()
         except HandError as error:
             raise self._stopped(error) from error.__cause__
         self._fault = None
@@ -166,19 +167,11 @@ class DynamixelBackend:
             self._motors = Motors(self._sdk, self._calibration, self._settings.watchdog_counts)
             self._fresh()
             prepare.find(self._sdk, self._calibration)
-            self._watched()
+            if self._settings.keeper and line.shared is not None:
+                self._keeper = Keeper(line.shared, self._sdk.limp_words())
         except HandError:
             self._hang_up()
             raise
-
-    def _watched(self) -> None:
-        """Have a keeper, where the line can be shared with one."""
-        line = self._opened
-        if self._keeper is not None and not self._keeper.alive:
-            self._keeper.dismiss()
-            self._keeper = None
-        if self._settings.keeper and line.shared is not None and self._keeper is None:
-            self._keeper = Keeper(line.shared, self._sdk.limp_words())
 
     def _hang_up(self) -> None:
         """Close the line. Raises nothing."""

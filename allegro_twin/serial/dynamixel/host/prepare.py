@@ -52,7 +52,6 @@ def _elsewhere(sdk: Sdk, calibration: Calibration) -> str:
             continue  # This adapter cannot speak so fast.
         if any(sdk.ping(identifier) is not None for identifier in calibration.ids):
             return f"they answer at {baud}: set baud so, or change it in the servos"
-    sdk.line.rebaud(wanted)
     return "nor at any other speed: check power and cable"
 
 

@@ -60,8 +60,8 @@ class Sdk:
 
     def everybody(self) -> dict[int, int]:
         """Whoever answers to a broadcast: ids and their model numbers. Takes most of a second on a real line."""
-        with self._turn():
-            found, _ = self._handler.broadcastPing(self.line)
+        self._free()
+        found, _ = self._handler.broadcastPing(self.line)
         return {int(identifier): int(said[0]) for identifier, said in found.items()}
 
     def read(self, identifier: int, name: str) -> int:
@@ -91,24 +91,22 @@ class Sdk:
         item, n = self._model.named[name], len(ids)
         row = [number for pair in zip(ids, values, strict=True) for number in pair]
         parameters = struct.pack("<" + f"B{_CODES[item.size]}" * n, *row)
-        with self._turn():
-            result = self._handler.syncWriteTxOnly(
-                self.line, item.address, item.size, list(parameters), len(parameters)
-            )
+        self._free()
+        result = self._handler.syncWriteTxOnly(self.line, item.address, item.size, list(parameters), len(parameters))
         if result != _DONE:
             raise LinkError(f"{self.line.name} did not take {name} for {len(ids)} servos; is it plugged in?")
 
     def ask(self, ids: Sequence[int], address: int, size: int) -> bytes:
         """So many bytes of each of them, one after the other."""
         said = bytearray()
-        with self._turn():
-            self._handler.syncReadTx(self.line, address, size, list(ids), len(ids), False)
-            for identifier in ids:
-                data, result, error = self._handler.readRx(self.line, identifier, size)
-                if result or error or len(data) != size:
-                    self._check(identifier, result, error, "read")
-                    self._whole(identifier, data, size)
-                said += bytes(data)
+        self._free()
+        self._handler.syncReadTx(self.line, address, size, list(ids), len(ids), False)
+        for identifier in ids:
+            data, result, error = self._handler.readRx(self.line, identifier, size)
+            if result or error or len(data) != size:
+                self._check(identifier, result, error, "read")
+                self._whole(identifier, data, size)
+            said += bytes(data)
         return bytes(said)
 
     def ask_item(self, ids: Sequence[int], name: str) -> list[int]:
@@ -130,21 +128,17 @@ class Sdk:
 
     def _again(self, exchange: Callable[[], Any]) -> Any:
         """What the SDK makes of an exchange with one servo: at the last try, or once it is whole."""
-        for left in reversed(range(self._tries)):
-            try:
-                with self._turn():
-                    outcome = exchange()
-            except ProtocolError:
-                if not left:
-                    raise
-                continue
+        for _ in range(self._tries):
+            self._free()
+            outcome = exchange()
             heard = outcome[-1] & ~ALERT != Refusal.CRC
             if heard and outcome[-2] not in (_OVERDUE, _GARBLED):
                 break
         return outcome
 
-    def _turn(self) -> _Turn:
-        return _Turn(self.line)
+    def _free(self) -> None:
+        """Before an exchange: the SDK marks its port as in use, and does not take that back on every way out."""
+        self.line.is_using = False
 
     def _check(self, identifier: int, result: int, error: int, doing: str) -> None:
         if result == _DONE and not error:
@@ -164,19 +158,3 @@ class Sdk:
         if len(data) != size:
             raise ProtocolError(f"id {identifier} answered with {len(data)} bytes in place of {size}")
         return bytes(data)
-
-
-class _Turn:
-    """One exchange. The SDK marks its port as in use and forgets to take that back on some ways out; and its parser
-    counts on a packet that is as long as it says."""
-
-    def __init__(self, line: Line) -> None:
-        self._line = line
-
-    def __enter__(self) -> None:
-        self._line.is_using = False
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
-        self._line.is_using = False
-        if isinstance(error, IndexError):
-            raise ProtocolError(f"what came on {self._line.name} is no packet; the SDK gave up on it") from error
