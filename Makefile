@@ -30,20 +30,22 @@ test-all: test
 	$(BIN)/pytest -n $(JOBS) -m long
 	$(BIN)/python -m tests.socketcan.emulated --color=no
 
-# Every lower bound of pyproject.toml, as it stands there; a newer click's warnings about an older typer are not ours.
+# Every lower bound of pyproject.toml, as it stands there, but of the extras that bring PyTorch or Ray, which are gigabytes.
+# A newer click's warnings about an older typer are not ours.
 LOWEST := .venv-lowest
 CORE := tests/test_architecture.py tests/test_safety.py tests/test_spec.py tests/test_types.py tests/test_loop.py \
         tests/look tests/contract tests/control tests/description tests/library tests/replay tests/sim \
-        tests/cli/test_wrong_inputs.py tests/policy
+        tests/cli/test_wrong_inputs.py tests/cli/test_doctor.py tests/policy tests/panel tests/ros tests/teleop
 test-lowest: $(LOWEST)/.ready
 	$(LOWEST)/bin/pytest -o filterwarnings=default -p no:cacheprovider $(CORE)
 	$(LOWEST)/bin/allegro-twin run lemon
+	NO_MKDOCS_2_WARNING=1 $(LOWEST)/bin/python -m mkdocs build --quiet --site-dir out/site-lowest
 
 $(LOWEST)/.ready: pyproject.toml
 	$(PYTHON) -m venv $(LOWEST)
 	$(LOWEST)/bin/pip install --quiet uv
 	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-	  --only-binary :all: --no-binary allegro-twin --editable '.[dev]'
+	  --only-binary :all: --no-binary allegro-twin --editable '.[dev,docs,menagerie,panel,webcam]'
 	@touch $@
 
 # The site, in out/site, tested: python3 -m http.server -d out/site (without a server its search does not work).

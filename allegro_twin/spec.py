@@ -109,6 +109,12 @@ class HandSpec:
         return f"{self.model}_{self.side}"
 
     @property
+    def readable(self) -> tuple[str, ...]:
+        """A name for each joint, for people: `index_0`, or that of the description where a joint moves several
+        fingers."""
+        return self.aliases or self.joints
+
+    @property
     def n_joints(self) -> int:
         return len(self.joints)
 
@@ -164,7 +170,7 @@ class HandSpec:
         worst = int(np.argmax(excess))
         if excess[worst] > 1e-9:
             raise ConfigError(
-                f"{what}: {self.aliases[worst] if self.aliases else self.joints[worst]} = {array[worst]:.4f} rad is "
+                f"{what}: {self.readable[worst]} = {array[worst]:.4f} rad is "
                 f"{excess[worst]:.4f} rad outside its limits [{self.lower[worst]:.4f}, {self.upper[worst]:.4f}]"
             )
         return array

@@ -54,9 +54,15 @@ def test_a_wheel_that_is_built_again_is_the_same_to_the_byte(wheel: zipfile.ZipF
     assert again.read_bytes() == Path(wheel.filename).read_bytes()
 
 
-PYTHONS = [found for version in ("3.11", "3.12", "3.13") if (found := shutil.which(f"python{version}"))]
+def starts(python: str) -> bool:
+    """A manager of versions may leave a name on the path for one that is not switched on."""
+    return subprocess.run([python, "-c", ""], capture_output=True).returncode == 0
+
+
+FOUND = [shutil.which(f"python{version}") for version in ("3.11", "3.12", "3.13")]
+PYTHONS = [python for python in FOUND if python and starts(python)]
 TOUR = """
-import gymnasium, pathlib, allegro_twin
+import gymnasium, pathlib, allegro_twin, allegro_twin.panel.host, allegro_twin.teleop.leading
 assert "site-packages" in allegro_twin.__file__, allegro_twin.__file__
 env = gymnasium.make("allegro_twin.gym:AllegroTwin/Reach-v0")
 env.reset(seed=0); env.step(env.action_space.sample())
@@ -111,6 +117,7 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> N
         ("run sim_right --policy re", {"reach_right"}),
         ("posture home -c can_v", {"can_v4_right", "can_virtual"}),
         ("list pol", {"policies"}),
+        ("teleop sim_", {"sim_left", "sim_right"}),
         ("train Reo", {"Reorient"}),
         ("play rip", {"ripple"}),
     ],

@@ -56,7 +56,7 @@ def picture(target: Path, path: Path, found: Branched, at: float) -> None:
     from allegro_twin.look.plot import Line, plot
 
     spec, panels = found.spec, {}
-    names = spec.aliases or spec.joints
+    names = spec.readable
     for finger in spec.fingers:
         was = [Line("", found.recorded[:, j], lighter(of_series(k)), 4) for k, j in enumerate(finger.joints)]
         would = [Line(names[j], found.branched[:, j], of_series(k)) for k, j in enumerate(finger.joints)]

@@ -24,8 +24,8 @@ def register(app: typer.Typer) -> None:
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="For a program, or a bug report.")] = False,
 ) -> None:
-    """Look at this computer: versions, extras, pictures, CAN, real time, ports; what does not work, and what mends it.
-    Ends with 2 where something is broken."""
+    """Look at this computer: versions, extras, pictures, CAN, cameras, real time, ports; what does not work, and what
+    mends it. Ends with 2 where something is broken."""
     from allegro_twin.cli import console
 
     found = list(findings())
@@ -43,11 +43,14 @@ def findings() -> Iterator[Finding]:
 
     yield from packages.python()
     yield from packages.packages()
+    yield from packages.rospy()
+    yield from machine.libraries()
     yield from machine.scheduling()
     yield from machine.pictures()
     yield from machine.cards()
     yield from bus.interfaces()
     yield from bus.adapters()
+    yield from machine.cameras()
     yield from machine.ports()
 
 

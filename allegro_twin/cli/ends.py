@@ -33,6 +33,11 @@ def usage(error: Any) -> str:
     return f"{command}: {text[:1].lower()}{text[1:]}{value}; `{command} --help` shows what there is"
 
 
+def unloaded(error: ImportError) -> str:
+    """What a compiled module lacks, which is there and cannot be loaded."""
+    return f"allegro-twin: {str(error).splitlines()[0]}; `allegro-twin doctor` says which package of the system has it"
+
+
 def stop_on_signals() -> None:
     """Let the signals that ask a program to end do what Ctrl-C does."""
     for number in _ENDS:

@@ -1,4 +1,4 @@
-"""The commands that bring a hand."""
+"""The commands about hands: what is known of one, and the card of another."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ from typing import Annotated, Literal
 
 import typer
 
+from allegro_twin.cli.live import show
 from allegro_twin.errors import ConfigError
 
-app = typer.Typer(help="Bring another hand.", no_args_is_help=True)
 
-
-def register(other: typer.Typer) -> None:
+def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    other.add_typer(app, name="hand")
+    hand = typer.Typer(help="What is known of a hand, and the card of another.")
+    hand.command()(show)
+    hand.command()(new)
+    app.add_typer(hand, name="hand")
 
 
-@app.callback()
-def _hand() -> None:
-    """Bring another hand."""
-
-
-@app.command()
 def new(
     model: Annotated[Path, typer.Argument(metavar="MODEL.xml", help="An MJCF of a hand or gripper, with actuators.")],
     name: Annotated[str | None, typer.Option(help="Of the hand; the file's otherwise.")] = None,

@@ -158,4 +158,4 @@ def _cell(value: Value, joint: int, by: float) -> str:
 
 
 def _name(spec: HandSpec, joint: int) -> str:
-    return spec.aliases[joint] if spec.aliases else spec.joints[joint]
+    return spec.readable[joint]

@@ -23,10 +23,6 @@ def register(app: typer.Typer) -> None:
     calibrate.command("limits")(calibrate_limits)
     calibrate.callback()(_group)
     app.add_typer(calibrate, name="calibrate")
-    hand = typer.Typer(help="What is known of a hand.")
-    hand.command("show")(show)
-    hand.callback()(_group)
-    app.add_typer(hand, name="hand")
 
 
 def _group() -> None:

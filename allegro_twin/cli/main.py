@@ -26,6 +26,7 @@ from allegro_twin.cli import (
     running,
     schemas,
     shipped,
+    teleop,
     training,
     twin,
 )
@@ -69,6 +70,7 @@ collecting.register(app)
 evaluating.register(app)
 twin.register(app)
 ros.register(app)
+teleop.register(app)
 schemas.register(app)
 doctor.register(app)
 hands.register(app)
@@ -83,6 +85,11 @@ def main() -> None:
     except HandError as error:
         sys.stderr.write(f"allegro-twin: {error}\n")
         sys.exit(ends.exit_code(error))
+    except ImportError as error:
+        if error.path is None:
+            raise
+        sys.stderr.write(f"{ends.unloaded(error)}\n")
+        sys.exit(2)
     except ends.USAGE as error:
         sys.stderr.write(f"{ends.usage(error)}\n")
         sys.exit(2)

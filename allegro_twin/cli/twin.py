@@ -184,7 +184,7 @@ def mirror(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )
         spec = spec_of(config)
-    console.console.print(mirroring.table(found, spec.aliases or spec.joints))
+    console.console.print(mirroring.table(found, spec.readable))
     for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)
 

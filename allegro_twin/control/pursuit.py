@@ -25,6 +25,12 @@ class Pursuit:
         self._at, self._t = SetPoint(frozen(position), frozen(np.zeros_like(position))), 0.0
         return self
 
+    @property
+    def position(self) -> Vector:
+        """The newest set-point, (n,), rad."""
+        assert self._at is not None, "begin comes first"
+        return self._at.position
+
     def __call__(self, t: float) -> SetPoint:
         """The set-point at t, s since `begin`; what is asked for the past is as it is now."""
         assert self._at is not None, "begin comes first"

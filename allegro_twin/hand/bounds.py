@@ -44,7 +44,7 @@ class Bounds:
         worst = int(np.argmax(outside))
         if outside[worst] > 1e-9:
             raise ConfigError(
-                f"posture: {self._spec.aliases[worst]} = {posture[worst]:.4f} rad is {outside[worst]:.4f} rad inside "
+                f"posture: {self._spec.readable[worst]} = {posture[worst]:.4f} rad is {outside[worst]:.4f} rad inside "
                 f"the margin of its limits [{lower[worst]:.4f}, {upper[worst]:.4f}]; set_margin or use_margin change it"
             )
         return posture

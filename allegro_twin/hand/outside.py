@@ -10,6 +10,7 @@ from allegro_twin.control.pursuit import Pursuit
 from allegro_twin.control.timed import Timed
 from allegro_twin.control.trajectory import FASTEST, Following
 from allegro_twin.errors import ConfigError
+from allegro_twin.hand.cartesian import agreed
 from allegro_twin.hand.facade import Hand
 from allegro_twin.types import Array, Vector, frozen
 
@@ -27,17 +28,36 @@ class Outside:
         self._pursuit: Pursuit | None = None
         self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
-    def track(self, posture: Vector) -> None:
-        """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time."""
-        goal = self._inside(posture, "joint_cmd")
-        driving = self._pursuit is not None and self._mover.goal is not None and self._mover.goal.path is self._pursuit
-        here = self._pursuit.goal if driving and self._pursuit is not None else self._mover.state.position
-        self._look(np.array([here, goal]), "joint_cmd")
-        if driving and self._pursuit is not None:
-            self._pursuit.goal = goal
+    def track(self, posture: Vector, what: str = "joint_cmd") -> None:
+        """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time.
+        `what` asks stands in messages."""
+        goal, pursuit = self._inside(posture, what), self._driving
+        here = self._mover.state.position if pursuit is None else pursuit.goal
+        self._look(np.array([here, goal]), what)
+        if pursuit is not None:
+            pursuit.goal = goal
             return
         self._pursuit = Pursuit(goal, self._speed)
-        self._mover.follow(self._mover.position_kind, self._pursuit, "joint_cmd")
+        self._mover.follow(self._mover.position_kind, self._pursuit, what)
+
+    def nominal(self) -> None:
+        """Raises ConfigError for a hand whose fingertips are not where the nominal one has them."""
+        spec = self._hand.spec
+        agreed(spec, self._mover.model, self._mover.state.position, [finger.name for finger in spec.fingers])
+
+    def rest(self) -> Vector:
+        """Go no further than the set-point is now, (n,), rad, which is given back; what presses goes on pressing."""
+        pursuit = self._driving
+        if pursuit is None:
+            return self._mover.state.position
+        pursuit.goal = pursuit.position
+        return pursuit.goal
+
+    @property
+    def _driving(self) -> Pursuit | None:
+        """The pursuit, where nothing else drives the hand."""
+        goal = self._mover.goal
+        return self._pursuit if goal is not None and goal.path is self._pursuit else None
 
     def follow(self, times: Vector, postures: Array, velocities: Array | None = None, *, late: float = 0.0) -> float:
         """Go through postures, (k, n), rad, at times, (k,), s from now on; with velocities, (k, n), rad/s, on smooth

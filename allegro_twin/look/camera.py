@@ -19,7 +19,7 @@ from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]
 """Rows, columns, RGB."""
-_HINT = "headless rendering needs EGL: apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL"
+_HINT = "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL"
 
 
 class Scene(Protocol):

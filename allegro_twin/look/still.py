@@ -76,7 +76,7 @@ def _shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, g
 
 
 def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
-    names = [spec.aliases[joint] if spec.aliases else spec.joints[joint] for joint in finger.joints]
+    names = [spec.readable[joint] for joint in finger.joints]
     colors = [of_series(k) for k in range(len(names))]
     for kind in ("position", "velocity", "torque", "command", *scene.more):
         lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])

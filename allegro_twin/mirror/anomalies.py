@@ -67,7 +67,7 @@ class Anomaly(NamedTuple):
 
 def words(found: Anomaly, spec: HandSpec) -> str:
     """For a person."""
-    joint = (spec.aliases or spec.joints)[found.joint]
+    joint = spec.readable[found.joint]
     match found.name:
         case "weak":
             return f"the motor of {joint} gives {100 * (1 - found.amount):.0f} % of its torque"

@@ -33,7 +33,7 @@ def to_csv(recording: Recording, path: Path) -> None:
         if values.ndim == 1:
             columns[name] = values
             continue
-        labels = spec.aliases if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
+        labels = spec.readable if values.shape[1] == spec.n_joints else [str(i) for i in range(values.shape[1])]
         columns |= {f"{name}.{label}": np.ascontiguousarray(values[:, i]) for i, label in enumerate(labels)}
     with whole_file(path) as temporary:
         pyarrow.csv.write_csv(pa.table(columns), temporary)

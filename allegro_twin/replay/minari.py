@@ -51,7 +51,7 @@ def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
     with hdf5().File(made, "w", track_order=True) as file:
         for number, recording in enumerate(recordings):
             _add(file.create_group(f"episode_{number}"), number, recording)
-    (folder / DATA).write_bytes(made.getbuffer())
+    (folder / DATA).write_bytes(made.getvalue())
     steps = sum(len(recording) - 1 for recording in recordings)
     first = recordings[0]
     content = {

@@ -53,13 +53,13 @@ def to_minari(episodes: Sequence[Episode], folder: Path, period: float) -> None:
     first, steps = episodes[0], sum(len(episode.action) for episode in episodes)
     content = {
         "dataset_id": name, "minari_version": VERSION, "data_format": "hdf5", "jpeg_encoding": False,
-        "total_episodes": len(episodes), "total_steps": steps, "dataset_size": round(len(made.getbuffer()) / 1e6, 1),
+        "total_episodes": len(episodes), "total_steps": steps, "dataset_size": round(len(made.getvalue()) / 1e6, 1),
         "description": f"{first.environment}: {first.task}; {period:g} s a step",
         "observation_space": _space(first.observation), "action_space": json.dumps(_box(first.action)),
     }  # fmt: skip
     with whole_folder(folder) as temporary:
         (temporary / DATA).parent.mkdir()
-        (temporary / DATA).write_bytes(made.getbuffer())
+        (temporary / DATA).write_bytes(made.getvalue())
         (temporary / METADATA).write_text(json.dumps(content))
 
 

@@ -9,12 +9,16 @@ import sys
 
 def _choose_renderer() -> str:
     """MuJoCo decides at its import how to render: without a screen GLFW would end the process at the first picture,
-    and EGL without its library would break the import. So: EGL where it is, else none."""
+    and EGL without its library, or one of OpenGL's, would break the import. So: EGL where they are, else none."""
+    return "egl" if _loads("libEGL.so.1") and (_loads("libOpenGL.so.0") or _loads("libGL.so.1")) else "disable"
+
+
+def _loads(library: str) -> bool:
     try:
-        ctypes.CDLL("libEGL.so.1")
+        ctypes.CDLL(library)
     except OSError:
-        return "disable"
-    return "egl"
+        return False
+    return True
 
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY") and not os.environ.get("MUJOCO_GL"):

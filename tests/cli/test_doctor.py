@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import socket
 import subprocess
@@ -50,6 +51,48 @@ def test_packages_that_are_missing_or_too_old_or_too_new_are_named_with_their_ex
     assert ill.status == "broken"
     assert "numpy is 1.26.4; >=2.0 is needed" in ill.says
     assert "mujoco is 4.1.2; <4.1,>=4.0 is needed" in ill.says
+
+
+def test_an_extra_that_is_not_for_this_python_says_for_which_it_is() -> None:
+    given = ["dex>=0.5; python_version < '3.13' and extra == 'teleop'", 'av>=14; extra == "view"']
+    for minor, words in ((12, False), (13, True), (14, True)):
+        _, teleop, view = packages.packages(given, versions({"av": "18.1.0"}), minor)
+        assert (teleop.status, view.status) == ("absent", "works")
+        assert ("not for Python 3.13 and later" in teleop.says) == words
+        assert ("use Python 3.12" in teleop.mend) == words
+        assert "pip install 'allegro-twin[teleop]'" in teleop.mend
+
+
+def test_without_rospy_it_says_which_package_of_debian_has_it() -> None:
+    (there,), (absent,) = packages.rospy(True), packages.rospy(False)
+    assert (there.status, absent.status) == ("works", "absent")
+    assert "apt-get install python3-rospy" in absent.mend
+
+
+def test_a_library_of_the_system_that_a_wheel_takes_for_granted_is_named_with_its_package() -> None:
+    def fail(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+
+    (broken,), (fine,) = machine.libraries(fail), machine.libraries(lambda name: None)
+    assert (broken.status, broken.mend) == ("broken", "apt-get install libgomp1")
+    assert fine.status == "works"
+
+
+def test_a_webcam_without_permission_names_the_group(tmp_path: Path) -> None:
+    (tmp_path / "video0").touch()
+    (tmp_path / "video").touch()
+    (found,) = machine.cameras(tmp_path, lambda path: False)
+    assert (found.what, found.status, "video" in found.mend) == ("camera video0", "broken", True)
+    (found,) = machine.cameras(tmp_path, lambda path: True)
+    assert found.status == "works"
+
+
+def test_it_looks_at_the_ports_of_every_page(command: Run) -> None:
+    from allegro_twin.cli.looking import view
+    from allegro_twin.cli.panel import panel
+
+    pages = {inspect.signature(page).parameters["port"].default for page in (view, panel)}
+    assert pages < set(machine.PORTS.values())
 
 
 def interface(net: Path, name: str, flags: str, kind: str = "280") -> None:

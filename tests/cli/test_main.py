@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
@@ -124,3 +126,14 @@ def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Pat
         assert video.stat().st_size > 1000
     else:
         assert "headless rendering needs EGL: apt-get install" in " ".join(done.stderr.split())
+
+
+def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doctor(tmp_path: Path) -> None:
+    (tmp_path / f"pinocchio{EXTENSION_SUFFIXES[0]}").write_bytes(b"no library")
+    done = subprocess.run(
+        [sys.executable, "-m", "allegro_twin", "run", "lemon"],
+        cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": f"{tmp_path}:{SUITE}"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith("allegro-twin: ")
+    assert "`allegro-twin doctor` says which package of the system has it" in done.stderr

@@ -43,6 +43,8 @@ class Spy:
     def __init__(self, refusal: HandError | None = None) -> None:
         self.asked, self.refusal, self.spec, self.state = list[Any](), refusal, load_spec(), state(3)
 
+    controllers = ("torque", "gravity", "pd", "pid")
+
     def __enter__(self) -> Spy:
         return self
 

@@ -32,7 +32,7 @@ from tests.cli.wrong import TABLE, Wrong, answered, workspace
 ROOT = Path(__file__).resolve().parents[2]
 EXTRAS = ["mink", "daqp", "ruckig", "onnxruntime", "stable_baselines3", "torch", "onnx", "tensorboard", "tqdm", "h5py",
           "mujoco_warp", "warp", "rerun", "av", "PIL",
-          "cyclonedds", "rosbags", "rospy"]  # fmt: skip
+          "cyclonedds", "rosbags", "rospy", "dex_retargeting", "mediapipe", "cv2"]  # fmt: skip
 """What every extra of pyproject.toml brings."""
 
 

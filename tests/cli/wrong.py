@@ -20,6 +20,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 from unittest import mock
 
+from allegro_twin.teleop.tracks import HEADER
+
 
 class Wrong(NamedTuple):
     """A row of the table."""
@@ -38,6 +40,17 @@ TABLE = [
         ("ros2 sim_right --domain 300", 2, "ROS_DOMAIN_ID must be 0 to 232, not 300"),
         ("ros2 sim_right --namespace 'a b'", 2, "not 'a b'"),
         ("ros2 sim_right --rate 0", 2, "--rate must be above 0"),
+        # A hand that follows a person's.
+        ("teleop sim_right", 2, "--from"),
+        ("teleop nope --from track.csv", 2, "no config named 'nope'"),
+        ("teleop sim_right --from none.csv", 2, "none.csv: cannot be read"),
+        ("teleop sim_right --from r.arrow", 2, "hand tracking is a file in .npz, .csv, .json, or `webcam`"),
+        ("teleop sim_right --from track.csv", 2, "track.csv:2: has 2 values; t and 21 landmarks are 64"),
+        ("teleop sim_right --from full.csv", 2, "full.csv: cannot be read: it is no plain file"),
+        ("teleop sim_right --from webcam", 2, "--model hand_landmarker.task"),
+        ("teleop sim_right --from track.csv --tracked both", 2, "'both' is not one of 'right', 'left'"),
+        ("teleop sim_right --from track.csv --speed 0", 2, "--speed must be positive"),
+        ("teleop sim_right --from track.csv --view --web", 2, "choose one"),
         # What the parser does not know.
         ("nope", 2, "no such command 'nope'"),
         ("--nope", 2, "--nope"),
@@ -108,7 +121,7 @@ TABLE = [
         ("plan lemon --by z>1 --time 5", 2, "object lemon: nothing of its surface is in the region"),
         ("plan lemon --address here:1", 2, "--address is of a Ray cluster: say --engine ray, too"),
         ("posture home -c nope", 2, "no config named 'nope'; there are: can_hidden, can_pty"),
-        ("posture home -c sim_rigth", 2, "did you mean 'sim_right' or 'sim_left'?"),
+        ("posture home -c sim_rigth", 2, "did you mean 'sim_right' or 'sim_left'"),
         ("posture home -c lemon", 2, "('lemon' is a scenario)"),
         ("posture home -c home", 2, "('home' is a posture)"),
         ("posture home -c folder", 2, "no config named 'folder'"),
@@ -205,7 +218,7 @@ TABLE = [
         ("export r.arrow full --format lerobot", 2, "full is not empty"),
         ("export r.arrow set --format nope", 2, "no data set format named 'nope'; there are: lerobot, minari"),
         ("export r.arrow set --format minari", 2, "whose name ends in a version: set-v0"),
-        ("collect Lift set --episodes 0", 2, "greater than or equal to 1, not '0'"),
+        ("collect Lift set --episodes 0", 2, "invalid value for '--episodes'"),
         ("collect Lft set", 2, "no task or recipe named 'Lft'; did you mean 'Lift'"),
         # Files that are not what they should be.
         ("view folder", 2, "cannot read folder: it is a folder"),
@@ -263,6 +276,7 @@ def workspace(folder: Path, recording: Path) -> None:
         "full/something": b"x", "file": b"x", "text.txt": b"hello\n", "bad.yaml": b"x: [\n", "empty.yaml": b"",
         "bytes.onnx": b"\0\1\2", "bytes.zip": b"\0\1\2", "empty.arrow": b"", "r.arrow": data, "cut.arrow": data[:2000],
         "typos.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd}\nseconds_: 1\nhnd: {}\n",
+        "track.csv": (",".join(HEADER) + "\n0,1\n").encode(),
         "fast.yaml": b"backend: {kind: sim}\ncontroller: {kind: pd, speed: 1.0e+9}\ntask: {posture: home}\n",
     }  # fmt: skip
     for name, content in contents.items():

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from allegro_twin import sim
 from allegro_twin.build import assemble, scenario_config
 from allegro_twin.errors import ConfigError
 from allegro_twin.look.camera import Camera
@@ -25,15 +26,36 @@ def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer
         screens.append((rig.sim, Screen(rig.sim.model, 64, 96)))
     eye = mujoco.MjvCamera()
     eye.distance, eye.elevation = 0.6, -20.0
-    for sim, screen in screens:  # Both are open, and take turns.
-        eye.lookat = sim.data.body("palm_link").xpos
-        with mujoco.Renderer(sim.model, 64, 96) as renderer:
-            renderer.update_scene(sim.data, eye)
-            np.testing.assert_array_equal(screen.draw(sim.data, eye), renderer.render())
+    for shown, screen in screens:  # Both are open, and take turns.
+        eye.lookat = shown.data.body("palm_link").xpos
+        with mujoco.Renderer(shown.model, 64, 96) as renderer:
+            renderer.update_scene(shown.data, eye)
+            np.testing.assert_array_equal(screen.draw(shown.data, eye), renderer.render())
             renderer.enable_depth_rendering()
-            np.testing.assert_allclose(screen.draw_depth(sim.data, eye), renderer.render(), rtol=1e-4)
+            np.testing.assert_allclose(screen.draw_depth(shown.data, eye), renderer.render(), rtol=1e-4)
             renderer.disable_depth_rendering()
-            np.testing.assert_array_equal(screen.draw(sim.data, eye), renderer.render())
+            np.testing.assert_array_equal(screen.draw(shown.data, eye), renderer.render())
     for _, screen in screens:
         screen.close()
         screen.close()
+
+
+@pytest.mark.parametrize(
+    ("there", "chosen"),
+    [
+        ({"libEGL.so.1", "libOpenGL.so.0"}, "egl"),
+        ({"libEGL.so.1", "libGL.so.1"}, "egl"),
+        ({"libEGL.so.1"}, "disable"),  # PyOpenGL would break MuJoCo's import.
+        ({"libGL.so.1", "libOpenGL.so.0"}, "disable"),
+        (set(), "disable"),
+    ],
+)
+def test_without_a_screen_egl_is_chosen_where_all_of_its_libraries_are(
+    there: set[str], chosen: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load(name: str) -> None:
+        if name not in there:
+            raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setattr("ctypes.CDLL", load)
+    assert sim._choose_renderer() == chosen

@@ -201,4 +201,4 @@ def _cell(found: Identified, name: str, joint: int) -> str:
 
 def _joints(found: Identified) -> tuple[str, ...]:
     spec = found.motions[0].spec
-    return spec.aliases or spec.joints
+    return spec.readable

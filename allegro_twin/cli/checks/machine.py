@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
 import subprocess
@@ -9,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from allegro_twin.cli.checks.bus import may_open
 from allegro_twin.cli.checks.finding import Finding
 
 _RENDER = """
@@ -19,8 +21,9 @@ print((GL.glGetString(GL.GL_RENDERER) or b"").decode())
 renderer.close()
 """
 _SECONDS = 60.0
-PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876}
-"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py."""
+PORTS = {"Rerun's page, --web": 9090, "Rerun's data": 9876, "the panel": 8080}
+"""TCP, on loopback; rerun's own defaults, allegro_twin/look/server.py, and `panel --port`. What the panel's viser
+listens on is drawn anew each time."""
 Schedule = Callable[[], None]
 
 
@@ -41,10 +44,22 @@ def pictures(draw: Callable[[str], str] = render) -> Iterator[Finding]:
         who = draw("egl")
     except (OSError, subprocess.TimeoutExpired) as error:
         yield Finding("EGL", "broken", f"no picture without a screen: {error}",
-                      "apt-get install libegl1 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
+                      "apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL")  # fmt: skip
         return
     software = " (software: right, and slow)" if "llvmpipe" in who or "softpipe" in who else ""
     yield Finding("EGL", "works", f"pictures without a screen, by {who}{software}")
+
+
+def libraries(load: Callable[[str], object] = ctypes.CDLL) -> Iterator[Finding]:
+    """What packages take for granted of the system: Pinocchio's wheel does not bring GCC's OpenMP."""
+    try:
+        load("libgomp.so.1")
+    except OSError as error:
+        yield Finding(
+            "libgomp", "broken", f"Pinocchio cannot be loaded without it: {error}", "apt-get install libgomp1"
+        )
+    else:
+        yield Finding("libgomp", "works", "Pinocchio's")
 
 
 def cards(dev: Path = Path("/dev")) -> Iterator[Finding]:
@@ -75,6 +90,17 @@ def scheduling(ask: Schedule = first_in_line) -> Iterator[Finding]:
                       "`ulimit -r 20`, from /etc/security/limits.conf: `@realtime - rtprio 20`")  # fmt: skip
     else:
         yield Finding("real time", "works", "allowed: set `realtime: true` for a hand on a bus")
+
+
+def cameras(dev: Path = Path("/dev"), may: Callable[[Path], bool] = may_open) -> Iterator[Finding]:
+    """Webcams for `teleop --from webcam`, where there are any."""
+    for path in sorted(dev.glob("video[0-9]*")):
+        allowed = may(path)
+        yield Finding(
+            f"camera {path.name}", "works" if allowed else "broken",
+            "may be opened" if allowed else "no permission to open it",
+            "" if allowed else "usermod -aG video $USER, and log in again",
+        )  # fmt: skip
 
 
 def ports(wanted: dict[str, int] | None = None) -> Iterator[Finding]:

@@ -150,7 +150,7 @@ def _offsets(motion: Motion, offset: Value) -> list[int]:
 
 
 def _joint(spec: HandSpec, number: int) -> str:
-    return spec.aliases[number] if spec.aliases else spec.joints[number]
+    return spec.readable[number]
 
 
 def _plain(row: Vector) -> list[float]:

@@ -64,7 +64,7 @@ def banner(lines: Sequence[tuple[str, str]]) -> str:
 
 def name_of(spec: HandSpec, joint: int) -> str:
     """That a person reads."""
-    return spec.aliases[joint] if spec.aliases else spec.joints[joint]
+    return spec.readable[joint]
 
 
 def hexed(number: int) -> str:

@@ -1,0 +1,1 @@
+"""A person's hand, tracked, drives a robot's: a client of `Hand` that never turns its loop. docs/teleop.md."""
