@@ -6,11 +6,17 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+import pytest
 
 from allegro_twin.backend import position_of
+from allegro_twin.build.servos import make_servos
+from allegro_twin.build.wired import Scene
+from allegro_twin.config import DynamixelSettings, RunConfig
+from allegro_twin.description.hands import load_spec
+from allegro_twin.files.schema import parse
 from allegro_twin.serial.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.serial.dynamixel.codec.table import XM430_W350, Model
 from allegro_twin.serial.dynamixel.device.faults import FaultPlan
@@ -32,6 +38,30 @@ KT = 1.5
 """N·m/A of the servos here."""
 LIMIT = 0.4
 """A."""
+
+
+MODEL_O = {
+    "model": "XM430-W350",
+    "ids": [2, 1, 3, 4],
+    "current_limit": [0.03, 1.5, 1.5, 1.5],
+    "torque_per_ampere": 1.63,
+}
+"""Four servos on tendons; what the lab's report says of their currents."""
+
+
+def config_of(hand: str = "leap", **backend: Any) -> RunConfig:
+    """A virtual hand of servos with physics behind it."""
+    block = {"kind": "dynamixel", "port": "virtual", "baud": 4_000_000} | backend
+    content = {"hand": {"model": hand}, "backend": block, "controller": {"kind": "position"}, "period": 0.02}
+    return parse(RunConfig, content | {"seconds": 0.5}, "test")
+
+
+def on_a_line(hand: str, **backend: Any) -> DynamixelBackend:
+    """Its backend, without a guard."""
+    pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
+    config = config_of(hand, **backend)
+    assert isinstance(config.backend, DynamixelSettings)
+    return make_servos(config, config.backend, load_spec(hand), Scene())
 
 
 def small_spec(n: int = 4, commands: tuple[CommandKind, ...] = ("position", "limited_position")) -> HandSpec:

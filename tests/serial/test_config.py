@@ -20,20 +20,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.session import recording_meta
-
-MODEL_O = {
-    "model": "XM430-W350",
-    "ids": [2, 1, 3, 4],
-    "current_limit": [0.03, 1.5, 1.5, 1.5],
-    "torque_per_ampere": 1.63,
-}
-"""Four servos on tendons; what the lab's report says of their currents."""
-
-
-def config_of(hand: str = "leap", **backend: Any) -> RunConfig:
-    block = {"kind": "dynamixel", "port": "virtual", "baud": 4_000_000} | backend
-    content = {"hand": {"model": hand}, "backend": block, "controller": {"kind": "position"}, "period": 0.02}
-    return parse(RunConfig, content | {"seconds": 0.5}, "test")
+from tests.serial.rigs import MODEL_O, config_of
 
 
 def test_a_virtual_leap_hand_goes_home_through_its_servos() -> None:
