@@ -47,6 +47,17 @@ def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
     wired.backend.close()
 
 
+def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it() -> None:
+    content = config_of().model_dump(exclude_unset=True, exclude={"seconds"})
+    rig = assemble(parse(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))
+    assert rig.trial is not None
+    assert rig.seconds is not None
+    for sample in until(rig.seconds, run(rig.backend, rig.controller)):
+        rig.trial.see(sample.state)
+    rig.backend.close()
+    assert rig.trial.report().held
+
+
 def test_a_hand_of_four_servos_on_tendons_runs_as_one_of_sixteen_on_joints() -> None:
     rig = assemble(config_of("model_o", servos=MODEL_O))
     *_, last = until(0.5, run(rig.backend, rig.controller))
