@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
 from allegro_twin.build.assemble import assemble
+from allegro_twin.build.branching import branch
 from allegro_twin.build.servos import calibration_of
 from allegro_twin.config import DynamixelSettings, RunConfig, load_config
 from allegro_twin.description.hands import load_spec
@@ -77,6 +78,19 @@ def test_a_recording_says_what_its_ticks_were_worth(tmp_path: Path) -> None:
     table = load(tmp_path / "r.arrow").meta["calibration"]
     assert table["model"] == "XC330-M288"
     assert [servo["id"] for servo in table["servos"]][:4] == [1, 0, 2, 3]
+
+
+def test_a_recording_of_a_virtual_hand_goes_on_as_it_did(tmp_path: Path) -> None:
+    script = [{"at": 9.0, "what": "overheat", "which": 5}]
+    servos = {"ids": list(range(16)), "model": "XC330-M288", "current_limit": 0.5}
+    config = config_of(servos=servos, faults={"lose": 0.0, "script": script})
+    rig = assemble(config)
+    samples = until(0.3, run(rig.backend, rig.controller))
+    for _ in recorded(samples, tmp_path / "r.arrow", rig.spec, 0.02, meta=recording_meta(rig, config)):
+        pass
+    rig.backend.close()
+    both = branch(tmp_path / "r.arrow", 0.1, {})
+    np.testing.assert_array_equal(both.branched, both.recorded)
 
 
 def test_faults_of_a_config_happen() -> None:
