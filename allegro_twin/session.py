@@ -83,9 +83,9 @@ def perform(
         assert last is not None  # The loop yields at least the state after reset.
         report = rig.trial.report() if rig.trial is not None else None
         _concluded(viewers, report)
-        if rig.wire is not None:
-            notes += rig.wire.warnings()
-    return Outcome(last, report, tuple(notes), "" if rig.wire is None else rig.wire.unconfirmed)
+        if rig.there is not None:
+            notes += rig.there.warnings()
+    return Outcome(last, report, tuple(notes), "" if rig.there is None else rig.there.unconfirmed)
 
 
 class _Beside:
@@ -151,8 +151,8 @@ def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
         meta |= rig.trial.meta()
     else:
         meta |= _look(rig)
-    if rig.wire is not None:
-        meta["calibration"] = rig.wire.calibration
+    if rig.there is not None:
+        meta["calibration"] = rig.there.calibration
     return meta
 
 

@@ -17,7 +17,7 @@ LAYERS = [
     {"backend", "files"},
     {"kinematics"},
     {"description", "control", "loop", "safety", "messages"},
-    {"sim", "replay", "library", "wire"},
+    {"sim", "replay", "library", "wire", "serial"},
     {"policy"},
     {"config", "look", "evaluate", "identify", "mirror", "grasping"},
     {"build", "gym", "sweep"},
@@ -29,6 +29,8 @@ LAYERS = [
 HOMES = {
     "can": {"wire"},
     "cyclonedds": {"ros"},
+    "dynamixel_sdk": {"serial"},
+    "serial": {"serial"},
     "rospy": {"ros"},
     "rosbags": {"messages", "replay", "ros"},
     "mujoco": {"sim", "look"},
@@ -61,7 +63,12 @@ HOMES = {
     "rich": {"cli"},
     "typer": {"cli"},
 }
-FLOORS = {"wire": ["codec", "host", "device", "tools"], "identify": ["motions", "fitting", "results"]}
+FLOORS = {
+    "wire": ["codec", "host", "device", "tools"],
+    "serial": ["line", "dynamixel"],
+    "serial/dynamixel": ["codec", "host", "device"],
+    "identify": ["motions", "fitting", "results"],
+}
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -125,9 +132,10 @@ def test_within_a_room_imports_point_down_its_floors(room_: str) -> None:
     for path in (PACKAGE / room_).rglob("*.py"):
         mine = path.relative_to(PACKAGE / room_).parts[0]
         for module in imports(path) if mine in floors else []:
-            parts = module.split(".")
-            if parts[:2] == ["allegro_twin", room_] and len(parts) > 2:
-                assert floors.index(parts[2]) <= floors.index(mine), f"{path.name} imports {module} from a floor above"
+            parts, here = module.split("."), ["allegro_twin", *room_.split("/")]
+            if parts[: len(here)] == here and len(parts) > len(here):
+                floor = floors.index(parts[len(here)])
+                assert floor <= floors.index(mine), f"{path.name} imports {module} from a floor above"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
@@ -140,7 +148,8 @@ def test_every_library_has_one_home(path: Path) -> None:
 def test_only_paced_sleeps_and_only_the_wire_ros_the_trainer_and_the_planner_ask_for_the_time() -> None:
     users = {p.relative_to(PACKAGE) for p in MODULES if "time" in imports(p) or "datetime" in imports(p)}
     dated = {"cli/calibration.py", "cli/identifying.py"}  # Write into a file on which day it was measured.
-    assert {str(p) for p in users if p.parts[0] not in ("wire", "train", "plan", "ros")} == {"loop.py", *dated}
+    timed = ("wire", "serial", "train", "plan", "ros")
+    assert {str(p) for p in users if p.parts[0] not in timed} == {"loop.py", *dated}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}
     assert (PACKAGE / "loop.py").read_text().count("time.sleep(") == 1
 

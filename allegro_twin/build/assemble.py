@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.build.controllers import make_controller
 from allegro_twin.build.rig import Rig, guarded
 from allegro_twin.build.simulated import simulated, trial_of
-from allegro_twin.config import CanSettings, ReplaySettings, RunConfig, SimSettings
+from allegro_twin.config import CanSettings, DynamixelSettings, ReplaySettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
+from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
+    from allegro_twin.build.wired import Scene
     from allegro_twin.replay.recording import Recording
 
 STAY = 0.5
@@ -32,6 +35,8 @@ def assemble(config: RunConfig) -> Rig:
             return _simulated(config, settings)
         case CanSettings() as settings:
             return _wired(config, settings)
+        case DynamixelSettings() as settings:
+            return _served(config, settings)
         case ReplaySettings() as settings:
             return _replayed(config, settings)
 
@@ -50,11 +55,26 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     spec = spec_of(config)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
+    return replace(_at_work(config, spec, backend, scene), wire=backend)
+
+
+def _served(config: RunConfig, settings: DynamixelSettings) -> Rig:
+    from allegro_twin.build.servos import make_servos
+    from allegro_twin.build.wired import Scene
+
+    spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    scene = Scene()
+    backend = make_servos(config, settings, spec, scene)
+    return replace(_at_work(config, spec, backend, scene), servos=backend)
+
+
+def _at_work(config: RunConfig, spec: HandSpec, backend: HandBackend, scene: Scene) -> Rig:
+    """A hand on a wire, with what is behind it where it is virtual."""
     trial = scene.trial or trial_of(config.task, spec, config.period)
     controller, motion = make_controller(config, spec, trial)
     after = 0.0 if scene.trial is not None else STAY
     seconds = config.seconds or (motion if trial is None else trial.seconds + after)
-    return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim, backend)
+    return Rig(spec, guarded(config, spec, backend), controller, seconds, scene.trial, scene.sim)
 
 
 def _recording(config: RunConfig, settings: ReplaySettings) -> Recording:

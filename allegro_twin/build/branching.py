@@ -20,6 +20,7 @@ from allegro_twin.build.assemble import assemble
 from allegro_twin.build.rig import Rig
 from allegro_twin.config import (
     CanSettings,
+    DynamixelSettings,
     FaultSettings,
     FirmwareSettings,
     FollowSettings,
@@ -35,6 +36,7 @@ from allegro_twin.config import (
     TaskSettings,
     TorqueSettings,
 )
+from allegro_twin.config.dynamixel import LineFaultSettings, ServoSettings
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.evaluate.held import Report
@@ -51,7 +53,7 @@ Beside: TypeAlias = Callable[[], dict[str, Array]]
 Changes: TypeAlias = Mapping[str, Any]
 """By key: `friction`, `damping`, `frictionloss`, or `controller.…` as in a config."""
 _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    "backend": {"sim": SimSettings, "can": CanSettings, "replay": ReplaySettings},
+    "backend": {"sim": SimSettings, "can": CanSettings, "dynamixel": DynamixelSettings, "replay": ReplaySettings},
     "controller": {
         "pd": PositionSettings, "pid": PositionSettings, "torque": TorqueSettings, "gravity": GravitySettings,
         "policy": PolicySettings, "limp": LimpSettings, "position": FollowSettings,
@@ -61,6 +63,7 @@ _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     "task": {"": TaskSettings},
     "limits": {"": LimitSettings},
     "faults": {"": FaultSettings},
+    "servos": {"": ServoSettings},
     "firmware": {"": FirmwareSettings},
 }  # fmt: skip
 PHYSICS = ("friction", "damping", "frictionloss")
@@ -169,7 +172,9 @@ def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]
         default = model.model_fields[key].get_default(call_default_factory=True)
         if value is None or value == (list(default) if isinstance(default, tuple) else default):
             continue
-        if key in _BLOCKS and isinstance(value, Mapping):
+        if model is DynamixelSettings and key == "faults":
+            value = _given(LineFaultSettings, value)
+        elif key in _BLOCKS and isinstance(value, Mapping):
             value = _given(_BLOCKS[key].get(value.get("kind", ""), _BLOCKS[key].get("", RunConfig)), value)
         found[key] = value
     return found

@@ -18,6 +18,7 @@ from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
+    from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
     from allegro_twin.sim.backend import SimBackend
     from allegro_twin.wire.host.backend import CanBackend
 
@@ -38,11 +39,18 @@ class Rig:
     """The simulation behind the guard, where there is one: for pictures."""
     wire: CanBackend | None = None
     """The hand on its bus, where there is one: for what its link went through."""
+    servos: DynamixelBackend | None = None
+    """The hand of servos on its line, where there is one."""
+
+    @property
+    def there(self) -> CanBackend | DynamixelBackend | None:
+        """The hand on a wire, of whatever kind; None for one that is only simulated or replayed."""
+        return self.wire or self.servos
 
     @property
     def live(self) -> bool:
         """Whether the hand's time passes by itself."""
-        return self.wire is not None and not self.wire.lockstep
+        return self.there is not None and not self.there.lockstep
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:

@@ -109,11 +109,12 @@ def firmware(
         typer.Option(help="Log every frame to this .blf, .log or .asc.", callback=options.file(".blf", ".log", ".asc")),
     ] = None,
 ) -> None:
-    """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus."""
+    """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus or port."""
     from allegro_twin.build.served import far_end, local, virtual_hands
     from allegro_twin.cli import console
     from allegro_twin.cli.performers import on_hand
-    from allegro_twin.config import CanSettings, load_config
+    from allegro_twin.cli.servos import be_servos
+    from allegro_twin.config import CanSettings, DynamixelSettings, load_config
     from allegro_twin.evaluate.written import write_reports
     from allegro_twin.wire.device.serve import serve
     from allegro_twin.wire.host import realtime
@@ -123,6 +124,8 @@ def firmware(
         raise ConfigError(f"--hand is for one hand; these are {len(configs)} configs: say it in their `hand` blocks")
     loaded = [on_hand(load_config(name), hand) for name in configs]
     settings = loaded[0].backend
+    if isinstance(settings, DynamixelSettings):
+        return be_servos(loaded, step, seconds, more=bool(report or wire_log))
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")
     scenes: list[Scene] = []
@@ -143,6 +146,7 @@ def firmware(
         console.console.print(served.summary(), highlight=False, soft_wrap=True)
     if report is not None:
         write_reports(report, verdicts)
+    return None
 
 
 def _be(

@@ -17,13 +17,16 @@ from allegro_twin.config.controllers import (
     PositionSettings,
     TorqueSettings,
 )
+from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
 from allegro_twin.config.run import HandSettings, LimitSettings, RunConfig, load_config
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.values import PerJoint
 
 __all__ = [
     "VIRTUAL",
+    "VIRTUAL_PORT",
     "CanSettings",
+    "DynamixelSettings",
     "FaultSettings",
     "FirmwareSettings",
     "FollowSettings",

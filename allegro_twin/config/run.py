@@ -17,6 +17,7 @@ from allegro_twin.config.controllers import (
     PositionSettings,
     TorqueSettings,
 )
+from allegro_twin.config.dynamixel import DynamixelSettings
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.unread import unread
 from allegro_twin.config.values import PerJoint, Positive
@@ -47,7 +48,7 @@ class RunConfig(Settings):
     """Everything that `allegro-twin run` needs."""
 
     hand: HandSettings = HandSettings()
-    backend: Annotated[SimSettings | CanSettings | ReplaySettings, Field(discriminator="kind")]
+    backend: Annotated[SimSettings | CanSettings | DynamixelSettings | ReplaySettings, Field(discriminator="kind")]
     controller: Annotated[
         TorqueSettings | GravitySettings | PositionSettings | LimpSettings | FollowSettings | PolicySettings,
         Field(discriminator="kind"),

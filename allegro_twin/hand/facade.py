@@ -68,8 +68,8 @@ class Hand:
         """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it."""
         self._mover.driver.close()
         self._rig.backend.close()
-        if self._rig.wire is not None and self._rig.wire.unconfirmed:
-            raise LinkError(self._rig.wire.unconfirmed)
+        if self._rig.there is not None and self._rig.there.unconfirmed:
+            raise LinkError(self._rig.there.unconfirmed)
 
     @property
     def spec(self) -> HandSpec:

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from allegro_twin.config import VIRTUAL, CanSettings, ReplaySettings, RunConfig, SimSettings
+from allegro_twin.config import (
+    VIRTUAL,
+    VIRTUAL_PORT,
+    CanSettings,
+    DynamixelSettings,
+    ReplaySettings,
+    RunConfig,
+    SimSettings,
+)
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
@@ -72,6 +80,8 @@ def _has_scene(config: RunConfig) -> bool:
             return True
         case CanSettings(interface=interface):
             return interface == VIRTUAL
+        case DynamixelSettings(port=port):
+            return port == VIRTUAL_PORT
     return False
 
 
@@ -81,6 +91,8 @@ def _where(config: RunConfig) -> str:
             return "simulated"
         case CanSettings(interface=interface, channel=channel):
             return "virtual" if interface == VIRTUAL else f"on {interface} {channel}"
+        case DynamixelSettings(port=port):
+            return "virtual" if port == VIRTUAL_PORT else f"on {port}"
         case ReplaySettings(file=file):
             return f"recording {file}"
 

@@ -94,7 +94,7 @@ class OpenHand:
             self._recorder, self.trouble = None, str(error)
 
     def _frame(self, sample: Sample) -> Frame:
-        state, direct, wire = sample.state, self.hand.direct, self.rig.wire
+        state, direct, wire = sample.state, self.hand.direct, self.rig.there
         return Frame(
             self.number, state.t, state.position, state.torque, state.temperature, direct.target, dict(self._eyes()),
             self.hand.controller, direct.stopped, self._lost, () if wire is None else tuple(wire.warnings()),

@@ -22,11 +22,13 @@ from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
+from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand
 from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import MakeSim, on_a_bus
 from tests.hands.models import hand
+from tests.serial.rigs import MODEL_O, on_a_line
 
 Make = Callable[[], HandBackend]
 
@@ -43,10 +45,12 @@ CAN = [f"can-{version}" for version in VERSIONS]
 
 OTHERS = ["leap", "leap-left", "leap-guarded", "leap-replay", "gripper", "soft", "soft-replay", "model-o", "qb"]
 """Hands that close their own loop; on slides, and on one tendon."""
+SERVOS = ["leap-servos", "model-o-servos"]
+"""Such hands at the other end of a serial line."""
 
 
 @pytest.fixture(
-    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS],
+    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS],
 )
 def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path, tmp_path: Path) -> Make:
     def replayed(spec: HandSpec) -> HandBackend:
@@ -72,6 +76,8 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
         "soft-replay": lambda: replayed(hand("soft", tmp_path)),
         "model-o": lambda: make_sim(load_spec("model_o")),
         "qb": lambda: make_sim(load_spec("qb_softhand")),
+        "leap-servos": lambda: on_a_line("leap"),
+        "model-o-servos": lambda: on_a_line("model_o", servos=MODEL_O),
     }
     makers |= {name: partial(on_a_bus, version) for name, version in zip(CAN, VERSIONS, strict=True)}
     return makers[request.param]
@@ -208,7 +214,7 @@ def test_close_may_be_called_twice(backend: HandBackend) -> None:
 def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(backend: HandBackend) -> None:
     backend.reset()
     backend.close()
-    if isinstance(backend, CanBackend):
+    if isinstance(backend, CanBackend | DynamixelBackend):
         with pytest.raises(HandFault, match="closed"):
             backend.write(limp_of(backend.spec))
         with pytest.raises(HandFault, match="closed"):

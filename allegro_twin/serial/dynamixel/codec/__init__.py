@@ -1,0 +1,1 @@
+"""Packets of protocol 2.0, control tables, and what a count is worth. Pure."""

@@ -1,0 +1,117 @@
+"""A hand of servos that does not exist: any backend that takes positions, behind a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.errors import ConfigError
+from allegro_twin.serial.dynamixel.codec.calibration import Calibration
+from allegro_twin.serial.dynamixel.codec.shafts import Shafts, of_joints
+from allegro_twin.serial.dynamixel.codec.table import FARTHEST
+from allegro_twin.serial.dynamixel.device.bus import Bus
+from allegro_twin.serial.dynamixel.device.faults import FaultPlan, Faults
+from allegro_twin.serial.dynamixel.device.servo import Servo, Wants
+from allegro_twin.types import Array, HandState, PositionCommand, Vector
+
+_INT16 = 32767
+
+
+class VirtualHand:
+    """Its time passes in `step`, its bytes through `receive`. Raises ConfigError for a hand that servos cannot move.
+
+    `shafts`: what a state says of the actuators, where a joint is not an actuator.
+    """
+
+    def __init__(
+        self,
+        backend: HandBackend,
+        calibration: Calibration,
+        baud: int,
+        *,
+        plan: FaultPlan | None = None,
+        shafts: Callable[[HandState], Shafts] | None = None,
+    ) -> None:
+        calibration.check(backend.spec)
+        self.backend, self.calibration = backend, calibration
+        self._shafts = shafts or of_joints(backend.spec)
+        self.servos = [Servo(calibration.model, servo.id, baud) for servo in calibration.servos]
+        self.bus = Bus(self.servos)
+        self.faults = Faults(plan or FaultPlan(), self.servos)
+        self.now = 0.0
+        """s since `restart`."""
+        self._on = 0.0
+        self.restart()
+        for servo in self.servos:
+            servo.reboot()
+
+    @property
+    def period(self) -> float:
+        """s of a step."""
+        return self.backend.period
+
+    @property
+    def limp(self) -> bool:
+        """Whether no servo does anything."""
+        return not any(servo.wants.current for servo in self.servos)
+
+    def restart(self) -> None:
+        """Begin the scene anew; the servos stay as they are."""
+        self.state = self.backend.reset()
+        self._steps, self.now = 0, 0.0
+        self._told: list[Wants] | None = None
+        self._currents: tuple[int, ...] = ()
+        self._effort = np.empty(0)
+        self._warmth: Vector | None = None
+        self._sense()
+
+    def step(self) -> HandState:
+        """Let one period pass."""
+        self.faults.happen(self._on)
+        wants = [servo.wants for servo in self.servos]
+        if wants != self._told:
+            goals, currents = zip(*wants, strict=True)
+            if currents != self._currents:
+                self._currents, self._effort = currents, self.calibration.effort(np.array(currents))
+            self.backend.write(PositionCommand(self.calibration.position(np.array(goals)), effort=self._effort))
+            self._told = wants
+        self.state = self.backend.read()
+        self._steps += 1
+        self.now = self._steps * self.period
+        self._on += self.period
+        for servo in self.servos:
+            servo.elapse(self.period)
+        self._sense()
+        return self.state
+
+    def receive(self, data: bytes, baud: int) -> bytes:
+        """What comes back of what a host sends at this speed."""
+        return self.faults.spoil(self.bus.receive(self.faults.spoil(data), baud))
+
+    def _sense(self) -> None:
+        """Tell the servos where their shafts are."""
+        shafts, calibration = self._shafts(self.state), self.calibration
+        if not np.isfinite(shafts.position).all():
+            raise ConfigError(f"{self.backend.spec.name} does not say where its actuators are: give `shafts`")
+        velocity = _whole(calibration.velocity_counts(shafts.velocity), FARTHEST)
+        current = _whole(calibration.torque_counts(shafts.torque), _INT16)
+        rows = zip(self.servos, calibration.ticks(shafts.position), velocity, current, strict=True)
+        for servo, tick, speed, draws in rows:
+            servo.sense(tick, speed, draws)
+        warmth = self.state.temperature
+        if warmth is not self._warmth and len(warmth) == len(self.servos) and np.isfinite(warmth).all():
+            for servo, celsius in zip(self.servos, warmth, strict=True):
+                servo.heat(float(celsius))
+        self._warmth = warmth
+        for k, celsius in self.faults.heat.items():
+            self.servos[k].heat(celsius)
+
+
+def _whole(values: Array, most: int) -> list[int]:
+    """What a servo can say of them; what a simulation does not say is 0, for a servo always measures."""
+    bounded = np.minimum(np.maximum(values, -most), most)
+    bounded[np.isnan(bounded)] = 0.0
+    found: list[int] = bounded.astype(int).tolist()
+    return found

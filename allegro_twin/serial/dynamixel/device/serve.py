@@ -1,0 +1,92 @@
+"""A virtual hand in real time on a terminal: for a driver in another program, ours or somebody else's."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from allegro_twin.serial.dynamixel.device.hand import VirtualHand
+from allegro_twin.serial.line.terminal import Terminal
+
+BEHIND = 1.0
+"""s of lateness at which the hand gives up catching up: a real hand's clock does not wait either."""
+PAUSE = 0.02
+"""s of silence on the line after which half a packet is none."""
+
+
+@dataclass(slots=True)
+class Served:
+    """What has happened so far."""
+
+    steps: int = 0
+    heard: int = 0
+    """Bytes from the host."""
+    said: int = 0
+    """Bytes to the host."""
+    late: int = 0
+    """Steps that ended more than a step late."""
+    lost: int = 0
+    """Steps that were left out to catch up."""
+
+    def summary(self) -> str:
+        """All of it in one line."""
+        steps = f"{self.steps} steps, {self.late} late, {self.lost} left out"
+        return f"{steps}; {self.heard} bytes heard, {self.said} said"
+
+
+def serve(hand: VirtualHand, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
+    """Be this hand at this terminal; yields after every step, until nobody consumes. Deadlines are absolute.
+
+    Answers come when the bytes have had their time on the line. Raises LinkError when the terminal is gone.
+    """
+    served, begin, skipped, line = Served(), clock(), 0, _Line(hand, terminal, clock)
+    while True:
+        due = begin + (served.steps + skipped + 1) * hand.period
+        line.carry(due, served)
+        late = clock() - due
+        if late > BEHIND:
+            lost = int(late / hand.period)
+            skipped += lost
+            served.lost += lost
+        served.late += late > hand.period
+        served.steps += 1
+        hand.step()
+        yield served
+
+
+class _Line:
+    """What is on its way between the terminal and the hand."""
+
+    def __init__(self, hand: VirtualHand, terminal: Terminal, clock: Callable[[], float]) -> None:
+        self._hand, self._terminal, self._clock = hand, terminal, clock
+        self._answers = deque[tuple[float, bytes]]()
+        self._free = self._last = clock()
+
+    def carry(self, due: float, served: Served) -> None:
+        """Until then; on a late step what is there, or a busy computer never hears the host."""
+        while True:
+            self._say(served)
+            until = min(due, self._answers[0][0]) if self._answers else due
+            data = self._terminal.read(until - self._clock())
+            if data:
+                served.heard += len(data)
+                self._hear(data)
+            elif self._clock() >= due:
+                return
+
+    def _hear(self, data: bytes) -> None:
+        now, bus = self._clock(), self._hand.bus
+        if now - self._last > PAUSE:
+            bus.clear()
+        self._last, before = now, bus.seconds
+        answer = self._hand.receive(data, self._terminal.baud or 1)
+        self._free = max(self._free, now) + bus.seconds - before
+        if answer:
+            self._answers.append((self._free, answer))
+
+    def _say(self, served: Served) -> None:
+        while self._answers and self._answers[0][0] <= self._clock():
+            answer = self._answers.popleft()[1]
+            served.said += len(answer) if self._terminal.write(answer) else 0

@@ -1,0 +1,1 @@
+"""The program's side: a backend through the vendor's SDK."""
