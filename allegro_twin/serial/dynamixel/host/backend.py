@@ -48,7 +48,7 @@ class DynamixelBackend:
         self._spec, self._calibration, self._open = spec, calibration, open_line
         self._settings = settings or HostSettings()
         self._joints = joints or to_joints(spec)
-        self._names = calibration.names(spec.aliases or spec.joints)
+        self._names = calibration.names(spec.readable)
         self._line: Line | None = None
         self._keeper: Keeper | None = None
         self._fault: HandError | None = HandFault("the hand has not been reset; call reset() before read() or write()")
