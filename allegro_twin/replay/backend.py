@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.errors import EndOfRecording
+from allegro_twin.replay.recorder import command_in
 from allegro_twin.replay.recording import Recording
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Command, HandState, PositionCommand, Sample, TorqueCommand
+from allegro_twin.types import Array, Command, HandState, Sample
 
 
 class ReplayBackend:
@@ -70,12 +71,12 @@ def samples_of(backend: ReplayBackend) -> Iterator[Sample]:
     for row in range(len(backend.recording)):
         if row:
             state = backend.read()
-        if "command_torque" in columns:
-            yield Sample(state, TorqueCommand(columns["command_torque"][row]))
-        else:
-            yield Sample(state, PositionCommand(columns["command_position"][row]))
+        yield Sample(state, command_in(columns, row))
 
 
 HAND_COLUMNS = frozenset(
-    ("t", "tick", "position", "velocity", "torque", "temperature", "gravity", "command_torque", "command_position")
+    (
+        *("t", "tick", "position", "velocity", "torque", "temperature", "gravity"),
+        *("command_torque", "command_position", "command_effort", "command_duration"),
+    )
 )

@@ -16,12 +16,13 @@ from allegro_twin.errors import RecordingError
 from allegro_twin.replay.format import FORMAT, VERSION
 from allegro_twin.replay.identity import spec_to_json
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Sample, TorqueCommand
+from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCommand
 
 BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
 UNITS = {
     "t": "s", "tick": "1", "position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C",
-    "gravity": "m/s²", "command_torque": "N·m", "command_position": "rad",
+    "gravity": "m/s²", "command_torque": "N·m", "command_position": "rad", "command_effort": "N·m",
+    "command_duration": "s",
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 Extras = Callable[[], Mapping[str, Array]]
@@ -68,10 +69,9 @@ class Recorder:
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """One row. The first one fixes the columns."""
         state, command = sample
-        name = "command_torque" if isinstance(command, TorqueCommand) else "command_position"
-        goal = command.torque if isinstance(command, TorqueCommand) else command.position
+        told = columns_of(command)
         if self._schema is None:
-            self._begin(sample, {name: goal, **(extras or {})})
+            self._begin(sample, {**told, **(extras or {})})
         row, buffers = self._rows - self._done.rows, self._buffers
         buffers["t"][row] = state.t
         buffers["tick"][row] = state.tick
@@ -80,7 +80,8 @@ class Recorder:
         buffers["torque"][row] = state.torque
         buffers["temperature"][row] = state.temperature
         buffers["gravity"][row] = state.gravity
-        buffers[name][row] = goal
+        for key, value in told.items():
+            buffers[key][row] = value
         if extras:
             for key, value in extras.items():
                 buffers[key][row] = value
@@ -143,6 +144,31 @@ class Recorder:
         return RecordingError(
             f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
         )
+
+
+def columns_of(command: Command) -> dict[str, Array]:
+    """What a command says, by column, one axis each; NaN for a part of it that leaves it to the hand."""
+    if isinstance(command, TorqueCommand):
+        return {"command_torque": command.torque}
+    open_ = np.full(len(command.position), np.nan)
+    duration = np.nan if command.duration is None else command.duration
+    return {
+        "command_position": command.position,
+        "command_effort": open_ if command.effort is None else command.effort,
+        "command_duration": np.array([duration]),
+    }
+
+
+def command_in(columns: Mapping[str, Array], row: int) -> Command:
+    """The command in a row of what `columns_of` gave."""
+    if "command_torque" in columns:
+        return TorqueCommand(columns["command_torque"][row])
+    effort, duration = columns["command_effort"][row], float(columns["command_duration"][row, 0])
+    return PositionCommand(
+        columns["command_position"][row],
+        None if np.isnan(effort).all() else effort,
+        None if np.isnan(duration) else duration,
+    )
 
 
 def recorded(

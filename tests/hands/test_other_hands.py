@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,16 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
+from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.identity import spec_from_json, spec_to_json
+from allegro_twin.replay.recorder import Recorder
+from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.sim.scene import hand_spec
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import PositionCommand
+from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim
 from tests.hands.models import hand
 
@@ -220,3 +224,24 @@ def test_what_a_hand_is_taught_is_stored_as_its_own(tmp_path: Path, soft: HandSp
         np.testing.assert_array_equal(again.posture("mine", spec), position)
         with pytest.raises(ConfigError, match=f"of the hand {spec.model}; this one is allegro"):
             again.posture("mine", load_spec())
+
+
+def test_a_recording_keeps_every_part_of_a_command(tmp_path: Path, make_sim: MakeSim) -> None:
+    spec, middle = load_spec("leap"), np.full(16, 0.3)
+    efforts = (None, np.full(16, 0.1), np.zeros(16))
+    commands = [*(PositionCommand(middle, effort) for effort in efforts), PositionCommand(middle, None, 0.25)]
+    sim = make_sim(spec)
+    state = sim.reset()
+    path = tmp_path / "r.arrow"
+    with closing(Recorder(path, spec, 0.003)) as recorder:
+        for command in commands:
+            recorder.add(Sample(state, command))
+            state = sim.read()
+    back = [sample.command for sample in samples_of(ReplayBackend(load(path)))]
+    for before, after in zip(commands, back, strict=True):
+        assert isinstance(after, PositionCommand)
+        assert (after.limp, after.duration) == (before.limp, before.duration)
+        np.testing.assert_array_equal(after.position, before.position)
+        assert (after.effort is None) == (before.effort is None)
+        if before.effort is not None:
+            np.testing.assert_array_equal(after.effort, before.effort)
