@@ -36,7 +36,7 @@ def check(
 
     from allegro_twin.build.wired import checkup_of
     from allegro_twin.cli import console, monitor
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
 
     walk = checkup_of(on_hand(load_config(config), hand)).walk()
@@ -112,7 +112,7 @@ def firmware(
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus or port."""
     from allegro_twin.build.served import far_end, local, virtual_hands
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.cli.servos import be_servos
     from allegro_twin.config import CanSettings, DynamixelSettings, load_config
     from allegro_twin.evaluate.written import write_reports

@@ -25,7 +25,7 @@ def layout(
 ) -> None:
     """Write a layout in which Foxglove or PlotJuggler shows a bag, or the topics, of a hand."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.description.hands import load_spec
     from allegro_twin.files.whole import whole_file

@@ -42,7 +42,7 @@ def posture(
 ) -> None:
     """Go to a posture and show where the joints are."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
@@ -63,7 +63,7 @@ def grasp(
 ) -> None:
     """Perform a grasp and show what the hand felt."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
@@ -86,7 +86,7 @@ def teach(
 ) -> None:
     """Let a person move the fingers under gravity compensation, and store what was shown, for both hands."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
     from allegro_twin.library.entries import posture_entry, trajectory_entry
@@ -121,7 +121,7 @@ def play(
 ) -> None:
     """Repeat a motion that was shown to a hand, on either hand, and show where the joints are."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 
@@ -138,7 +138,7 @@ def keyboard(
 ) -> None:
     """The manufacturer's keys on a live hand: h r g k p m e a o 1 2 3; ? helps, q quits."""
     from allegro_twin.cli import console, keys
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
     from allegro_twin.session import rerun_stage
@@ -177,7 +177,7 @@ def calibrate_limits(
 ) -> None:
     """Bring every joint to both its ends and store the real limits."""
     from allegro_twin.cli import calibration, console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
 
     if offsets and into is None:
@@ -208,7 +208,7 @@ def show(
 ) -> None:
     """The joints of a hand: the model's limits, the measured ones, the margin, and the motors."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.description.hands import load_spec
 

@@ -47,7 +47,7 @@ def panel(
 ) -> None:
     """Drive a hand from a browser: any config, with a stop that is always in sight."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.look.server import browse
     from allegro_twin.panel.host import Habits, Host

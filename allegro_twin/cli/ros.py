@@ -77,7 +77,7 @@ def ros1(
 
 
 def _opened(config: str, other: str | None) -> Hand:
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
 

@@ -10,8 +10,9 @@ from typing import Any
 
 from allegro_twin.build import Rig, scenario_config
 from allegro_twin.build.simulated import following
+from allegro_twin.cli import console
+from allegro_twin.cli.performers import on_hand, own_scenarios
 from allegro_twin.config import PositionSettings, RunConfig, load_config
-from allegro_twin.description.hands import side_of
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import parse
@@ -47,7 +48,7 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
     """A job for every config or scenario, and each side that is asked for. Raises ConfigError."""
     jobs = []
     for target in targets:
-        for path in files_of(target):
+        for path in _performed(files_of(target), options):
             scenario = "backend" not in read_yaml(path)
             if options.config is not None and not scenario:
                 raise ConfigError(
@@ -67,17 +68,14 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
     return jobs
 
 
-def on_hand(config: RunConfig, hand: str | None, side: str | None = None) -> RunConfig:
-    """The config with another hand: a file in conf/hands, or a side. Raises ConfigError."""
-    if hand is None and side is None:
-        return config
-    blocks: dict[str, Any] = {}
-    if hand is not None:
-        blocks["serial"] = hand
-        side = side or side_of(hand)
-    if side is not None:
-        blocks["side"] = side
-    return config.changed(hand=blocks)
+def _performed(paths: list[Path], options: Options) -> list[Path]:
+    """The files themselves, or what another model of hand has in their place; says what it has nothing for."""
+    if options.grasp is not None or any("backend" in read_yaml(path) for path in paths):
+        return paths
+    found, missing = own_scenarios(paths, options.hand)
+    if missing:
+        console.console.print(f"{options.hand} has no grasp of its own for {', '.join(missing)}", soft_wrap=True)
+    return found
 
 
 def outputs_in(folder: Path, job: Job, rig: Rig, wanted: Outputs) -> Outputs:

@@ -50,7 +50,7 @@ def teleop(
 ) -> None:
     """A person's tracked hand leads a robot's, from a file or a webcam; Ctrl-C ends it and leaves the hand limp."""
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.teleop.apart import Apart
     from allegro_twin.teleop.camera import Webcam

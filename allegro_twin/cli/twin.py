@@ -49,7 +49,7 @@ def excite(
     an interruption. Three poses, up, palm-up and side, show all of it."""
     from allegro_twin.build import exciting
     from allegro_twin.cli import console
-    from allegro_twin.cli.runs import on_hand
+    from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
 
     settings = on_hand(load_config(config), other)

@@ -60,6 +60,14 @@ def load_spec(
     )
 
 
+def is_model(name: str) -> bool:
+    """Whether it names a model of hand, not one hand of a model: by its facts, or a card."""
+    if facts.known(name):
+        return True
+    path = Path(name) if Path(name).suffix == ".yaml" else data_root() / "conf" / "hands" / f"{name}.yaml"
+    return path.is_file() and "driven" in read_yaml(path)
+
+
 def _by_card(model: str, side: Side, serial: str) -> HandSpec:
     path = find(model, "hand", "conf/hands")
     if serial:

@@ -176,7 +176,7 @@ class Hand:
         mover, what = self._mover, f"fingertip of {' and '.join(targets)}"
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
         agreed(self.spec, self._mover.model, start, targets)
-        moves = straight(self.spec, start, targets, speed, euler)
+        moves = straight(self.spec, start, targets, speed, euler, mover.model)
         rows = [self._posture(waypoint.posture) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what)
@@ -211,15 +211,15 @@ class Hand:
         return self._mover.stalled
 
     def stop(self) -> None:
-        """Stay here: PID at the present position."""
-        self._mover.hold("pid")
+        """Stay here: PID at the present position, or the firmware's own loop."""
+        self._mover.hold(self._mover.still_kind)
 
     @contextmanager
     def teach(self) -> Iterator[Demonstration]:
-        """Gravity compensation while somebody moves the fingers; what they show is kept. Afterwards the hand holds
-        where it was left."""
+        """Gravity compensation while somebody moves the fingers, or none where the hand takes no torques; what they
+        show is kept. Afterwards the hand holds where it was left."""
         demonstration = Demonstration(self.spec)
-        self.set_controller("gravity")
+        self.set_controller("gravity" if "gravity" in self.controllers else "limp")
         with self.listening(demonstration):
             yield demonstration
         self.stop()
@@ -233,7 +233,7 @@ class Hand:
         for row in motion.positions:
             self._posture(row)
         self.move_to(motion.positions[0], approach)
-        self._mover.follow("pid", Following(path), what)
+        self._mover.follow(self._mover.still_kind, Following(path), what)
         if wait:
             self.wait()
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping import Timed, performer
@@ -15,6 +16,7 @@ from allegro_twin.hand.mover import Mover
 from allegro_twin.hand.watch import Goal
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
@@ -43,7 +45,15 @@ def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vect
     approach = mover.planned(lambda start: mover.ways.legs(start, wish, limits, what))
     state = mover.state
     motion = timed(grasp, state.position, approach)
-    controller = performer(grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
+    controller: Controller[Any]
+    if "torque" in spec.commands:
+        controller = performer(grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
+    elif grasp.grip is not None or force is not None:
+        raise ConfigError(
+            f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
+        )
+    else:
+        controller = Follow(motion.moves)
     path = motion.moves.begin(state.position)
     mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
 

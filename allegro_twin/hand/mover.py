@@ -71,6 +71,11 @@ class Mover:
         return "pd" if self.kind == "pd" else "pid"
 
     @property
+    def still_kind(self) -> Kind:
+        """The controller that holds the hand where it is, and repeats what it was shown."""
+        return "position" if self.kinds is FIRMWARES else "pid"
+
+    @property
     def gravity(self) -> Gravity:
         """The feed-forward. Raises ConfigError when nobody says where down is."""
         self._gravity.check(self.state)
@@ -193,13 +198,12 @@ class Mover:
         parts = " and ".join(dict.fromkeys(part for pair in self.ways.touching(state.position) for part in pair))
         met = f"{parts} touch" if parts else "something is in the way"
         hold = Hold(state.position)
-        still: Kind = "position" if self.kinds is FIRMWARES else "pid"
         with self._changing:
             if self._watch is not watch:
                 return  # Somebody wanted something else in the meantime.
-            self._relay.switch(self._position(still, hold))
+            self._relay.switch(self._position(self.still_kind, hold))
             words = f"{watch.goal.what} stalled: {watch.words} short; {met}. The hand holds where it is"
-            self.kind, self.stalled, self._told = still, MotionStalled(words), False
+            self.kind, self.stalled, self._told = self.still_kind, MotionStalled(words), False
             self._watch = self._watched(Goal(hold.begin(state.position), state.t, 0.0))
 
     def _samples(self, background: bool) -> Iterator[Sample]:

@@ -34,9 +34,22 @@ class Geometry:
 
 
 @cache
+def has_closed_form(model: str, finger: str) -> bool:
+    """Whether `load_geometry` has it."""
+    try:
+        load_geometry(model, finger)
+    except ConfigError:
+        return False
+    return True
+
+
+@cache
 def load_geometry(model: str, finger: str) -> Geometry:
     """The geometry of one finger, from models/<model>.yaml. Raises ConfigError where the closed form does not hold."""
-    table = read_yaml(data_root() / "models" / f"{model}.yaml")
+    path = data_root() / "models" / f"{model}.yaml"
+    if not path.is_file():
+        raise ConfigError(f"{model} {finger}: no closed form of a hand that has no table of facts")
+    table = read_yaml(path)
     place = table["fingers"][finger]
     rows = table["chains"][place["chain"]]
     axes = [row["axis"] for row in rows]

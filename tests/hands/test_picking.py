@@ -1,0 +1,80 @@
+"""Other hands pick things off a table by the very definition by which the Allegro Hand does, and on either side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from allegro_twin.build import assemble, make_trial, scenario_config
+from allegro_twin.cli.main import app
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_scenario
+from allegro_twin.files.assets import data_root
+from allegro_twin.loop import run, until
+
+OTHERS = ("leap", "model_o", "qb_softhand")
+SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]
+QUICK = [next(path for path in SCENARIOS if path.parent.name == hand) for hand in OTHERS]
+
+
+def held(path: Path, side: str = "right") -> bool:
+    rig = assemble(scenario_config(path, side))
+    assert rig.trial is not None
+    for _ in rig.trial.watched(until(rig.trial.seconds, run(rig.backend, rig.controller))):
+        pass
+    return rig.trial.report().held
+
+
+@pytest.mark.parametrize("path", QUICK, ids=lambda path: path.stem)
+def test_one_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> None:
+    assert held(path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_every_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> None:
+    assert held(path)
+
+
+def test_a_left_leap_hand_does_what_the_right_one_does() -> None:
+    assert held(data_root() / "scenarios/leap/leap_rubiks_cube.yaml", "left")
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_a_scenario_says_whose_it_is_and_is_of_a_demo_object(path: Path) -> None:
+    scenario, _ = load_scenario(path)
+    demo, _ = load_scenario(data_root() / f"scenarios/demo/{path.stem.removeprefix(path.parent.name + '_')}.yaml")
+    assert scenario.hand == path.parent.name
+    assert (scenario.objects, scenario.friction, scenario.protocol) == (demo.objects, demo.friction, demo.protocol)
+
+
+def test_a_scenario_of_another_hand_is_refused_by_name(tmp_path: Path) -> None:
+    path = data_root() / "scenarios/leap/leap_rubiks_cube.yaml"
+    with pytest.raises(ConfigError, match=r"leap_rubiks_cube.yaml is for the hand leap; this one is allegro"):
+        make_trial(str(path), load_spec())
+    with pytest.raises(ConfigError, match="this one is model_o"):
+        app(["run", str(path), "--config", "sim_model_o", "--out", str(tmp_path)], standalone_mode=False)
+
+
+def test_the_demo_with_another_hand_is_what_that_hand_has_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "some"
+    folder.mkdir()
+    for name in ("rubiks_cube", "mug_of_mine"):
+        text = (data_root() / "scenarios/demo/rubiks_cube.yaml").read_text()
+        (folder / f"{name}.yaml").write_text(text)
+    app(["run", str(folder), "--hand", "leap", "--out", str(tmp_path / "out")], standalone_mode=False)
+    out = " ".join(capsys.readouterr().out.split())
+    assert "leap has no grasp of its own for mug_of_mine" in out
+    assert "leap_rubiks_cube, right hand: held" in out
+    assert (tmp_path / "out/leap_rubiks_cube_right.arrow").is_file()
+
+
+def test_a_hand_without_any_of_them_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "cube_of_mine.yaml"
+    path.write_text((data_root() / "scenarios/demo/rubiks_cube.yaml").read_text())
+    with pytest.raises(ConfigError, match="the hand leap has no scenario of its own for cube_of_mine: give one"):
+        app(["run", str(path), "--hand", "leap"], standalone_mode=False)
