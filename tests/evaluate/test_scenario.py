@@ -95,7 +95,10 @@ def test_a_config_that_is_wrong_names_the_key_in_the_right_kind_of_backend(tmp_p
             "backend: {kind: sim, facin: x}\ncontroller: {kind: pd}\n",
             "backend.sim.facin: unknown key; did you mean 'facing'",
         ),
-        ("backend: {kind: simm}\ncontroller: {kind: pd}\n", "any of the expected tags: 'sim', 'can', 'replay'"),
+        (
+            "backend: {kind: simm}\ncontroller: {kind: pd}\n",
+            "any of the expected tags: 'sim', 'can', 'dynamixel', 'replay'",
+        ),
         ("controller: {kind: pd}\n", "backend: missing"),
         (base + "period: -1\n", "period: input should be greater than 0, not -1"),
         (base + "hand: {side: middle}\n", "hand.side: input should be 'right' or 'left', not 'middle'"),
