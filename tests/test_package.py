@@ -17,6 +17,7 @@ import allegro_twin
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SIMULATED = {path.stem for path in (ROOT / "conf").glob("sim_*.yaml")}
 
 
 @pytest.fixture(scope="module")
@@ -112,12 +113,12 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> N
         ("posture f", {"fist"}),
         ("grasp quad", {"quadpod", "quadpod_pear"}),
         ("run lem", {"lemon"}),
-        ("run sim_", {"sim_left", "sim_right"}),
+        ("run sim_", SIMULATED),
         ("run lemon --object gol", {"golf_ball"}),
         ("run sim_right --policy re", {"reach_right"}),
         ("posture home -c can_v", {"can_v4_right", "can_virtual"}),
         ("list pol", {"policies"}),
-        ("teleop sim_", {"sim_left", "sim_right"}),
+        ("teleop sim_", SIMULATED),
         ("train Reo", {"Reorient"}),
         ("play rip", {"ripple"}),
     ],
