@@ -39,6 +39,7 @@ def load_spec(
         raise ConfigError(f"{serial} is a {its} hand; hand.side is {side}")
     if not facts.known(model):
         return _by_card(model, side, serial)
+    _check_own(model, serial)
     hand = facts.load(model, side)
     lower, upper = _limits(hand.joints, serial)
     fingers = tuple(Finger(name, joints, f"{hand.last_link(name).name}_tip") for name, joints in hand.fingers.items())
@@ -58,6 +59,15 @@ def load_spec(
         commands=_commands(model),
         drive=_drive(len(joints), serial, over),
     )
+
+
+def _check_own(model: str, serial: str) -> None:
+    """Raises ConfigError for one hand's file that speaks of electronics that its model does not have."""
+    if not serial or "wire" in read_yaml(_nominal(model)):
+        return
+    path = find(serial, "hand", "conf/hands")
+    if "wire" in read_yaml(path):
+        raise ConfigError(f"{path} is not of a {model}: it has a `wire` block, and no hand of that model is on CAN")
 
 
 def is_model(name: str) -> bool:

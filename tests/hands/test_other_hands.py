@@ -245,3 +245,8 @@ def test_a_recording_keeps_every_part_of_a_command(tmp_path: Path, make_sim: Mak
         assert (after.effort is None) == (before.effort is None)
         if before.effort is not None:
             np.testing.assert_array_equal(after.effort, before.effort)
+
+
+def test_the_file_of_one_hand_of_another_model_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"SAH030C033R.yaml is not of a leap: it has a `wire` block"):
+        load_spec("leap", "right", "SAH030C033R")
