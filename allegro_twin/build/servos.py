@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from allegro_twin.build.simulated import simulated
@@ -84,7 +85,8 @@ def _opener(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scen
 def _described(model: str, serial: str) -> ServoSettings:
     """The block `servos` of the hand's own file, or of its model's."""
     own = find(serial, "hand", "conf/hands") if serial else None
-    nominal = data_root() / "conf" / "hands" / f"{model}.yaml"
+    card = Path(model)
+    nominal = card if card.suffix == ".yaml" else data_root() / "conf" / "hands" / f"{model}.yaml"
     for path in (own, nominal if nominal.is_file() else None):
         block = read_yaml(path).get("servos") if path is not None else None
         if block is not None:

@@ -77,6 +77,8 @@ class HandCard(Settings):
     fingers: dict[str, FingerCard] = {}  # noqa: RUF012  # Pydantic copies it.
     followers: tuple[FollowerCard, ...] = ()
     palm: PalmCard = PalmCard()
+    servos: dict[str, Any] | None = None
+    """Of a hand of servos on a serial line; docs/dynamixel.md."""
 
     @model_validator(mode="after")
     def _known_names(self) -> HandCard:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it()
 
 
 def test_a_hand_of_four_servos_on_tendons_runs_as_one_of_sixteen_on_joints() -> None:
-    rig = assemble(config_of("model_o", servos=MODEL_O))
+    rig = assemble(config_of("qb_softhand", servos=MODEL_O))
     *_, last = until(0.5, run(rig.backend, rig.controller))
     rig.backend.close()
     assert last.state.position.shape == (4,)
@@ -130,7 +131,7 @@ def test_gains_are_written_where_a_file_gives_them() -> None:
         ("leap", {"watchdog": 9.0}, "watchdog 9 s must be from 0.02 to 2.54 s"),
         ("leap", {"faults": {"script": [{"at": 0, "what": "overheatt"}]}}, "overheatt|what"),
         ("leap", {"faults": {"script": [{"at": 0, "what": "silence", "which": 16}]}}, "this hand has 16 servos"),
-        ("model_o", {}, "backend.servos is missing, and no file of model_o in conf/hands describes its servos"),
+        ("qb_softhand", {}, "backend.servos is missing, and no file of qb_softhand in conf/hands describes its servos"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(hand: str, backend: dict[str, Any], names: str) -> None:
@@ -157,3 +158,16 @@ def test_without_the_sdk_it_says_which_extra_is_missing(monkeypatch: pytest.Monk
     monkeypatch.setitem(__import__("sys").modules, "dynamixel_sdk", None)
     with pytest.raises(ConfigError, match=r"pip install 'allegro-twin\[dynamixel\]'"):
         assemble(config_of())
+
+
+def test_a_model_o_closes_through_its_four_servos_and_says_what_57600_baud_can_carry() -> None:
+    pytest.importorskip("dynamixel_sdk")
+    config = load_config("model_o_virtual")
+    rig = assemble(config)
+    with closing(rig.backend):
+        last = list(until(3.0, run(rig.backend, rig.controller)))[-1].state
+    assert last.position[1] > 1.5
+    assert last.position[1] == pytest.approx(last.position[2], abs=0.02)
+    slow = config.model_dump() | {"backend": {"kind": "dynamixel", "port": "virtual", "baud": 57600}}
+    with pytest.raises(ConfigError, match="period 0.02 s is too short for 4 servos at 57600 baud"):
+        assemble(RunConfig.model_validate(slow))
