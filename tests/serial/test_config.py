@@ -61,7 +61,7 @@ def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it()
 
 
 def test_a_hand_of_four_servos_on_tendons_runs_as_one_of_sixteen_on_joints() -> None:
-    rig = assemble(config_of("qb_softhand", servos=MODEL_O))
+    rig = assemble(config_of("model_o", servos=MODEL_O))
     *_, last = until(0.5, run(rig.backend, rig.controller))
     rig.backend.close()
     assert last.state.position.shape == (4,)
