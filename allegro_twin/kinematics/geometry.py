@@ -56,7 +56,7 @@ def load_geometry(model: str, finger: str) -> Geometry:
     steps = [row["xyz"] for row in rows[1:]] + [[0.0, 0.0, place["tip"]]]
     straight = all(step[:2] == [0, 0] for step in (steps if axes == _FINGER else steps[1:]))
     if axes not in (_FINGER, _THUMB) or not straight:
-        raise ConfigError(f"{model} {finger}: no closed form for axes {axes} and steps {steps}")
+        raise ConfigError(f"{model} {finger}: its axes and offsets have no closed form")
     is_thumb = axes == _THUMB
     return Geometry(
         is_thumb=is_thumb,

@@ -11,6 +11,7 @@ from allegro_twin.config import (
     RunConfig,
     SimSettings,
 )
+from allegro_twin.description.hands import is_model
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
@@ -39,7 +40,7 @@ def described(opened: OpenHand) -> Opened:
         opened.hand.controllers,
         gains_names(rig.spec),
         opened.gains,
-        _scenarios() if choice else (),
+        _scenarios(rig.spec) if choice else (),
         _things() if choice else (),
         config.task.scenario,
         config.task.object,
@@ -97,9 +98,12 @@ def _where(config: RunConfig) -> str:
             return f"recording {file}"
 
 
-def _scenarios() -> tuple[str, ...]:
+def _scenarios(spec: HandSpec) -> tuple[str, ...]:
+    """Of a model of hand that has a folder of its own that; else what is in no other model's."""
     folder = data_root() / "scenarios"
-    return tuple(sorted(p.stem for p in folder.rglob("*.yaml") if "grasps" not in p.relative_to(folder).parts[:-1]))
+    own = folder / spec.model
+    found = own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_model(p.parent.name))
+    return tuple(sorted(p.stem for p in found if "grasps" not in p.relative_to(folder).parts[:-1]))
 
 
 def _things() -> tuple[str, ...]:
