@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from allegro_twin import Hand
 from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig
+from allegro_twin.cli.performers import on_hand
+from allegro_twin.config import RunConfig, load_config
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
@@ -26,7 +29,7 @@ from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.parts import part_names, parts_of
 from allegro_twin.sim.scene import hand_spec
 from allegro_twin.sim.statics import hand_model
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim
 from tests.hands.models import hand
@@ -119,6 +122,36 @@ def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, m
     np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
 
 
+def test_a_state_says_where_the_tendon_is_now_and_not_a_step_ago(soft: HandSpec, make_sim: MakeSim) -> None:
+    sim = make_sim(soft)
+    sim.reset()
+    sim.write(PositionCommand(np.array([1.0])))
+    for _ in range(20):
+        state = sim.read()
+        bent = [
+            float(sim.data.joint(f"{finger}_{place}").qpos[0]) for finger in ("first", "second") for place in (1, 2)
+        ]
+        assert state.position[0] == pytest.approx(np.dot([0.3, 0.2, 0.3, 0.2], bent), abs=1e-12)
+
+
+def test_what_carries_several_fingers_is_none_of_them() -> None:
+    finger = """<body name="{0}" pos="0 {1} 0.03"><joint name="{0}" axis="0 1 0" range="0 60"/>
+      <geom type="capsule" fromto="0 0 0 0 0 0.03" size="0.005"/><site name="{0}_tip"/></body>"""
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody><body name="palm_link"><geom size="0.01"/>
+      <body name="carpus" pos="0 0 0.02"><joint name="wrist" axis="1 0 0"/><geom size="0.01"/>
+      {finger.format("one", 0.02)}{finger.format("two", -0.02)}</body></body></worldbody></mujoco>""")
+    spec = replace(load_spec("model_o"), fingers=(Finger("one", (0,), "one_tip"), Finger("two", (1,), "two_tip")))
+    names, parts = part_names(spec), parts_of(model, spec)
+    told = {name: names[parts[model.body(name).id]] for name in ("palm_link", "carpus", "one", "two")}
+    assert told == {"palm_link": "palm", "carpus": "palm", "one": "one", "two": "two"}
+
+
+def test_another_model_of_hand_brings_the_controller_that_it_takes() -> None:
+    config = on_hand(load_config("sim_right"), "leap")
+    assert (config.hand.model, config.controller.kind) == ("leap", "position")
+    assert assemble(config).spec.name == "leap_right"
+
+
 def test_a_linkage_moves_both_jaws_and_both_are_fingers(gripper: HandSpec, make_sim: MakeSim) -> None:
     tips = [hand_model(gripper).fingertips(np.array([at])) for at in (0.0, 0.02)]
     for finger, way in (("left_finger", 0.02), ("right_finger", -0.02)):
@@ -168,6 +201,9 @@ def test_the_guard_keeps_positions_inside_the_soft_stops_and_efforts_under_the_c
     assert isinstance(guard.applied, PositionCommand)
     np.testing.assert_array_equal(guard.applied.position, spec.upper - 0.1)
     np.testing.assert_array_equal(guard.applied.effort, 0.1)
+    guard.write(PositionCommand(spec.lower - 5.0, effort=np.linspace(0.05, 0.2, 16)))
+    np.testing.assert_array_equal(guard.applied.position, spec.lower + 0.1)
+    np.testing.assert_array_equal(guard.applied.effort, np.minimum(np.linspace(0.05, 0.2, 16), 0.1))
 
 
 def test_a_guard_that_trips_leaves_a_hand_with_its_own_loop_limp(make_sim: MakeSim) -> None:
