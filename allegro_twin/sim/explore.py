@@ -92,7 +92,7 @@ def _moved(model: mujoco.MjModel, motors: list[Motor]) -> Array:
         data = mujoco.MjData(model)
         for place, position in enumerate(np.linspace(motor.lower, motor.upper, _POINTS)):
             if motor.torque:
-                data.qpos[model.jnt_qposadr[model.actuator_trnid[k, 0]]] = position
+                data.qpos[model.jnt_qposadr[motor.joint]] = position
             else:
                 _rest(model, data, motors)
                 data.ctrl[k] = motor.told(position)
@@ -164,8 +164,7 @@ def _reaches(way: Array, tip: int) -> bool:
 
 def _followers(model: mujoco.MjModel, motors: list[Motor], moves: Array) -> tuple[list[dict[str, Any]], list[str]]:
     """Joints without a motor: after which they go, and how far; and those that go after none."""
-    own = {int(model.actuator_trnid[m.number, 0]) for m in motors if m.name != m.actuator or m.torque}
-    own |= {j for m in motors for j in range(model.njnt) if model.joint(j).name == m.name}
+    own = {motor.joint for motor in motors}
     followers, free = [], []
     for joint in range(model.njnt):
         if joint in own or int(model.jnt_type[joint]) not in _JOINTS:

@@ -26,6 +26,8 @@ class Motor:
             raise ConfigError(f"{where} acts on neither a joint nor a tendon")
         if model.actuator_dyntype[number] != mujoco.mjtDyn.mjDYN_NONE:
             raise ConfigError(f"{where} has dynamics of its own, which no command can stand for")
+        self.joint = None if on_tendon else target
+        """That it turns; None: it pulls a tendon."""
         self.name = self.actuator if on_tendon else model.joint(target).name
         gain, bias = float(model.actuator_gainprm[number, 0]), model.actuator_biasprm[number]
         self.torque = not bias[:3].any()

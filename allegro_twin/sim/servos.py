@@ -30,8 +30,10 @@ class Servos:
         own = np.where(limited, model.actuator_forcerange[self._ids], self._limit[:, None] * [-1.0, 1.0])
         self._range = np.clip(own, -self._limit[:, None], self._limit[:, None])
         model.actuator_forcelimited[self._ids] = True
-        tendons = model.actuator_trntype[self._ids] == mujoco.mjtTrn.mjTRN_TENDON
-        self._tendons = bool(tendons.any())
+        self._tendons = bool((model.actuator_trntype[self._ids] == mujoco.mjtTrn.mjTRN_TENDON).any())
+        joints, self._gear = model.actuator_trnid[self._ids, 0], model.actuator_gear[self._ids, 0].copy()
+        places = ([], []) if self._tendons else (model.jnt_qposadr[joints], model.jnt_dofadr[joints])
+        self._qpos, self._dof = (np.array(place, dtype=int) for place in places)
         self._wish = np.zeros(len(self._ids))
         self._from, self._ticks, self._passed = self._wish, 0, 0
 
@@ -73,16 +75,14 @@ class Servos:
             for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
                 stage(self._model, data)
             return np.array(data.actuator_length[self._ids])
-        joints = self._model.actuator_trnid[self._ids, 0]
-        return np.array(data.qpos[self._model.jnt_qposadr[joints]] * self._model.actuator_gear[self._ids, 0])
+        return np.array(data.qpos[self._qpos] * self._gear)
 
     def velocity(self, data: mujoco.MjData) -> Array:
         """(n,), rad/s or m/s."""
         if self._tendons:
             mujoco.mj_fwdVelocity(self._model, data)
             return np.array(data.actuator_velocity[self._ids])
-        joints = self._model.actuator_trnid[self._ids, 0]
-        return np.array(data.qvel[self._model.jnt_dofadr[joints]] * self._model.actuator_gear[self._ids, 0])
+        return np.array(data.qvel[self._dof] * self._gear)
 
     def _now(self) -> Vector:
         """Where the way of a timed command has led; its end for any other."""
