@@ -138,22 +138,16 @@ def keyboard(
 ) -> None:
     """The manufacturer's keys on a live hand: h r g k p m e a o 1 2 3; ? helps, q quits."""
     from allegro_twin.cli import console, keys
+    from allegro_twin.cli.looking import show_live
     from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.hand import Hand
-    from allegro_twin.session import rerun_stage
 
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one hand: choose one")
     with Hand.open(on_hand(load_config(config), other), background=sys.stdin.isatty()) as hand:
         if view or web:
-            viewer_of, _ = rerun_stage()
-            viewer = viewer_of(hand.spec, live=True)
-            if web:
-                console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
-            else:
-                viewer.spawn()
-            hand.listen(lambda sample: viewer.draw(sample, {}))
+            show_live(hand, web=web)
         keys.play(hand, sys.stdin, lambda line: console.console.print(line, highlight=False, markup=False))
 
 

@@ -1,14 +1,17 @@
-"""The command that shows a recording."""
+"""Looking on: the command that shows a recording, and a live hand in Rerun."""
 
 from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from allegro_twin.cli import options
+
+if TYPE_CHECKING:
+    from allegro_twin.hand import Hand
 
 Camera = Annotated[
     str, typer.Option(help="From where: front, side, top, palm, or AZIMUTH,ELEVATION,DISTANCE (degrees, m).")
@@ -49,3 +52,17 @@ def _wait() -> None:
         signal.pause()
     except KeyboardInterrupt:
         return
+
+
+def show_live(hand: Hand, *, web: bool) -> None:
+    """Every sample of a hand from now on, in Rerun's own window or in the browser."""
+    from allegro_twin.cli import console
+    from allegro_twin.session import rerun_stage
+
+    viewer_of, _ = rerun_stage()
+    viewer = viewer_of(hand.spec, live=True)
+    if web:
+        console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
+    else:
+        viewer.spawn()
+    hand.listen(lambda sample: viewer.draw(sample, {}))

@@ -16,7 +16,6 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.spec import Side
 
 if TYPE_CHECKING:
-    from allegro_twin.hand import Hand
     from allegro_twin.teleop.follower import Tally
 
 WEBCAM = "webcam"
@@ -50,6 +49,7 @@ def teleop(
 ) -> None:
     """A person's tracked hand leads a robot's, from a file or a webcam; Ctrl-C ends it and leaves the hand limp."""
     from allegro_twin.cli import console
+    from allegro_twin.cli.looking import show_live
     from allegro_twin.cli.performers import on_hand
     from allegro_twin.config import load_config
     from allegro_twin.teleop.apart import Apart
@@ -74,25 +74,12 @@ def teleop(
         hand, follower = stack.enter_context(opened)
         console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)
         if view or web:
-            _show(hand, web)
+            show_live(hand, web=web)
         if track is not None:
             replay(hand, track, follower)
         elif watcher is not None:
             live(hand, watcher, follower)
         console.console.print(_summed(follower.tally), soft_wrap=True)
-
-
-def _show(hand: Hand, web: bool) -> None:
-    from allegro_twin.cli import console
-    from allegro_twin.session import rerun_stage
-
-    viewer_of, _ = rerun_stage()
-    viewer = viewer_of(hand.spec, live=True)
-    if web:
-        console.console.print(f"Open {viewer.serve()}", soft_wrap=True)
-    else:
-        viewer.spawn()
-    hand.listen(lambda sample: viewer.draw(sample, {}))
 
 
 def _summed(tally: Tally) -> str:
