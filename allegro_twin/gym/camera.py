@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import library
 from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.gym.tasks.vectors import turned
@@ -33,14 +34,14 @@ class Camera:
     whole decisions. Speeds come from elsewhere and are late only."""
 
     def __init__(self, settings: Randomise, body: Body, decimation: int) -> None:
-        n = len(body.pose)
-        self._body, self._decimation = body, decimation
-        self._key = np.zeros(n, np.uint64)
+        n, xp = len(body.pose), library(body.pose)
+        self._body, self._decimation, self._xp = body, decimation, xp
+        self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)
         self._noise = {
-            name: np.zeros((n, 1)) for name in ("camera_shift", "camera_turn") if getattr(settings, name) is not None
+            name: xp.zeros((n, 1)) for name in ("camera_shift", "camera_turn") if getattr(settings, name) is not None
         }
-        self._late = None if settings.camera_delay is None else np.zeros(n, np.int64)
-        self._past = np.zeros((LONGEST_DELAY + 1, n, 13))
+        self._late = None if settings.camera_delay is None else xp.zeros(n, np.int64)
+        self._past = xp.zeros((LONGEST_DELAY + 1, n, 13))
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some simulations: `values` as they were drawn, (m,) each."""
@@ -49,17 +50,16 @@ class Camera:
         for name, own in self._noise.items():
             own[rows, 0] = values[name]
         if self._late is not None:
-            self._late[rows] = values["camera_delay"].astype(np.int64)
+            self._late[rows] = self._xp.asarray(values["camera_delay"], np.int64)
             self._past[:, rows] = self._now()[rows]
 
     def look(self, tick: NDArray[np.int64]) -> Seen:
         """The picture at the decision `tick` (n,) periods after the beginning."""
         shown, picture = self._now(), tick // self._decimation
         if self._late is not None:
-            own = np.arange(len(tick))
-            self._past[picture % len(self._past), own] = shown
-            shown = self._past[(picture - self._late) % len(self._past), own]
-        position, quaternion, velocity, spin = np.split(shown, (3, 7, 10), axis=-1)
+            self._past[picture % len(self._past), self._own] = shown
+            shown = self._past[(picture - self._late) % len(self._past), self._own]
+        position, quaternion, velocity, spin = shown[:, :3], shown[:, 3:7], shown[:, 7:10], shown[:, 10:]
         if (width := self._noise.get("camera_shift")) is not None:
             position = position + width * jitter(self._key, picture, 8, 3)
         if (width := self._noise.get("camera_turn")) is not None:
@@ -68,4 +68,5 @@ class Camera:
 
     def _now(self) -> Array:
         body = self._body
-        return np.concatenate([body.pose, body.velocity, turned(body.pose[:, 3:], body.spin)], axis=-1)
+        now: Array = self._xp.concatenate([body.pose, body.velocity, turned(body.pose[:, 3:], body.spin)], axis=-1)
+        return now

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import host, library
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
@@ -38,19 +39,27 @@ class Engine:
         self._state = State(self.worlds, self.task.thing) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
         """Numbers of a critic's own."""
-        self.memory: Memory = self.task.interface.start(np.zeros((n, self.task.spec.n_joints)))
+        xp = self.worlds.xp
+        self.memory: Memory = self.task.interface.start(xp.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
         """Actions an episode."""
         gains = self.task.interface.gains
-        self._gains = np.stack([gains.kp, gains.kd])[:, None]
-        self._begun, self._seen = False, np.zeros((n, self.task.interface.frame), np.float32)
-        self.count = np.zeros(n, np.int64)
+        self._gains = xp.asarray(np.stack([gains.kp, gains.kd])[:, None])
+        self._begun, self._seen = False, xp.zeros((n, self.task.interface.frame), np.float32)
+        self.count = xp.zeros(n, np.int64)
         """Actions taken since the reset, (n,)."""
 
     def reset(
         self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
     ) -> dict[str, Any]:
         """New episodes of some simulations. What was drawn, one value for each of them."""
+        mine, xp = [generators[row] for row in rows], self.worlds.xp
+        rows = xp.asarray(rows)
+        values = self.begin(rows, Draws.of(mine, xp), options)
+        return {"randomised": {name: host(value) for name, value in values.items()}, **self.task.facts(rows)}
+
+    def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
+        """New episodes of some simulations, of numbers that were drawn for them; the values that came of these."""
         if not self._begun and len(rows) < self.n:
             raise ConfigError(
                 f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
@@ -58,11 +67,10 @@ class Engine:
         self._begun = True
         task = self.task
         chosen = read_options(options, task.options, task.name)
-        draws = Draws([generators[row] for row in rows])
         values = drawn(self.settings.randomise, draws)
         for name in ("size", "friction"):
             if (value := getattr(chosen, name)) is not None:
-                values[name] = np.full(len(rows), value)
+                values[name] = self.worlds.xp.full(len(rows), value)
         variant = task.variant(rows, draws, chosen)
         task.vary(rows, variant, draws, values, chosen)
         if "size" in values:
@@ -77,7 +85,7 @@ class Engine:
             self._state.begin(rows, values)
         self._remember(rows)
         self.count[rows] = 0
-        return {"randomised": values, **task.facts(rows)}
+        return values
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
         """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
@@ -90,13 +98,14 @@ class Engine:
         gains = sensing.gains(self._gains)
         pull, motion, torque, step = interface.pull, worlds.motion, worlds.torque, worlds.step
         for k in range(interface.decimation):
-            if sensing.ideal:
+            if sensing.ideal and motion is not None:
                 pull(motion, course, k, gains, torque)
             else:
                 tick = memory.tick + k
                 sensing.drive(interface.torque(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
             drive(k)
             step(rows, substeps)
+        worlds.check()
         self.memory = interface.elapsed(memory)
         self.count += 1
 
@@ -113,8 +122,9 @@ class Engine:
     def observe(self) -> Observation:
         """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
         position, velocity = self._sensing.measured(self.memory.tick)
+        xp = self.worlds.xp
         if not _finite(position):
-            position, velocity = (np.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
+            position, velocity = (xp.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         tick = self.memory.tick
         achieved, goal = self.task.achieved(tick), self.task.goal()
         told = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
@@ -124,37 +134,37 @@ class Engine:
         if extra := [each for each in more if each is not None]:
             parts["observation"] = _lengthened(self._seen, extra)
         if achieved is not None and goal is not None:
-            parts |= {"achieved_goal": achieved.astype(np.float32), "desired_goal": goal.astype(np.float32)}
+            parts |= {"achieved_goal": xp.asarray(achieved, np.float32), "desired_goal": xp.copy(goal)}
         if self._state is not None:
             parts["state"] = self._state(tick)
         return parts if len(parts) > 1 else parts["observation"]
 
     def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
         """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
-        taken = np.minimum(np.maximum(action, -1.0), 1.0).astype(np.float64)
+        xp = self.worlds.xp
+        taken = xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
         outcome = self.task.outcome(self.memory.tick, taken, observation)
         position = self.worlds.position
         if _finite(position):
-            return outcome, np.zeros(self.n, bool)
-        diverged = np.asarray(~np.isfinite(position).all(axis=-1))
-        if diverged.any():
-            outcome = outcome._replace(
-                reward=np.where(diverged, 0.0, outcome.reward),
-                failed=outcome.failed | diverged,
-                success=outcome.success & ~diverged,
-            )
-        return outcome, diverged
+            return outcome, xp.zeros(self.n, bool)
+        diverged = ~xp.isfinite(position).all(axis=-1)
+        return outcome._replace(
+            reward=xp.where(diverged, 0.0, outcome.reward),
+            failed=outcome.failed | diverged,
+            success=outcome.success & ~diverged,
+        ), diverged
 
     def _sized(self, variant: Rows, drawn: Array, chosen: Options) -> Array:
         sizes = self._physics.sizes(variant, drawn)
-        if chosen.size is not None and not np.array_equal(sizes, drawn):
+        if chosen.size is not None and bool((sizes != drawn).any()):
             raise ConfigError(
                 "a mesh keeps its size in an episode: leave out the option size, or give it another scale"
             )
         return sizes
 
     def _remember(self, rows: Rows) -> None:
-        position, _ = self._sensing.measured(np.where(np.isin(np.arange(self.n), rows), 0, self.memory.tick))
+        self.memory.tick[rows] = 0
+        position, _ = self._sensing.measured(self.memory.tick)
         targets = self.task.targets(rows)
         fresh = self.task.interface.start(position[rows], self.task.scripts(rows), targets)
         for name in Memory._fields:
@@ -164,10 +174,11 @@ class Engine:
         if not self._begun:
             raise CommandError("a step before the first reset: call reset() first")
         wanted = (self.n, self.task.spec.n_joints)
-        if action.shape != wanted:
-            raise CommandError(f"actions must have shape {wanted}, not {action.shape}")
-        if not _finite(action):
-            row, joint = (int(index[0]) for index in np.nonzero(~np.isfinite(action)))
+        if tuple(action.shape) != wanted:
+            raise CommandError(f"actions must have shape {wanted}, not {tuple(action.shape)}")
+        # On a device asking would wait for it; there such a simulation diverges, and says so.
+        if isinstance(action, np.ndarray) and not _finite(action):
+            row, joint = (int(index) for index in np.argwhere(~np.isfinite(action))[0])
             where = f" of simulation {row}" if self.n > 1 else ""
             raise CommandError(f"the action{where} for {self.task.spec.joints[joint]} at step {self.count[row]} is "
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
@@ -175,11 +186,14 @@ class Engine:
 
 def _lengthened(seen: Floats, more: list[Array]) -> Floats:
     """With what no hand reports, within bounds."""
-    finite = [each if _finite(each) else np.nan_to_num(each) for each in more]
-    bounded = [np.minimum(np.maximum(each, -BOUND), BOUND) for each in finite]
-    return np.concatenate([seen, *bounded], axis=-1, dtype=np.float32, casting="same_kind")
+    xp = library(seen)
+    finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]
+    bounded = [xp.asarray(xp.minimum(xp.maximum(each, -BOUND), BOUND), np.float32) for each in finite]
+    found: Floats = xp.concatenate([seen, *bounded], axis=-1)
+    return found
 
 
 def _finite(x: NDArray[np.floating[Any]]) -> bool:
-    """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at."""
-    return math.isfinite(np.add.reduce(x, axis=None))
+    """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at,
+    which is cheap on a device, and asking is not."""
+    return isinstance(x, np.ndarray) and math.isfinite(np.add.reduce(x, axis=None))

@@ -130,13 +130,13 @@ def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
         count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
         low, high = getattr(settings, name) or (0.0, 0.0)
         if name.endswith("delay"):
-            values = np.minimum(np.floor(draws.within(low, high + 1)), high)
+            values = draws.whole(low, high)
         else:
             values = draws.within(low, high, count)
         if getattr(settings, name) is not None:
             found[name] = values if count > 1 else values[:, 0]
     if (tilt := found.get("wrist_tilt")) is not None:
-        found["wrist_tilt"] = tilt * np.where(draws.within(-1.0, 1.0, 3) < 0, -1.0, 1.0)
+        found["wrist_tilt"] = tilt * draws.signs(3)
     return found
 
 
@@ -146,13 +146,14 @@ class Physics:
     def __init__(self, worlds: Worlds, thing: Body | None) -> None:
         self._worlds, self._thing = worlds, thing
         joints = [worlds.model.joint(name).dofadr[0] for name in worlds.spec.joints]
-        self._dofs = np.array(joints)
+        self._dofs = worlds.xp.asarray(np.array(joints, np.int64))
+        self._loss = worlds.xp.asarray(worlds.spec.actuation.damping)
 
     def sizes(self, variant: Rows, factor: Array) -> Array:
         """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
         if self._thing is None:
             return factor
-        return np.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)
+        return self._worlds.xp.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)  # type: ignore[no-any-return]
 
     def apply(self, rows: Rows, values: dict[str, Array]) -> None:
         """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
@@ -175,7 +176,8 @@ class Physics:
         self._worlds.expand("geom_size")[rows, geoms] *= factor[:, None, None]
         self._worlds.expand("geom_rbound")[rows, geoms] *= factor[:, None]
         self._worlds.expand("geom_aabb")[rows, geoms] *= factor[:, None, None]
-        self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
+        if self._worlds.has("bvh_aabb"):
+            self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
         self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None] ** 2
 
     def _friction(self, rows: Rows, friction: Array) -> None:
@@ -185,7 +187,7 @@ class Physics:
         self._worlds.expand("dof_armature")[rows[:, None], self._dofs] = armature[:, None]
 
     def _damping(self, rows: Rows, factor: Array) -> None:
-        damping = self._worlds.spec.actuation.damping * factor[:, None]
+        damping = self._loss * factor[:, None]
         self._worlds.expand("dof_damping")[rows[:, None], self._dofs] = damping
 
     def _frictionloss(self, rows: Rows, torque: Array) -> None:

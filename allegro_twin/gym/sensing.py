@@ -16,24 +16,26 @@ class Sensing:
 
     def __init__(self, settings: Randomise, worlds: Worlds) -> None:
         n, joints = worlds.position.shape
-        self._worlds = worlds
-        self._key = np.zeros(n, np.uint64)
+        self._worlds, self._xp = worlds, worlds.xp
+        xp = worlds.xp
+        self._key = xp.zeros(n, np.uint64)
         self._noise = {
-            name: np.zeros((n, 1))
+            name: xp.zeros((n, 1))
             for name in ("encoder_noise", "velocity_noise", "quantisation")
             if getattr(settings, name) is not None
         }
-        self._strength = None if settings.strength is None else np.ones((n, 1))
-        self._gains = None if settings.gains is None else np.ones((n, 2))
+        self._strength = None if settings.strength is None else xp.ones((n, 1))
+        self._gains = None if settings.gains is None else xp.ones((n, 2))
         self._late = {
-            name: np.zeros(n, np.int64)
+            name: xp.zeros(n, np.int64)
             for name in ("sensor_delay", "actuator_delay")
             if getattr(settings, name) is not None
         }
-        self._past = {name: np.zeros((LONGEST_DELAY + 1, n, 2 * joints)) for name in self._late}
+        self._past = {name: xp.zeros((LONGEST_DELAY + 1, n, 2 * joints)) for name in self._late}
         self.ideal = not self._noise and not self._late and self._strength is None
         """Measurements are exact and at once, and so are torques."""
-        self._limit = worlds.spec.actuation.torque_limit
+        self._limit = xp.asarray(worlds.spec.actuation.torque_limit)
+        self._own = xp.arange(n)
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some hands: `values` as they were drawn, (m,) each."""
@@ -45,10 +47,10 @@ class Sensing:
         if self._gains is not None:
             self._gains[rows] = values["gains"]
         for name, late in self._late.items():
-            late[rows] = values[name].astype(np.int64)
+            late[rows] = self._xp.asarray(values[name], np.int64)
             self._past[name][:, rows] = 0.0
         if "sensor_delay" in self._past:
-            here = np.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
+            here = self._xp.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
             self._past["sensor_delay"][:, rows] = here
 
     def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -56,14 +58,14 @@ class Sensing:
         position, velocity = self._worlds.position, self._worlds.velocity
         if self.ideal:
             return position, velocity
-        joints = position.shape[1]
+        joints, xp = position.shape[1], self._xp
         if (late := self._late.get("sensor_delay")) is not None:
-            both = self._delayed("sensor_delay", late, np.concatenate([position, velocity], axis=-1), tick)
+            both = self._delayed("sensor_delay", late, xp.concatenate([position, velocity], axis=-1), tick)
             position, velocity = both[:, :joints], both[:, joints:]
         if (width := self._noise.get("encoder_noise")) is not None:
             position = position + width * jitter(self._key, tick, 0, joints)
         if (step := self._noise.get("quantisation")) is not None:
-            position = np.where(step > 0, step * np.rint(position / np.where(step > 0, step, 1.0)), position)
+            position = xp.where(step > 0, step * xp.rint(position / xp.where(step > 0, step, 1.0)), position)
         if (width := self._noise.get("velocity_noise")) is not None:
             velocity = velocity + width * jitter(self._key, tick, 1, joints)
         return position, velocity
@@ -76,15 +78,15 @@ class Sensing:
         """Tell the motors, (n, joints), N·m."""
         if (late := self._late.get("actuator_delay")) is not None:
             joints = torque.shape[1]
-            padded = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
+            padded = self._xp.concatenate([torque, 0.0 * torque], axis=-1)
             torque = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
-            torque = np.clip(torque, -self._limit, self._limit) * self._strength
+            torque = self._xp.clip(torque, -self._limit, self._limit) * self._strength
         self._worlds.torque[...] = torque
 
     def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """What was `late` periods ago, from a ring with one place a period."""
-        past, own = self._past[name], np.arange(len(tick))
+        past, own = self._past[name], self._own
         past[tick % len(past), own] = now
         found: Array = past[(tick - late) % len(past), own]
         return found

@@ -25,10 +25,11 @@ class State:
     def __init__(self, worlds: Worlds, thing: Body | None) -> None:
         self._worlds, self._thing = worlds, thing
         self._external = worlds.external()
-        spec = worlds.spec
-        self._middle, self._half = (spec.lower + spec.upper) / 2, (spec.upper - spec.lower) / 2
-        self._limit = spec.actuation.torque_limit
-        self._factors = np.tile([_USUAL[name] for name in FACTORS], (worlds.n, 1))
+        spec, self._xp = worlds.spec, worlds.xp
+        place = worlds.xp.asarray
+        self._middle, self._half = place((spec.lower + spec.upper) / 2), place((spec.upper - spec.lower) / 2)
+        self._limit = place(spec.actuation.torque_limit)
+        self._factors = place(np.tile([_USUAL[name] for name in FACTORS], (worlds.n, 1)))
         self.size = 4 * spec.n_joints + (0 if thing is None else 13 + len(FACTORS))
         """Numbers of one hand."""
 
@@ -39,15 +40,15 @@ class State:
 
     def __call__(self, tick: NDArray[np.int64]) -> Floats:
         """Now, (n, size), `tick` (n,) periods after the beginning; zeros for a simulation that has diverged."""
-        worlds, begun = self._worlds, tick[:, None] > 0
+        worlds, begun, xp = self._worlds, tick[:, None] > 0, self._xp
         parts = [
             (worlds.position - self._middle) / self._half,
             worlds.velocity / SPEED,
-            np.where(begun, np.clip(worlds.torque, -self._limit, self._limit), 0.0) / self._limit,
-            np.where(begun, self._external, 0.0) / self._limit,
+            xp.where(begun, xp.clip(worlds.torque, -self._limit, self._limit), 0.0) / self._limit,
+            xp.where(begun, self._external, 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
             pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)
             parts += [pose[:, :3] / _PLACE, pose[:, 3:], thing.velocity / _FAST, spin / _SPINS, self._factors]
-        whole = np.concatenate(parts, axis=-1)
-        return np.clip(np.nan_to_num(whole), -BOUND, BOUND).astype(np.float32)
+        whole = xp.clip(xp.nan_to_num(xp.concatenate(parts, axis=-1)), -BOUND, BOUND)
+        return xp.asarray(whole, np.float32)  # type: ignore[no-any-return]

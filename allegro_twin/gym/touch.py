@@ -16,10 +16,10 @@ class Touch:
 
     def __init__(self, settings: Randomise, worlds: Worlds) -> None:
         self._torque = worlds.external()
-        self._limit = worlds.spec.actuation.torque_limit
+        self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
         self._range = settings.touch_noise
-        self._noise = None if settings.touch_noise is None else np.zeros((worlds.n, 1))
-        self._key = np.zeros(worlds.n, np.uint64)
+        self._noise = None if settings.touch_noise is None else worlds.xp.zeros((worlds.n, 1))
+        self._key = worlds.xp.zeros(worlds.n, np.uint64)
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some hands; what is drawn joins `values`, (m,)."""
@@ -31,7 +31,7 @@ class Touch:
     def felt(self, tick: NDArray[np.int64]) -> Array:
         """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
         has been felt."""
-        torque = np.where(tick[:, None] > 0, self._torque, 0.0)
+        torque: Array = self._xp.where(tick[:, None] > 0, self._torque, 0.0)
         if self._noise is not None:
             torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
-        return np.asarray(torque / self._limit)
+        return torque / self._limit

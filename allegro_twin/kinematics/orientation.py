@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.arrays import library, own
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.forms.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
@@ -72,10 +73,11 @@ def quaternion_from_euler(angles: ArrayLike) -> Array:
 
 def quaternion_from_vector(turn: ArrayLike) -> Array:
     """The quaternion of a rotation vector, shape (..., 3), rad → (..., 4)."""
-    vector = np.asarray(turn, dtype=np.float64)
-    size = _length(vector)
-    scale = np.where(size > 1e-12, np.sin(size / 2) / np.maximum(size, 1e-12), 0.5)
-    return np.concatenate([np.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1)
+    vector = own(turn)
+    xp, size = library(vector), _length(vector)
+    scale = xp.where(size > 1e-12, xp.sin(size / 2) / xp.maximum(size, 1e-12), 0.5)
+    found: Array = xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1)
+    return found
 
 
 def vector_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -89,10 +91,12 @@ def vector_from_quaternion(quaternion: ArrayLike) -> Array:
 
 def product(first: ArrayLike, second: ArrayLike) -> Array:
     """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4)."""
-    a, b, c, d = np.moveaxis(np.asarray(first, dtype=np.float64), -1, 0)
-    w, x, y, z = np.moveaxis(np.asarray(second, dtype=np.float64), -1, 0)
+    one, other = own(first), own(second)
+    a, b, c, d = (one[..., k] for k in range(4))
+    w, x, y, z = (other[..., k] for k in range(4))
     i, j, k = a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
-    return np.stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1)
+    found: Array = library(one).stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1)
+    return found
 
 
 def conjugate(quaternion: ArrayLike) -> Array:
@@ -132,8 +136,9 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
 def angle_between_quaternions(first: Array, second: Array) -> Array:
     """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
     p, q = first / _length(first)[..., None], second / _length(second)[..., None]
-    apart, along = _length(p - q), _length(p + q)
-    return np.asarray(4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along)))
+    apart, along, xp = _length(p - q), _length(p + q), library(first)
+    angle: Array = 4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along))
+    return angle
 
 
 def facing(x: ArrayLike, z: ArrayLike) -> Array:
@@ -229,7 +234,8 @@ def _matrix(entries: Entries[Array]) -> Array:
 
 def _length(vector: Array) -> Array:
     """Of vectors (..., k), shape (...)."""
-    return np.asarray(np.sqrt(np.add.reduce(vector * vector, axis=-1)))
+    size: Array = library(vector).sqrt((vector * vector).sum(axis=-1))
+    return size
 
 
 def _unit(quaternion: ArrayLike) -> tuple[Array, ...]:

@@ -7,6 +7,8 @@ Every finger turns about one axis and bends in the plane that it turns; the thum
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from allegro_twin.kinematics.geometry import load_geometry
@@ -17,7 +19,8 @@ from allegro_twin.types import Array
 class Fingertips:
     """Sums are written out or run over a row, so that a row comes out the same whatever the size of its batch."""
 
-    def __init__(self, spec: HandSpec) -> None:
+    def __init__(self, spec: HandSpec, xp: Any = np) -> None:
+        """`xp`: the library of the arrays that it is called with (allegro_twin/arrays.py)."""
         parts = [load_geometry(spec.model, finger.name) for finger in spec.fingers]
         self._thumbs = np.array([part.is_thumb for part in parts])
         # Columns of the table of angles: the turn, then what bends. The thumb's first joint takes the second column.
@@ -32,6 +35,10 @@ class Fingertips:
         reflect = np.array([1.0, -1.0 if left else 1.0, 1.0])
         self._axes = [np.array([part.base[:, k] * reflect for part in parts]) for k in range(3)]
         self._origin = np.array([part.origin * reflect for part in parts])
+        self._xp = xp
+        for name in ("thumbs", "joints", "signs", "links", "offset", "bends", "origin"):
+            setattr(self, f"_{name}", xp.asarray(getattr(self, f"_{name}")))
+        self._axes = [xp.asarray(axis) for axis in self._axes]
 
     def __call__(self, position: Array) -> Array:
         """Joints (..., n), rad → fingertips in the palm frame, in the spec's order, (..., fingers, 3), m."""
@@ -39,8 +46,8 @@ class Fingertips:
         bent = angle[..., 1] * self._bends
         angle[..., 2] += bent
         angle[..., 3] += angle[..., 2]
-        sine, cosine = np.sin(angle), np.cos(angle)
-        r, h = (np.add.reduce(part * self._links, axis=-1) for part in (sine, cosine))
+        sine, cosine = self._xp.sin(angle), self._xp.cos(angle)
+        r, h = ((part * self._links).sum(axis=-1) for part in (sine, cosine))
         x = self._offset[:, 0] + r * cosine[..., 0]
         y = self._offset[:, 1] + r * sine[..., 0]
         z = self._offset[:, 2] + h

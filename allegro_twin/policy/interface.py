@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,23 @@ Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
 SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
+
+
+class _Numbers(NamedTuple):
+    middle: Vector
+    rest: Vector
+    lower: Vector
+    upper: Vector
+    span: Vector
+    kp: Vector
+    kd: Vector
+    limit: Vector
+    scale: Vector
+    """What the numbers of an observation are divided by, (frame,)."""
+    parts: Vector
+    """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
+    scripts: Pair | None
+    """Set-points and their rates, (s, t, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +79,8 @@ class Interface:
 
     history: int = 1
     """How many decisions an observation shows, this one and those before."""
+    xp: Any = np
+    """Where its numbers lie: `numpy`, or `arrays.Tensors`, and then every array here is a tensor."""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -83,19 +102,25 @@ class Interface:
         return self.half if self.scripts is None else np.full_like(self.half, self.reach)
 
     @cached_property
-    def _rest(self) -> Vector:
-        return np.zeros_like(self.middle)
-
-    @cached_property
-    def _scale(self) -> Vector:
-        """What the numbers of an observation are divided by, (n_observation,)."""
+    def _numbers(self) -> _Numbers:
+        """What is reckoned with at every decision, lying where the arrays do."""
         parts = [self.half, np.full_like(self.half, SPEED), self.spec.actuation.torque_limit * np.ones_like(self.half)]
-        return np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
-
-    @cached_property
-    def _parts(self) -> Vector:
-        """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
-        return np.arange(1, self.decimation + 1) / self.decimation
+        scale = np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
+        scripts = None if self.scripts is None else (self.scripts.position, self.scripts.velocity)
+        place, spec = self.xp.asarray, self.spec
+        return _Numbers(
+            middle=place(self.middle),
+            rest=place(np.zeros_like(self.middle)),
+            lower=place(spec.lower),
+            upper=place(spec.upper),
+            span=place(self.span),
+            kp=place(self.gains.kp),
+            kd=place(self.gains.kd),
+            limit=place(spec.actuation.torque_limit),
+            scale=place(scale),
+            parts=place(np.arange(1, self.decimation + 1) / self.decimation),
+            scripts=None if scripts is None else (place(scripts[0]), place(scripts[1])),
+        )
 
     @property
     def frame(self) -> int:
@@ -118,46 +143,43 @@ class Interface:
     def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
         """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
         the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
-        shape = position.shape[:-1]
-        base = self.middle if self.scripts is None else self.scripts.position[script, 0]
-        drawn = (position if self.scripts is None else base) if target is None else target
-        offset = np.zeros_like(position) + _within(drawn - base, -self.span, self.span)
-        number = np.broadcast_to(np.asarray(script, dtype=np.int64), shape).copy()
-        past = np.zeros((*shape, self.frame * (self.history - 1)), np.float32)
-        return Memory(offset, offset.copy(), np.zeros_like(position), np.zeros(shape, np.int64), number, past)
+        own, xp, shape = self._numbers, self.xp, position.shape[:-1]
+        base = own.middle if own.scripts is None else own.scripts[0][script, 0]
+        drawn = (position if own.scripts is None else base) if target is None else target
+        offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
+        number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
+        past = xp.zeros((*shape, self.frame * (self.history - 1)), np.float32)
+        return Memory(offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past)
 
     def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
         `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
-        wish = _within(action.astype(np.float64), -1.0, 1.0)
+        xp, own = self.xp, self._numbers
+        wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
             assert seen is not None
-            past = np.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
+            past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
-                return Memory(begin, end, wish * self.spec.actuation.torque_limit, tick, script, past)
+                return Memory(begin, end, wish * own.limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(end + self.step * wish, -self.span, self.span), push, tick, script, past)
+                return Memory(end, _within(xp, end + self.step * wish, -own.span, own.span), push, tick, script, past)
             case _:
-                return Memory(end, wish * self.span, push, tick, script, past)
+                return Memory(end, wish * own.span, push, tick, script, past)
 
     def course(self, memory: Memory) -> Course:
         """The set-points from a decision to the next."""
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
             return Course(None, push)
-        base, speed = self._base(memory, np.arange(self.decimation).reshape(-1, *(1,) * memory.tick.ndim))
+        xp, own = self.xp, self._numbers
+        lead = (-1, *(1,) * memory.tick.ndim)
+        base, speed = self._base(memory, xp.arange(self.decimation).reshape(lead))
         travel = memory.end - memory.begin
-        wish = np.empty((self.decimation, 2, *travel.shape))
-        target = wish[:, 0]
-        np.multiply(travel, self._parts.reshape(-1, *(1,) * travel.ndim), out=target)
-        np.add(target, memory.begin, out=target)
-        np.add(target, base, out=target)
-        np.maximum(target, self.spec.lower, out=target)
-        np.minimum(target, self.spec.upper, out=target)
-        np.add(speed, travel / self.seconds, out=wish[:, 1])
-        return Course(wish, push)
+        target = own.parts.reshape(*lead, 1) * travel + memory.begin + base
+        rate = speed + travel / self.seconds + xp.zeros(target.shape[:1] + (1,) * travel.ndim)
+        return Course(xp.stack([_within(xp, target, own.lower, own.upper), rate], axis=1), push)
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
@@ -165,7 +187,7 @@ class Interface:
         if wish is None:
             assert push is not None
             return push
-        kp, kd = (self.gains.kp, self.gains.kd) if gains is None else gains
+        kp, kd = (self._numbers.kp, self._numbers.kd) if gains is None else gains
         pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
 
@@ -193,29 +215,19 @@ class Interface:
     ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
-        n = self.spec.n_joints
-        seen = np.empty((*position.shape[:-1], self.frame))
-        np.subtract(position, self.middle, out=seen[..., :n])
-        seen[..., n : 2 * n] = velocity
-        lead = seen[..., 2 * n : 3 * n]
-        np.add(self._base_now(memory), memory.end, out=lead)
-        np.maximum(lead, self.spec.lower, out=lead)
-        np.minimum(lead, self.spec.upper, out=lead)
-        np.subtract(lead, position, out=lead)
-        np.multiply(lead, self.gains.kp, out=lead)
-        seen[..., 3 * n : 4 * n] = memory.end
+        xp, own = self.xp, self._numbers
+        target = _within(xp, self._base_now(memory) + memory.end, own.lower, own.upper)
+        parts = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
-            seen[..., -1] = memory.tick
-        np.divide(seen, self._scale, out=seen)
-        np.maximum(seen, -BOUND, out=seen)
-        np.minimum(seen, BOUND, out=seen)
-        joints = seen.astype(np.float32)
+            parts.append(memory.tick[..., None])
+        seen = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
+        joints = xp.asarray(seen, np.float32)
         if self.history > 1:
-            joints = np.concatenate([joints, memory.past], axis=-1)
+            joints = xp.concatenate([joints, memory.past], axis=-1)
         if goal is None:
-            return joints
-        achieved = self.fingertips(position).astype(np.float32)
-        return {"observation": joints, "achieved_goal": achieved, "desired_goal": goal.astype(np.float32)}
+            return joints  # type: ignore[no-any-return]  # An array of the library's.
+        achieved = xp.asarray(self.fingertips(position), np.float32)
+        return {"observation": joints, "achieved_goal": achieved, "desired_goal": xp.copy(xp.asarray(goal, np.float32))}
 
     def fingertips(self, position: Array) -> Array:
         """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
@@ -224,21 +236,24 @@ class Interface:
 
     @cached_property
     def _fingertips(self) -> Fingertips:
-        return Fingertips(self.spec)
+        return Fingertips(self.spec, self.xp)
 
     def _base(self, memory: Memory, k: NDArray[np.int64]) -> Pair:
         """What offsets are counted from, and its rate, `k` periods after the decision."""
-        if self.scripts is None:
-            return self.middle, self._rest
-        row = np.minimum(memory.tick + k, self.scripts.periods - 1)
-        return self.scripts.position[memory.script, row], self.scripts.velocity[memory.script, row]
+        own = self._numbers
+        if self.scripts is None or own.scripts is None:
+            return own.middle, own.rest
+        row = self.xp.minimum(memory.tick + k, self.scripts.periods - 1)
+        return own.scripts[0][memory.script, row], own.scripts[1][memory.script, row]
 
     def _base_now(self, memory: Memory) -> Array:
-        if self.scripts is None:
-            return self.middle
-        return self.scripts.position[memory.script, np.minimum(memory.tick, self.scripts.periods - 1)]
+        own = self._numbers
+        if self.scripts is None or own.scripts is None:
+            return own.middle
+        return own.scripts[0][memory.script, self.xp.minimum(memory.tick, self.scripts.periods - 1)]
 
 
-def _within(x: Array, low: Array | float, high: Array | float) -> Array:
-    """What `np.clip` does, without its 5 µs a call."""
-    return np.asarray(np.minimum(np.maximum(x, low), high))
+def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
+    """What `clip` does, without the 5 µs a call of NumPy's."""
+    found: Array = xp.minimum(xp.maximum(x, low), high)
+    return found

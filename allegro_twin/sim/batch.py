@@ -31,27 +31,37 @@ _SKIPPED = {"names_map", "light_poscom0", "qpos_spring"}
 class Worlds:
     """`n` simulations. Arrays are live views with one row each; a write is the simulation's state at its next step."""
 
+    xp: Any = np
+    """The library of its arrays (allegro_twin/arrays.py)."""
+
     def __init__(self, spec: HandSpec, model: mujoco.MjModel, n: int, threads: int = 0) -> None:
-        self._batch = batch.Batch(model, n, threads)
         self.spec, self.n, self.model = spec, n, model
         self._models = [model]
         self._rows: dict[str, NDArray[Any]] = {}
         self._palettes: dict[str, NDArray[Any]] = {}
-        self._starts = np.empty((0, self._batch.nstate))
-        self.variant = np.zeros(n, np.int64)
-        qpos, qvel, ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self.variant: Rows = self.xp.zeros(n, np.int64)
+        self._make(threads)
         place, motion, motors = _columns(spec, model)
-        self.position: Array = qpos[:, place]
+        self.position: Array = self._qpos[:, place]
         """Of the joints, (n, joints), rad."""
-        self.velocity: Array = qvel[:, motion]
+        self.velocity: Array = self._qvel[:, motion]
         """(n, joints), rad/s."""
-        self.motion: Array = _both(self.position, self.velocity)
-        """Both in one array, (2, n, joints), for reading."""
-        self.torque: Array = ctrl[:, motors]
+        self.torque: Array = self._ctrl[:, motors]
         """What the motors are told, (n, joints), N·m."""
-        self._ctrl, self._motion_columns = ctrl, motion
-        self._qpos, self._qvel, self._push = qpos, qvel, self._batch.bind("xfrc_applied")
+        self._motion_columns = motion
         self._learn_start(model)
+
+    def _make(self, threads: int) -> None:
+        """The simulations, and their arrays."""
+        self._batch = batch.Batch(self.model, self.n, threads)
+        self._starts = np.empty((0, self._batch.nstate))
+        self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        self._push = self._batch.bind("xfrc_applied")
+
+    @property
+    def motion(self) -> Array | None:
+        """Positions and velocities in one array, (2, n, joints), for reading; None where they are not neighbours."""
+        return _both(self.position, self.velocity)
 
     def add(self, model: mujoco.MjModel) -> int:
         """The number of a further variant. Raises ConfigError unless its layout is the first one's."""
@@ -75,11 +85,18 @@ class Worlds:
             self._rows[field] = self._batch.expand(field)
         return self._rows[field]
 
+    def has(self, field: str) -> bool:
+        """Whether a model here has that field at all: those on a device have fewer."""
+        return field in batch.MODEL_FIELDS
+
     def choose(self, rows: Rows, variant: Rows) -> None:
         """Give simulations a variant each, and the state in which it begins."""
         for field, own in self._rows.items():
             own[rows] = self._palette(field)[variant]
         self.variant[rows] = variant
+        self._begin(rows, variant)
+
+    def _begin(self, rows: Rows, variant: Rows) -> None:
         self._batch.state[rows] = self._starts[variant]
 
     def derive(self, rows: Rows) -> None:
@@ -94,6 +111,10 @@ class Worlds:
         """Let `count` physics steps pass in some simulations, or in all."""
         self._batch.step(rows, nstep=count)
 
+    def check(self) -> None:
+        """Raise ConfigError where steps have left out what they had no room for."""
+        return
+
     def free(self, body: str) -> Body:
         """A free body of every variant's scene, by its name in the first."""
         return Body(self.model, body, self._qpos, self._qvel, self._push)
@@ -106,7 +127,8 @@ class Worlds:
     def meshes(self, body: Body) -> NDArray[np.bool_]:
         """Of each variant, (variants,): whether a body has a mesh among its shapes, which no simulation can resize."""
         found = [bool((model.geom_type[body.geoms] == mujoco.mjtGeom.mjGEOM_MESH).any()) for model in self._models]
-        return np.array(found)
+        known: NDArray[np.bool_] = self.xp.asarray(np.array(found))
+        return known
 
     def external(self) -> Array:
         """What contacts, dry friction and end stops do to the joints, (n, joints), N·m: as of the last step, live."""
@@ -143,10 +165,10 @@ class Worlds:
 
     def _palette(self, field: str) -> NDArray[Any]:
         if field not in self._palettes:
-            shape = self._rows[field].shape[1:]
+            shape = tuple(self._rows[field].shape[1:])
             # The bounding boxes of the bodies precede those of the meshes, which no simulation has to itself.
             flat = [np.ravel(getattr(model, field))[: math.prod(shape)] for model in self._models]
-            self._palettes[field] = np.stack(flat).reshape(-1, *shape)
+            self._palettes[field] = self.xp.asarray(np.stack(flat).reshape(-1, *shape))
         return self._palettes[field]
 
     def _learn_start(self, model: mujoco.MjModel) -> None:

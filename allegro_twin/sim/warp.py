@@ -1,7 +1,7 @@
-"""The same simulations on an NVIDIA GPU: `Worlds` whose physics steps MuJoCo Warp takes, in single precision.
+"""The same simulations on an NVIDIA GPU: `Worlds` that MuJoCo Warp steps and that never leave it, in single precision.
 
-All but the stepping is the batch's own. What tasks read and write are rows in the host's memory; they travel to the
-device before a control period and back after it.
+Their arrays are PyTorch's tensors over the device's own memory: what tasks write is the state at the next step, and
+nothing is copied to the host and back.
 """
 
 from __future__ import annotations
@@ -14,20 +14,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import host, tensors
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.batch import Rows, Snapshot, Worlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 Device: TypeAlias = Literal["cpu", "warp", "warp:cpu"]
 """MuJoCo on all processors; MuJoCo Warp on an NVIDIA GPU; and the same kernels on one processor, for tests."""
-_IN = ("time", "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
-       "mocap_pos", "mocap_quat")  # fmt: skip
-_OUT = ("time", "qpos", "qvel", "act", "qacc_warmstart")
+_STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
+          "mocap_pos", "mocap_quat")  # fmt: skip
+"""What an episode begins with, and all that decides how it goes on."""
+_DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rbound", "geom_aabb")
+"""What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
-
-_IDLE = {"dof_length"}  # Only sleeping reads it, and no scene lets anything sleep.
+_IDLE = {"dof_length", "bvh_aabb"}  # Only sleeping and rays read them, and no scene has either.
 
 
 class WarpWorlds(Worlds):
@@ -38,94 +40,178 @@ class WarpWorlds(Worlds):
         spec: HandSpec,
         model: mujoco.MjModel,
         n: int,
-        threads: int = 0,
         *,
         device: Device = "warp",
         contacts: int = 64,
         constraints: int = 256,
     ) -> None:
-        super().__init__(spec, model, n, threads)
         self._wp, self._mjw = _libraries()
         self._device = _device(self._wp, device)
+        self.xp = tensors(self._wp.device_to_torch(self._device))
         self._room = {"nconmax": contacts, "njmax": constraints}
-        self._m: Any = None
-        self._d: Any = None
-        self._graphs: dict[int, Any] = {}
-        self._edited = True
-        """A model field may have been written since the device has seen it."""
+        self._graphs: dict[Any, Any] = {}
         iterations = (getattr(self._mjw.OverflowType, name) for name in _ITERATIONS)
         self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations]))
+        super().__init__(spec, model, n)
 
     @property
     def device(self) -> str:
         """Where the steps are taken, as Warp calls it."""
         return str(self._device)
 
-    def expand(self, field: str) -> NDArray[Any]:
-        self._edited = True
-        return super().expand(field)
+    @property
+    def motion(self) -> Array | None:
+        return None
 
-    def choose(self, rows: Rows, variant: Rows) -> None:
-        self._edited = True
-        super().choose(rows, variant)
+    def add(self, model: mujoco.MjModel) -> int:
+        different = [
+            name for name in (*self._fields, "geom_type", "geom_dataid") if not _same(self.model, model, name)
+        ]
+        if unknown := [name for name in different if name not in self._fields]:
+            raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
+                              "choose objects of one shape")  # fmt: skip
+        self._models.append(model)
+        self._palettes.clear()
+        for name in different:
+            self.expand(name)
+        self._learn_start(model)
+        return len(self._models) - 1
+
+    def has(self, field: str) -> bool:
+        return field in self._fields
+
+    def expand(self, field: str) -> NDArray[Any]:
+        if field not in self._rows:
+            self._expand([field])
+        return self._rows[field]
+
+    def derive(self, rows: Rows) -> None:
+        self._expand([name for name in _DERIVED if name not in self._rows])
+        with self._wp.ScopedDevice(self._device):
+            self._run("derive", lambda: self._mjw.set_const(self._m, self._d))
 
     def external(self) -> Array:
-        raise ConfigError("on a Warp device nobody tells the joints' external torque: touch and state need device: cpu")
+        forces: Array = self._wp.to_torch(self._d.qfrc_constraint)[:, self._motion_columns]
+        return forces
+
+    def presenter(self) -> tuple[Array, Array, Array]:
+        own = self._own
+        return own["mocap_pos"][:, 0], own["mocap_quat"][:, 0], own["eq_active"][:, 0]
 
     def step(self, rows: Rows | None, count: int) -> None:
-        """As a batch does, for all at once; those not in `rows` stay as they were. Raises ConfigError where contacts or
-        constraints found no room, instead of going on without them."""
+        before = None if rows is None else {name: own.clone() for name, own in self._own.items()}
         with self._wp.ScopedDevice(self._device):
-            if self._edited:
-                self._send_model()
-            for name in _IN:
-                self._send(getattr(self._d, name), self._batch.bind(name))
-            self._advance(count)
-            self._check_room()
-            for name in _OUT:
-                mine, theirs = self._batch.bind(name), getattr(self._d, name).numpy()
-                mine[slice(None) if rows is None else rows] = theirs if rows is None else theirs[rows]
+            self._run(count, lambda: [self._mjw.step(self._m, self._d) for _ in range(count)])
+        if before is not None:
+            still = self.xp.ones(self.n, bool)
+            still[rows] = False
+            for name, own in self._own.items():
+                own[still] = before[name][still]
 
-    def _advance(self, count: int) -> None:
-        if not self._device.is_cuda:
-            for _ in range(count):
-                self._mjw.step(self._m, self._d)
-            return
-        if count not in self._graphs:
-            self._mjw.step(self._m, self._d)  # Compiles what capturing must not.
-            for name in _IN:
-                self._send(getattr(self._d, name), self._batch.bind(name))
-            with self._wp.ScopedCapture() as capture:
-                for _ in range(count):
-                    self._mjw.step(self._m, self._d)
-            self._graphs[count] = capture.graph
-        self._wp.capture_launch(self._graphs[count])
-
-    def _send_model(self) -> None:
-        """All fields that simulations have to themselves; the device's model is made anew when there are more."""
-        fields = _batched(self._mjw.Model, self._rows)
-        if self._m is None or any(len(getattr(self._m, field)) != self.n for field in fields):
-            self._m = _on_device(self._mjw, self.model, dict.fromkeys(fields, self.n))
-            self._d = self._mjw.make_data(self.model, nworld=self.n, **self._room)
-            self._graphs.clear()
-        for field in fields:
-            self._send(getattr(self._m, field), self._rows[field])
-        self._edited = False
-
-    def _send(self, theirs: Any, mine: Array) -> None:
-        if mine.size:
-            kind = self._wp.dtype_to_numpy(getattr(theirs.dtype, "_wp_scalar_type_", theirs.dtype))
-            own_shape = getattr(theirs.dtype, "_shape_", ())
-            theirs.assign(np.ascontiguousarray(mine, kind).reshape(*theirs.shape, *own_shape))
-
-    def _check_room(self) -> None:
-        dropped = self._d.overflow.numpy() & self._dropped
+    def check(self) -> None:
+        """Raise ConfigError where contacts or constraints found no room, instead of going on without them."""
+        dropped = host(self._overflow) & self._dropped
         if dropped.any():
             row = int(np.flatnonzero(dropped)[0])
             what = self._mjw.OverflowType(int(dropped[row])).name
             raise ConfigError(f"simulation {row} of {self.n} has more contacts or constraints than room on the device "
                               f"({what}): raise contacts above {self._room['nconmax']} or constraints above "
                               f"{self._room['njmax']}")  # fmt: skip
+
+    def state(self, row: int) -> Array:
+        data = self._data(row)
+        found = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(self.model, data, found, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return found
+
+    def restore(self, row: int, state: Array) -> None:
+        for name, value in self._parts(state).items():
+            self._own[name][row] = value
+
+    def keep_start(self, variant: int, state: Array) -> None:
+        for name, value in self._parts(state).items():
+            self._starts[name][variant] = value
+
+    def snapshot(self, row: int, into: Snapshot | None = None) -> Snapshot:
+        model = copy.copy(self._models[int(self.variant[row])])
+        for field, own in self._rows.items():
+            theirs = getattr(model, field)
+            theirs[...] = host(own[row]).reshape(theirs.shape)
+        into = Snapshot(model, self._data(row), self.spec)
+        mujoco.mj_forward(into.model, into.data)
+        return into
+
+    def _make(self, threads: int) -> None:
+        self._fields = _fields(self._mjw.Model, self.model)
+        with self._wp.ScopedDevice(self._device):
+            self._m = _on_device(self._mjw, self.model, {})
+            self._d = self._mjw.make_data(self.model, nworld=self.n, **self._room)
+            self._own = {name: self._wp.to_torch(getattr(self._d, name)) for name in _STATE}
+            self._overflow = self._wp.to_torch(self._d.overflow)
+        self._starts: dict[str, Any] = {name: own[:0] for name, own in self._own.items()}  # type: ignore[assignment]
+        self._qpos, self._qvel, self._ctrl = (self._own[name] for name in ("qpos", "qvel", "ctrl"))
+        self._push = self._own["xfrc_applied"]
+
+    def _begin(self, rows: Rows, variant: Rows) -> None:
+        for name, own in self._own.items():
+            own[rows] = self._starts[name][variant]
+
+    def _learn_start(self, model: mujoco.MjModel) -> None:
+        data = mujoco.MjData(model)
+        for name, start in self._starts.items():
+            self._starts[name] = self.xp.concatenate([start, self._one(name, getattr(data, name))])
+
+    def _parts(self, state: Array) -> dict[str, Any]:
+        data = mujoco.MjData(self.model)
+        mujoco.mj_setState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return {name: self._one(name, getattr(data, name))[0] for name in _STATE}
+
+    def _one(self, name: str, value: Any) -> Any:
+        """A value of MuJoCo's as a row of the device's."""
+        own = self._own[name]
+        return self.xp.asarray(np.asarray(value, np.float64)).to(own.dtype).reshape(1, *own.shape[1:])
+
+    def _data(self, row: int) -> mujoco.MjData:
+        data = mujoco.MjData(self.model)
+        for name, own in self._own.items():
+            value = host(own[row])
+            if name == "time":
+                data.time = float(value)
+            else:
+                getattr(data, name)[...] = value.reshape(getattr(data, name).shape)
+        return data
+
+    def _expand(self, fields: list[str]) -> None:
+        """A row of the device's model for every simulation; the model is made anew, with what the rows hold already."""
+        if not fields:
+            return
+        kept = {name: own.clone() for name, own in self._rows.items()}
+        with self._wp.ScopedDevice(self._device):
+            self._m = _on_device(self._mjw, self.model, dict.fromkeys((*kept, *fields), self.n))
+        self._graphs.clear()
+        for name in (*kept, *fields):
+            theirs = self._wp.to_torch(getattr(self._m, name))
+            self._rows[name] = theirs.view(self.n, *getattr(self.model, name).shape)
+            if name in kept:
+                self._rows[name][...] = kept[name]
+            elif len(self._models) > 1:
+                self._rows[name][...] = self._palette(name)[self.variant]
+
+    def _run(self, key: Any, act: Any) -> None:
+        """On a GPU once as it is, which compiles what capturing must not, and from then on as a captured graph."""
+        if not self._device.is_cuda or key not in self._graphs:
+            act()
+            self._graphs.setdefault(key, None)
+            return
+        if self._graphs[key] is None:
+            with self._wp.ScopedCapture() as capture:
+                act()
+            self._graphs[key] = capture.graph
+        self._wp.capture_launch(self._graphs[key])
+
+
+def _same(first: mujoco.MjModel, other: mujoco.MjModel, name: str) -> bool:
+    return np.array_equal(getattr(first, name), getattr(other, name))
 
 
 def _libraries() -> tuple[Any, Any]:
@@ -134,6 +220,7 @@ def _libraries() -> tuple[Any, Any]:
 
         warp.config.log_level = warp.LOG_WARNING
         import mujoco_warp
+        import torch  # noqa: F401
     except ImportError as error:
         raise ConfigError(f"device 'warp' needs MuJoCo Warp: pip install 'allegro-twin[warp]' ({error})") from error
     return warp, mujoco_warp
@@ -159,15 +246,11 @@ def _on_device(mjw: Any, model: mujoco.MjModel, sizes: dict[str, int]) -> Any:
         there = mjw.put_model(model, batch_sizes=sizes)
     except NotImplementedError as error:
         raise ConfigError(f"MuJoCo Warp cannot simulate this scene: {error}") from error
-    there.opt.warn_overflow = False  # It prints; `_check_room` raises.
+    there.opt.warn_overflow = False  # It prints; `check` raises.
     return there
 
 
-def _batched(model: Any, rows: dict[str, NDArray[Any]]) -> list[str]:
-    """Those of some fields that the device's model has. Raises ConfigError for one that it has once for all."""
-    known = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(model)}
-    for field in rows:
-        if field in known and known[field][:1] != ("*",) and field not in _IDLE:
-            raise ConfigError(f"MuJoCo Warp has one {field} for all simulations, and these scenes differ in it; "
-                              "choose objects of one shape")  # fmt: skip
-    return [field for field in rows if field in known and field not in _IDLE]
+def _fields(theirs: Any, model: mujoco.MjModel) -> set[str]:
+    """What simulations can have to themselves of MuJoCo's model."""
+    known = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(theirs)}
+    return {name for name, shape in known.items() if shape[:1] == ("*",) and hasattr(model, name)} - _IDLE

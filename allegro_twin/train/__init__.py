@@ -1,4 +1,5 @@
-"""Training: PPO of Stable-Baselines3 on the vector environments, from a recipe to a policy file with its figures."""
+"""Training: PPO, from a recipe to a policy file with its figures: of Stable-Baselines3 on processors, and of rsl-rl where
+the simulations are on a GPU."""
 
 from __future__ import annotations
 
@@ -11,7 +12,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.train.settings import Recipe, load_recipe
 
 if TYPE_CHECKING:
-    from allegro_twin.train.learning import Trained
+    from allegro_twin.train.learned import Trained
+
+_CPU = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
+_GPU = "rl,warp", ("torch", "rsl_rl", "onnx", "onnxruntime")
 
 __all__ = ["Recipe", "load_recipe", "train"]
 
@@ -21,11 +25,16 @@ def train(
 ) -> Trained:
     """Train in `folder`, or go on with what is there; told after every update: the actions taken, and the mean return
     and success rate since. Raises ConfigError without the extra, or for a folder of another training."""
-    for name in ("torch", "stable_baselines3", "onnx", "tensorboard"):
+    on_device = recipe.environment.device != "cpu"
+    extra, needed = _GPU if on_device else _CPU
+    for name in needed:
         try:
             import_module(name)
         except ImportError as error:
-            raise ConfigError(f"training needs {name}: pip install 'allegro-twin[rl]'") from error
-    from allegro_twin.train.learning import learn
+            raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
+    if on_device:
+        from allegro_twin.train.on_device import learn
+    else:
+        from allegro_twin.train.learning import learn
 
     return learn(recipe, folder, advance)

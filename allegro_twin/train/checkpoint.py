@@ -61,13 +61,17 @@ def read(path: Path, recipe: Recipe) -> Progress:
             f"{path} is a checkpoint of version {content['version']}; this package continues {VERSION}: "
             "train anew in another folder"
         )
-    was = parse(Recipe, content["recipe"], str(path)).model_dump(mode="json")
-    now = recipe.model_dump(mode="json")
-    # More steps are a longer training of the same kind; all else would be another training.
-    changed = [key for key in sorted(now.keys() | was.keys()) if key != "steps" and was.get(key) != now.get(key)]
+    same_training(path, content["recipe"], recipe)
+    return Progress(**content["progress"])
+
+
+def same_training(path: Path, was: object, recipe: Recipe) -> None:
+    """Raise ConfigError for a checkpoint of another recipe than this one; more steps are a longer training of the same
+    kind."""
+    then, now = parse(Recipe, was, str(path)).model_dump(mode="json"), recipe.model_dump(mode="json")
+    changed = [key for key in sorted(now.keys() | then.keys()) if key != "steps" and then.get(key) != now.get(key)]
     if changed:
         key = changed[0]
         raise ConfigError(
-            f"{path.parent.parent} is a training with {key} {was.get(key)}, not {now.get(key)}: choose another folder"
+            f"{path.parent.parent} is a training with {key} {then.get(key)}, not {now.get(key)}: choose another folder"
         )
-    return Progress(**content["progress"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card, write_card
-from allegro_twin.train.network import ACHIEVED, BOUND, GOAL, Normalised
+from allegro_twin.train.learned import ACHIEVED, GOAL
 
 OPSET, IR = 17, 9  # Read by every onnxruntime since 1.17.
 
@@ -35,26 +36,40 @@ class _Graph:
         self.last = output
 
 
-def to_onnx(model: Any, path: Path, card: Card) -> None:
-    """The mean action of a model of Stable-Baselines3 whose observations are `Normalised`, within [-1, 1]."""
-    front, body, head = model.policy.pi_features_extractor, model.policy.mlp_extractor, model.policy.action_net
-    assert isinstance(front, Normalised)
-    names = front.names or ["observation"]
-    spaces = [model.observation_space[name] for name in front.names] or [model.observation_space]
-    inputs = [_floats(name, space.shape[-1]) for name, space in zip(names, spaces, strict=True)]
+@dataclass(frozen=True, slots=True, eq=False)
+class Layered:
+    """A policy's mean action: its inputs side by side, normalised, through layers one after the other."""
+
+    widths: dict[str, int]
+    """The names of the inputs in their order, and how many numbers each has. With a goal there is one part more at the
+    end: the goal less what is achieved."""
+    mean: Any
+    scale: Any
+    """What the distance from the mean is multiplied with, (features,)."""
+    bound: float | None
+    """Where that is clipped."""
+    layers: list[Any]
+    """Of PyTorch: linear ones, Tanh and ELU."""
+
+
+def to_onnx(policy: Layered, path: Path, card: Card) -> None:
+    """Its mean action, within [-1, 1]."""
+    names = list(policy.widths)
+    inputs = [_floats(name, width) for name, width in policy.widths.items()]
     graph = _Graph(names[0])
     if len(names) > 1:
         graph.last = GOAL
         graph.add("Sub", ACHIEVED)
         missing, graph.last = graph.last, names[0]
         graph.add("Concat", *names[1:], missing, axis=1)
-    graph.add("Sub", graph.constant(front.mean.float().numpy()))
-    graph.add("Mul", graph.constant(front.scale.numpy()))
-    graph.add("Clip", graph.constant(-BOUND), graph.constant(BOUND))
-    for layer in [*body.policy_net, head]:
+    graph.add("Sub", graph.constant(policy.mean))
+    graph.add("Mul", graph.constant(policy.scale))
+    if policy.bound is not None:
+        graph.add("Clip", graph.constant(-policy.bound), graph.constant(policy.bound))
+    for layer in policy.layers:
         kind = type(layer).__name__
         if kind == "Linear":
-            weight, bias = layer.weight.detach().numpy(), layer.bias.detach().numpy()
+            weight, bias = (part.detach().cpu().numpy() for part in (layer.weight, layer.bias))
             graph.add("Gemm", graph.constant(weight), graph.constant(bias), transB=1)
         else:
             graph.add({"Tanh": "Tanh", "ELU": "Elu"}[kind])

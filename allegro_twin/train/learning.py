@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,25 +18,13 @@ from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
 from allegro_twin.train.export import to_onnx
-from allegro_twin.train.network import STATE, Asymmetric, Normalised
+from allegro_twin.train.learned import EVALUATION, STATE, Trained, farthest_of, note, rate_of
+from allegro_twin.train.network import Asymmetric, Normalised, layered
 from allegro_twin.train.settings import Recipe
 from allegro_twin.train.stable import StableEnv
 from allegro_twin.train.watching import Advance, Watching
 
-FINAL_RATE = 0.1  # Of the learning rate, at the end.
 ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
-EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
-
-
-@dataclass(frozen=True, slots=True)
-class Trained:
-    """What a training has left behind."""
-
-    policy: Path
-    """The .onnx file."""
-    progress: Progress
-    rate: float
-    """Success rate of the last evaluation, on what was trained on."""
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
@@ -56,7 +43,7 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     rate = float("nan")
     while progress.rounds < recipe.rounds:
         watching = Watching(curve, progress.seconds, advance)
-        _round(model, stable, recipe, progress.rounds, watching)
+        _round(model, stable, recipe, progress, watching)
         policy = _deterministic(model)
         rate = evaluate(policy, recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
         progress = Progress(progress.rounds + 1, int(model.num_timesteps), watching.seconds)
@@ -66,16 +53,11 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
         checkpoint.save(model, folder / "checkpoints" / f"{progress.rounds:05d}.zip", recipe, card, progress)
     if rate != rate:  # Nothing was left to do.
         rate = evaluate(_deterministic(model), recipe.task, recipe.environment, recipe.trials, seed=EVALUATION).rate
-    to_onnx(model, folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
+    to_onnx(layered(model), folder / "policy.onnx", card.model_copy(update={"note": note(recipe, progress)}))
     with whole_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
     stable.close()
     return Trained(folder / "policy.onnx", progress, rate)
-
-
-def note(recipe: Recipe, progress: Progress) -> str:
-    """How a policy was trained, for its card."""
-    return f"PPO, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 
 def _model(recipe: Recipe, env: StableEnv) -> Any:
@@ -106,19 +88,13 @@ def _model(recipe: Recipe, env: StableEnv) -> Any:
     )
 
 
-def _far(farthest: tuple[float, float], number: int, rounds: int) -> float:
-    """Of the goals in a round, rad."""
-    return farthest[0] + (farthest[1] - farthest[0]) * number / max(rounds - 1, 1)
-
-
-def _round(model: Any, env: StableEnv, recipe: Recipe, number: int, watching: Watching) -> None:
+def _round(model: Any, env: StableEnv, recipe: Recipe, progress: Progress, watching: Watching) -> None:
     """One round. Everything random in it follows from the recipe's seed and its number, so that a training that was
     continued cannot be told from one that was not."""
-    if recipe.farthest is not None:
-        env.env.engine.task.farthest = _far(recipe.farthest, number, recipe.rounds)
-    part = number / recipe.rounds
-    model.lr_schedule = ConstantSchedule(recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * part))
-    seed = (recipe.seed + number * ROUND_SEEDS) % 2**31
+    if (farthest := farthest_of(recipe, progress)) is not None:
+        env.env.engine.task.farthest = farthest
+    model.lr_schedule = ConstantSchedule(rate_of(recipe, progress))
+    seed = (recipe.seed + progress.rounds * ROUND_SEEDS) % 2**31
     set_random_seed(seed)
     env.seed(seed)
     model._last_obs = None  # So that `learn` begins with new episodes.

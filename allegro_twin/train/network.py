@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 
-GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
-STATE = "state"
+from allegro_twin.train.export import Layered
+from allegro_twin.train.learned import ACHIEVED, GOAL, STATE
+
 BOUND = 5.0
 """Standard deviations beyond which an observation is clipped."""
 LEAST = 1e-6
@@ -79,3 +80,18 @@ class Asymmetric(MultiInputActorCriticPolicy):  # type: ignore[misc]  # Likewise
         width = self.vf_features_extractor.features_dim
         critic = MlpExtractor(width, net_arch=self.net_arch, activation_fn=self.activation_fn, device=self.device)
         self.mlp_extractor.value_net = critic.value_net
+
+
+def layered(model: Any) -> Layered:
+    """The mean action of a model of Stable-Baselines3 whose observations are `Normalised`."""
+    front, body, head = model.policy.pi_features_extractor, model.policy.mlp_extractor, model.policy.action_net
+    assert isinstance(front, Normalised)
+    spaces_of = {name: model.observation_space[name] for name in front.names}
+    widths = {name: int(space.shape[-1]) for name, space in spaces_of.items()}
+    return Layered(
+        widths=widths or {"observation": int(model.observation_space.shape[-1])},
+        mean=front.mean.float().numpy(),
+        scale=front.scale.numpy(),
+        bound=BOUND,
+        layers=[*body.policy_net, head],
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
@@ -38,6 +38,9 @@ class Recipe(Settings):
     epochs: Count = 5
     learning_rate: Positive = 5e-4
     """At the beginning; it falls in a straight line to a tenth."""
+    desired_kl: Positive | None = None
+    """On a device: the learning rate is adapted so that an update changes the policy by so much (Schulman et al. 2017).
+    None: it falls as described."""
     discount: Share = 0.98
     trace: Share = 0.95
     """λ of the advantage estimate."""
@@ -61,6 +64,12 @@ class Recipe(Settings):
         if value not in TASKS and ":" not in value:
             raise ValueError(unknown("task", value, TASKS))
         return value
+
+    @model_validator(mode="after")
+    def _served(self) -> Recipe:
+        if self.desired_kl is not None and self.environment.device == "cpu":
+            raise ValueError("desired_kl is for environments on a device: leave it out, or say device: warp")
+        return self
 
     @property
     def update(self) -> int:

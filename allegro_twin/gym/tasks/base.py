@@ -110,7 +110,8 @@ class Task(ABC):
 
     def scripts(self, rows: Rows) -> Rows:
         """Which script each simulation follows, (m,)."""
-        return np.zeros(len(rows), np.int64)
+        found: Rows = self.worlds.xp.zeros(len(rows), np.int64)
+        return found
 
     def goal(self) -> NDArray[np.floating[Any]] | None:
         """What to reach, shape (n, k), for tasks with goals."""
@@ -136,7 +137,7 @@ class Task(ABC):
         settings = self.settings
         chosen = {} if settings.step is None else {"step": settings.step}
         common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation,
-                  "history": settings.history}  # fmt: skip
+                  "history": settings.history, "xp": self.worlds.xp}  # fmt: skip
         return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
 
     @property

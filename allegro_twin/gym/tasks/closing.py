@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import host
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws
@@ -55,9 +56,11 @@ class Closing(Task):
                 self.worlds = worlds(self.spec, scene.model, n, threads, settings)
             self._learn(scene, given, None)
         self.thing = self.worlds.free(THING)
-        self.offset = np.zeros((n, 3))
+        xp = self.worlds.xp
+        self.offset = xp.zeros((n, 3))
         """By how much each object is off, m, world."""
-        self.script = np.zeros(n, np.int64)
+        self.script = xp.zeros(n, np.int64)
+        self._upward = xp.asarray(np.array([0.0, 0.0, 1.0]))
 
     @abstractmethod
     def scene(self, given: Given, grasp: str | None) -> Scene:
@@ -82,8 +85,10 @@ class Closing(Task):
         if options.object is None and options.grasp is None:
             return drawn
         chosen = None if options.object is None else self._named.get(options.object, options.object)
-        things = [chosen or self.things()[number] for number in drawn]
-        return np.array([self._number(given, options.grasp) for given in things], np.int64)
+        things = [chosen or self.things()[number] for number in drawn.tolist()]
+        numbers = np.array([self._number(given, options.grasp) for given in things], np.int64)
+        found: Rows = self.worlds.xp.asarray(numbers)
+        return found
 
     def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         self.variation.draw(draws, values)
@@ -93,11 +98,11 @@ class Closing(Task):
         width = self.settings.position_noise if options.position_noise is None else options.position_noise
         width = self.variation.noise if width is None else width
         self.offset[rows] = draws.within(-width, width, 3)
-        yaw = draws.within(-self.variation.yaw, self.variation.yaw) * (0.0, 0.0, 1.0)
+        yaw = draws.within(-self.variation.yaw, self.variation.yaw) * self._upward
         self.script[rows] = variant
         start = self._starts[variant]
         if options.posture is not None:
-            start = np.broadcast_to(load_posture(options.posture, self.spec), start.shape)
+            start = 0.0 * start + self.worlds.xp.asarray(load_posture(options.posture, self.spec))
         self.worlds.position[rows] = start
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
@@ -110,11 +115,11 @@ class Closing(Task):
         return tuple(Closed(grasp=s.grasp.name, wait=self.wait, squeeze=self.squeeze) for s in self.scenes)
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
-        scenes = [self.scenes[number] for number in self.script[rows]]
+        scenes = [self.scenes[number] for number in self.script[rows].tolist()]
         return {
             "object": np.array([scene.thing for scene in scenes], dtype=object),
             "grasp": np.array([scene.grasp.name for scene in scenes], dtype=object),
-            "position_noise": self.offset[rows],
+            "position_noise": host(self.offset[rows]),
         }
 
     def closed(self, scene: Scene) -> int:
@@ -147,8 +152,9 @@ class Closing(Task):
         moves, period = closing(scene.grasp, self.wait, self.squeeze), self.settings.period
         self._scripts.append(sampled(moves, scene.grasp.preshape, self.periods, period))
         self.interface = self._interface(scripts=table(self._scripts), reach=self.settings.reach)
-        self._starts = np.array([scene.grasp.preshape for scene in self.scenes])
-        self._poses = np.array([scene.pose for scene in self.scenes])
+        place = self.worlds.xp.asarray
+        self._starts = place(np.array([scene.grasp.preshape for scene in self.scenes]))
+        self._poses = place(np.array([scene.pose for scene in self.scenes]))
         self.learned()
 
     def learned(self) -> None:

@@ -40,12 +40,13 @@ class Grasp(Closing):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        self.push = np.zeros((n, 3))
+        xp = self.worlds.xp
+        self.push = xp.zeros((n, 3))
         """N, world."""
-        self.place = np.zeros((n, 3))
+        self.place = xp.zeros((n, 3))
         """Where the object was at the first observation after it was let go, m, world."""
         self._hand, self._way, self._holds = self.worlds.presenter()
-        self._periods = np.arange(settings.decimation)[:, None]
+        self._periods = xp.arange(settings.decimation)[:, None]
 
     def things(self) -> tuple[Given, ...]:
         return self.settings.objects or tuple(known())[:12]
@@ -59,15 +60,16 @@ class Grasp(Closing):
     def learned(self) -> None:
         period = self.settings.period
         part = np.minimum(np.arange(self.periods + 1) * period / APPROACH, 1.0)
-        self._left = 1.0 - part**3 * (10 + part * (6 * part - 15))  # Minimum jerk.
-        self._release = np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes])
-        self._retreats = np.array([scene.retreat for scene in self.scenes])
-        self._middles = np.array([scene.pose[:3] for scene in self.scenes])
+        place = self.worlds.xp.asarray
+        self._left = place(1.0 - part**3 * (10 + part * (6 * part - 15)))  # Minimum jerk.
+        self._release = place(np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes]))
+        self._retreats = place(np.array([scene.retreat for scene in self.scenes]))
+        self._middles = place(np.array([scene.pose[:3] for scene in self.scenes]))
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
-        self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, np.zeros(len(rows), np.int64))
+        self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, 0 * rows)
         self._way[rows] = self.thing.pose[rows, 3:]
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
@@ -82,14 +84,15 @@ class Grasp(Closing):
         first = tick - release
         going = first + self._periods
         self._path = self._forces = None
-        if first.min() < 0:
+        known = self.worlds.xp is np  # On a device asking costs more than doing it all.
+        if not known or first.min() < 0:
             self._holding = going < 0
             self._path = self._hand_at(slice(None), going + release)
         else:
             self._holds[:] = 0.0
-        if going[-1].max() >= CALM / period:
+        if not known or going[-1].max() >= CALM / period:
             pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
-            self._forces = np.where(pushing[..., None], self.push, 0.0)
+            self._forces = self.worlds.xp.where(pushing[..., None], self.push, 0.0)
         else:
             self.thing.force[:] = 0.0
 
@@ -106,9 +109,10 @@ class Grasp(Closing):
         going = tick - self._release[self.script]
         alone = going > 0
         just = alone & (going <= self.settings.decimation)
-        np.copyto(self.place, self.thing.pose[:, :3], where=just[:, None])
-        drift = np.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
-        hold = np.where(alone, np.exp(-((drift / WIDTH) ** 2)), 0.0)
+        xp = self.worlds.xp
+        self.place[...] = xp.where(just[:, None], self.thing.pose[:, :3], self.place)
+        drift = xp.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
+        hold = xp.where(alone, xp.exp(-((drift / WIDTH) ** 2)), 0.0)
         effort = effort_of(action)
         failed = drift > LOST
         over = going >= (CALM + PUSHED) / self.settings.period
@@ -118,6 +122,6 @@ class Grasp(Closing):
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
         """Where the presenter's hand is, (..., 3), m, world."""
         number = self.script[rows]
-        left = self._left[np.minimum(tick, len(self._left) - 1)]
+        left = self._left[self.worlds.xp.minimum(tick, len(self._left) - 1)]
         place: Array = self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]
         return place

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from allegro_twin.arrays import host
 from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.settings import EnvSettings, Level, Options
@@ -47,8 +48,8 @@ class HoldDisturbed(Grasp):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        self._weight = np.zeros(n)
-        self._key = np.zeros(n, np.uint64)
+        self._weight = self.worlds.xp.zeros(n)
+        self._key = self.worlds.xp.zeros(n, np.uint64)
         self._caught = 0
         self._catch()
 
@@ -68,20 +69,20 @@ class HoldDisturbed(Grasp):
 
     def plan(self, tick: Ticks) -> None:
         period = self.settings.period
-        ticks = tick + np.arange(self.settings.decimation)[:, None]
+        ticks = tick + self._periods
         into = ticks * period % EVERY
-        number = np.asarray(ticks[-1] * period // EVERY, np.int64)
+        number = self.worlds.xp.asarray(ticks[-1] * period // EVERY, np.int64)
         self._force = jitter(self._key, number, 7, 3) * (STRONGEST * self.variation.push * self._weight)[:, None]
         self._pushing = into >= EVERY - LASTS
 
     def drive(self, k: int) -> None:
         assert self.thing is not None
-        np.multiply(self._force, self._pushing[k][:, None], out=self.thing.force)
+        self.thing.force[...] = self._force * self._pushing[k][:, None]
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
         drift = length(self.thing.pose[:, :3] - self.place)
-        hold, effort = np.exp(-((drift / WIDTH) ** 2)), effort_of(action)
+        hold, effort = self.worlds.xp.exp(-((drift / WIDTH) ** 2)), effort_of(action)
         over = tick * self.settings.period >= self.seconds - self.interface.seconds
         return Outcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
 
@@ -98,7 +99,7 @@ class HoldDisturbed(Grasp):
         for number in range(self._caught, len(self.scenes)):
             scene, script = self.scenes[number], self._scripts[number]
             last = int(self._release[number]) + round(SETTLE / self.settings.period)
-            path = scene.pose[:3] - self._left[:, None] * scene.retreat
+            path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
 
             def around(worlds: Worlds, k: int, path: Array = path, release: int = int(self._release[number])) -> None:
                 hand, _, holds = worlds.presenter()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import library
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.camera import Camera, Seen
 from allegro_twin.gym.given import thing_of
@@ -42,18 +43,21 @@ class InHand(Task):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        self.interface = self._interface(step=self.step)
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
         self._names: list[str] = []
+        self._table: Held | None = None
         for given in settings.objects or ("rubiks_cube",):
             self._learn(thing_of(given), n, threads)
+        self.interface = self._interface(step=self.step)
+        self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
         self.thing = self.worlds.free(THING)
         self.camera = Camera(settings.randomise, self.thing, settings.decimation)
-        self.place = np.zeros((n, 3))
+        xp = self.worlds.xp
+        self.place = xp.zeros((n, 3))
         """Where the object was at the beginning, m, world."""
-        self.kind, self._state = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        self.start = np.zeros((n, self.spec.n_joints))
+        self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
+        self.start = xp.zeros((n, self.spec.n_joints))
         """Targets of the fingers at the beginning, rad."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
@@ -62,28 +66,23 @@ class InHand(Task):
             return drawn
         if options.object not in self._names:
             self._learn(thing_of(options.object), self.n, 1)
-        return np.full(len(rows), self._names.index(options.object))
+        return drawn * 0 + self._names.index(options.object)
 
     def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         """The state to begin in, and with it the object's size; the friction."""
         friction, among = draws.within(*_FRICTION)[:, 0], draws.within(0.0, 1.0)[:, 0]
         values.setdefault("friction", friction)
-        wanted = values.get("size")
-        for row, kind, number in zip(rows, variant, range(len(rows)), strict=True):
-            sizes = self._held[kind].size
-            self._state[row] = _chosen(sizes, None if wanted is None else float(wanted[number]), float(among[number]))
-        values["size"] = np.array(
-            [self._held[kind].size[self._state[row]] for row, kind in zip(rows, variant, strict=True)]
-        )
+        table = self._states()
+        state = _chosen(table.size[variant], values.get("size"), among)
+        self._state[rows] = state
+        values["size"] = table.size[variant, state]
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         assert self.thing is not None
-        found = [(self._held[kind], state) for kind, state in zip(variant, self._state[rows], strict=True)]
-        position, target, pose = (
-            np.array([getattr(each, part)[state] for each, state in found]) for part in ("position", "target", "pose")
-        )
+        table, state = self._states(), self._state[rows]
+        position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
         noise = draws.within(-_HAND, _HAND, self.spec.n_joints)
-        self.worlds.position[rows] = np.clip(position + noise, self.spec.lower, self.spec.upper)
+        self.worlds.position[rows] = self.worlds.xp.clip(position + noise, self._lower, self._upper)
         pose[:, :3] += draws.within(-_PLACE, _PLACE, 3)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
@@ -98,10 +97,12 @@ class InHand(Task):
     def told(self, seen: Seen) -> Array:
         """The object's shift from where it began, in 5 cm, its quaternion, its velocity and its spin; world axes."""
         shift = (seen.position - self.place) / 0.05
-        return np.concatenate([shift, seen.quaternion, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
+        parts = [shift, seen.quaternion, seen.velocity / FAST, seen.spin / SPINS]
+        found: Array = self.worlds.xp.concatenate(parts, axis=-1)
+        return found
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
-        return {"object": np.array([self._names[number] for number in self.kind[rows]], dtype=object)}
+        return {"object": np.array([self._names[number] for number in self.kind[rows].tolist()], dtype=object)}
 
     def lost(self) -> Flags:
         assert self.thing is not None
@@ -116,8 +117,26 @@ class InHand(Task):
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
         self._held.append(held(thing, self.settings.side))
+        self._table = None
         self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
         self._names.append(thing.name)
+
+    def _states(self) -> Held:
+        """Those of every object in one table, (objects, states, …); those with fewer are filled up with states of
+        infinite size."""
+        if self._table is None:
+            most = max(len(held.size) for held in self._held)
+            fill = {"size": np.inf, "position": 0.0, "target": 0.0, "pose": 0.0}
+            parts = {}
+            for name, value in fill.items():
+                columns = [getattr(held, name) for held in self._held]
+                padded = [
+                    np.concatenate([c, np.full((most - len(c), *c.shape[1:]), value)]) if len(c) < most else c
+                    for c in columns
+                ]
+                parts[name] = self.worlds.xp.asarray(np.stack(padded))
+            self._table = Held(**parts)
+        return self._table
 
     def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
         if self._names:
@@ -126,12 +145,20 @@ class InHand(Task):
             self.worlds = worlds(self.spec, model, n, threads, self.settings)
 
 
-def _chosen(sizes: Array, wanted: float | None, among: float) -> int:
-    """One of the states, by a number in [0, 1); of about the wanted size. Raises ConfigError where there is none."""
+def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
+    """One of each row's states in order of size (m, k), inf where there are no more, by numbers in [0, 1), (m,); of
+    about the wanted size (m,). Raises ConfigError where there is none."""
+    xp = library(sizes)
+    count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:
-        return min(int(among * len(sizes)), len(sizes) - 1)
-    if not sizes[0] - 0.005 <= wanted <= sizes[-1] + 0.005:
-        raise ConfigError(f"fingertips are taught to hold this object at {sizes[0]:.2f} to {sizes[-1]:.2f} times its "
-                          f"size, not {wanted:g}")  # fmt: skip
-    near = int(np.searchsorted(sizes, wanted)) + int((among - 0.5) * _NEAR)
-    return min(max(near, 0), len(sizes) - 1)
+        state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)
+        return state
+    last = sizes[xp.arange(len(sizes)), count - 1]
+    beyond = (wanted < sizes[:, 0] - 0.005) | (wanted > last + 0.005)
+    if bool(beyond.any()):
+        row = int(xp.flatnonzero(beyond)[0])
+        raise ConfigError(f"fingertips are taught to hold this object at {float(sizes[row, 0]):.2f} to "
+                          f"{float(last[row]):.2f} times its size, not {float(wanted[row]):g}")  # fmt: skip
+    near = (sizes < wanted[:, None]).sum(axis=-1) + xp.asarray((among - 0.5) * _NEAR, np.int64)
+    chosen: Rows = xp.minimum(xp.maximum(near, 0), count - 1)
+    return chosen

@@ -33,8 +33,11 @@ class Lift(Closing):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
-        self.place = np.zeros((n, 3))
+        xp = self.worlds.xp
+        self.place = xp.zeros((n, 3))
         """Where the object stood, m, world."""
+        self._level = xp.asarray(np.array([1.0, 1.0, 0.0]))
+        self._periods = xp.arange(settings.decimation)[:, None]
         _, self._wish = self.worlds.joint("wrist_z")
 
     def things(self) -> tuple[Given, ...]:
@@ -49,16 +52,18 @@ class Lift(Closing):
 
     def learned(self) -> None:
         period = self.settings.period
-        self._up = np.array([self.closed(scene) for scene in self.scenes])
-        self._heights = np.array([scene.pose[2] for scene in self.scenes])
-        self._wishes = np.zeros((len(self.scenes), self.periods + 1))
-        for row, scene in zip(self._wishes, self.scenes, strict=True):
+        place = self.worlds.xp.asarray
+        self._up = place(np.array([self.closed(scene) for scene in self.scenes]))
+        self._heights = place(np.array([scene.pose[2] for scene in self.scenes]))
+        courses = np.zeros((len(self.scenes), self.periods + 1))
+        for row, scene in zip(courses, self.scenes, strict=True):
             waiting = self.closed(scene) * period - DOWN
             moves = [(DOWN, -scene.retreat[2]), (waiting, 0.0), (UP, HEIGHT)]
             stretches = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
             wishes = wrist.commands(stretches, period, wrist.load(scene.model))[: len(row), 2]
             row[: len(wishes)] = wishes
             row[len(wishes) :] = wishes[-1]
+        self._wishes = place(courses)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
@@ -69,8 +74,8 @@ class Lift(Closing):
         self.place[rows] = self.thing.pose[rows, :3]
 
     def plan(self, tick: Ticks) -> None:
-        ticks = tick + np.arange(self.settings.decimation)[:, None]
-        self._course = self._wishes[self.script, np.minimum(ticks, self.periods)]
+        ticks = self.worlds.xp.minimum(tick + self._periods, self.periods)
+        self._course = self._wishes[self.script, ticks]
 
     def drive(self, k: int) -> None:
         self._wish[:] = self._course[k]
@@ -79,8 +84,9 @@ class Lift(Closing):
         assert self.thing is not None
         up, period = self._up[self.script], self.settings.period
         moved = self.thing.pose[:, :3] - self.place
-        rise = np.where(tick > up, np.clip(moved[:, 2] / HEIGHT, 0.0, 1.0), 0.0)
-        shoved = length(moved * (1.0, 1.0, 0.0))
+        xp = self.worlds.xp
+        rise = xp.where(tick > up, xp.clip(moved[:, 2] / HEIGHT, 0.0, 1.0), 0.0)
+        shoved = length(moved * self._level)
         effort = effort_of(action)
         over = tick >= up + (UP + HOLD) / period
         missed = (tick >= up + UP / period) & (rise < 0.2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.arrays import host, own
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
@@ -45,22 +46,25 @@ class Reach(Task):
         middle, half = self.interface.middle, self.interface.half
         # The table of the right hand, mirrored: the sides have the same goals.
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
-        self._goals = self.interface.fingertips(free_of_contact(model, self.spec, wishes, GOALS)).astype(np.float32)
-        self._goal = np.zeros((n, self.interface.n_goal), np.float32)
-        self._start = load_posture("home", self.spec)
+        free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
+        self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
+        self._goal = xp.zeros((n, self.interface.n_goal), np.float32)
+        self._start = xp.asarray(load_posture("home", self.spec))
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
-        return np.zeros(len(rows), np.int64)
+        found: Rows = self.worlds.xp.zeros(len(rows), np.int64)
+        return found
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
-        start = self._start if options.posture is None else load_posture(options.posture, self.spec)
+        xp = self.worlds.xp
+        start = self._start if options.posture is None else xp.asarray(load_posture(options.posture, self.spec))
         self.worlds.position[rows] = start
         self._goal[rows] = self._goals[draws.number(len(self._goals))]
 
     def marks(self, row: int) -> list[Mark]:
         """A ball at each goal; the palm's frame is the world's, but for a drawn tilt of the wrist."""
         size = np.full(3, MARK)
-        places = self._goal[row].astype(np.float64).reshape(-1, 3)
+        places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
 
     def goal(self) -> Floats:
@@ -71,17 +75,18 @@ class Reach(Task):
         achieved, desired = observation["achieved_goal"], observation["desired_goal"]
         apart = self._distances(achieved, desired)
         reward = self._rewarded(apart)
-        return Outcome(reward, np.zeros(self.n, bool), apart.max(axis=-1) < REACHED, {"distance": -reward})
+        xp = self.worlds.xp
+        return Outcome(reward, xp.zeros(self.n, bool), xp.max(apart, axis=-1) < REACHED, {"distance": -reward})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
         return self._rewarded(self._distances(achieved, desired))
 
     def _rewarded(self, apart: Array) -> Array:
-        reward: Array = np.add.reduce(apart, axis=-1) * (-10.0 / apart.shape[-1])
+        reward: Array = apart.sum(axis=-1) * (-10.0 / apart.shape[-1])
         return reward
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Of every fingertip, (..., fingers), m."""
-        apart = np.subtract(desired, achieved, dtype=np.float64)
+        apart = own(desired) - own(achieved)
         return length(apart.reshape(*apart.shape[:-1], -1, 3))

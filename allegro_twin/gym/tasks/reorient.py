@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.arrays import host, library, own
 from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
@@ -37,10 +38,11 @@ class Reorient(InHand):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self.farthest = settings.farthest or FARTHEST[settings.goals]
-        self._goal = np.zeros((n, 4), np.float32)
-        self._key = np.zeros(n, np.uint64)
-        self._renewed = np.zeros(n, bool)
-        self.reached = np.zeros(n, np.int64)
+        xp = self.worlds.xp
+        self._goal = xp.zeros((n, 4), np.float32)
+        self._key = xp.zeros(n, np.uint64)
+        self._renewed = xp.zeros(n, bool)
+        self.reached = xp.zeros(n, np.int64)
         """Goals since the reset."""
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
@@ -49,7 +51,7 @@ class Reorient(InHand):
         self._renew(rows)
 
     def plan(self, tick: Ticks) -> None:
-        rows = np.flatnonzero(self._renewed)
+        rows = self.worlds.xp.flatnonzero(self._renewed)
         if len(rows):
             self._renew(rows)
             self._renewed[rows] = False
@@ -57,8 +59,8 @@ class Reorient(InHand):
     def marks(self, row: int) -> list[Mark]:
         """The object as it should be turned, beside the hand."""
         assert self.thing is not None
-        size = self.worlds.expand("geom_size")[row, self.thing.geoms.start]
-        pose = np.concatenate([self.place[row] + BESIDE, self._goal[row]])
+        size = host(self.worlds.expand("geom_size")[row, self.thing.geoms.start])
+        pose = np.concatenate([host(self.place[row]) + BESIDE, host(self._goal[row])])
         kind = "box" if size.min() > 0 else "sphere"
         return [Mark(kind, np.array(size), pose, material="object_look")]
 
@@ -75,10 +77,12 @@ class Reorient(InHand):
         there = (angle < REACHED) & ~lost
         self.reached += there
         self._renewed |= there
-        dropped = np.where(lost, DROPPED, 0.0)
+        xp = self.worlds.xp
+        dropped = xp.where(lost, DROPPED, 0.0)
         terms = {"near": _near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
         reward = terms["near"] + terms["bonus"] + dropped
-        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": self.reached.astype(np.float64)})
+        reached = xp.asarray(self.reached, np.float64)
+        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """How near the orientations (..., 4) are, from 0 to 1, the bonus for a goal, and what a loss costs."""
@@ -88,24 +92,29 @@ class Reorient(InHand):
     def _renew(self, rows: Rows) -> None:
         """New goals, from where the objects are: each simulation's own numbers, the same in every batch."""
         assert self.thing is not None
-        z, around, far = (jitter(self._key[rows], self.reached[rows], 10, 3).T + 1.0) / 2.0
+        xp = self.worlds.xp
+        even = (jitter(self._key[rows], self.reached[rows], 10, 3) + 1.0) / 2.0
+        z, around, far = (even[:, k] for k in range(3))
         angle = NEAREST + (max(self.farthest, NEAREST) - NEAREST) * far
         if self.settings.goals == "yaw":
-            axis = np.stack([0.0 * z, 0.0 * z, np.where(z < 0.5, -1.0, 1.0)], axis=-1)
+            axis = xp.stack([0.0 * z, 0.0 * z, xp.where(z < 0.5, -1.0, 1.0)], axis=-1)
         else:
             height = 2.0 * z - 1.0
-            radius = np.sqrt(np.maximum(1.0 - height * height, 0.0))
-            axis = np.stack([radius * np.cos(2 * np.pi * around), radius * np.sin(2 * np.pi * around), height], axis=-1)
-        self._goal[rows] = turned_by(self.thing.pose[rows, 3:], axis * angle[:, None])
+            radius = xp.sqrt(xp.maximum(1.0 - height * height, 0.0))
+            axis = xp.stack([radius * xp.cos(2 * np.pi * around), radius * xp.sin(2 * np.pi * around), height], axis=-1)
+        turned = turned_by(self.thing.pose[rows, 3:], axis * angle[:, None])
+        self._goal[rows] = xp.asarray(turned, np.float32)
 
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
-    return angle_between_quaternions(np.asarray(achieved, np.float64), np.asarray(desired, np.float64))
+    return angle_between_quaternions(own(achieved), own(desired))
 
 
 def _near(angle: Array) -> Array:
-    return np.asarray(np.exp(-angle / WIDTH))
+    found: Array = library(angle).exp(-angle / WIDTH)
+    return found
 
 
 def _bonus(angle: Array) -> Array:
-    return np.where(angle < REACHED, BONUS, 0.0)
+    found: Array = library(angle).where(angle < REACHED, BONUS, 0.0)
+    return found

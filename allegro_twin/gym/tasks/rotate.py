@@ -33,9 +33,10 @@ class Rotate(InHand):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self._sign = 1.0 if settings.side == "right" else -1.0
-        self._before = np.zeros(n)
-        self._limit = self.spec.actuation.torque_limit
-        self.turned = np.zeros(n)
+        xp = self.worlds.xp
+        self._before = xp.zeros(n)
+        self._limit = xp.asarray(self.spec.actuation.torque_limit)
+        self.turned = xp.zeros(n)
         """Net since the reset, rad."""
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
@@ -45,7 +46,7 @@ class Rotate(InHand):
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
-        now = np.array(self.thing.pose[:, 3:])
+        xp, now = self.worlds.xp, self.thing.pose[:, 3:]
         # Where it looks, not its spin about z: a rocking object turns without one.
         heading = twist(now)
         turn = self._sign * ((heading - self._before + np.pi) % (2.0 * np.pi) - np.pi)
@@ -54,28 +55,31 @@ class Rotate(InHand):
         lost = self.lost() | (leaning > TOPPLED)
         # Turning back costs at any tilt and almost any speed, or else it pays to rock: forth while upright, slowly, and
         # back while leaning, or fast.
-        paid = np.clip(turn / self.interface.seconds / FASTEST, -BACK, np.where(leaning < UPRIGHT, 1.0, 0.0))
+        most = xp.where(leaning < UPRIGHT, 1.0, 0.0)
+        paid = xp.minimum(xp.maximum(turn / self.interface.seconds / FASTEST, -BACK), most)
         away = self.worlds.position - self.start
-        torque = np.clip(self.worlds.torque, -self._limit, self._limit)
+        torque = xp.clip(self.worlds.torque, -self._limit, self._limit)
         terms = {
             "speed": paid,
-            "slide": -_SLIDE * np.minimum(length(self.thing.velocity), 1.0),
-            "posture": -_POSTURE * np.add.reduce(away * away, axis=-1),
-            "torque": -_TORQUE * np.add.reduce(torque * torque, axis=-1),
-            "work": -_WORK * np.minimum(np.add.reduce(np.abs(torque * self.worlds.velocity), axis=-1), 10.0),
-            "dropped": np.where(lost, DROPPED, 0.0),
+            "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),
+            "posture": -_POSTURE * (away * away).sum(axis=-1),
+            "torque": -_TORQUE * (torque * torque).sum(axis=-1),
+            "work": -_WORK * xp.minimum(xp.abs(torque * self.worlds.velocity).sum(axis=-1), 10.0),
+            "dropped": xp.where(lost, DROPPED, 0.0),
         }
-        reward = np.add.reduce(list(terms.values()), axis=0)
-        told = {"turned": self.turned, "rate": self.turned / np.maximum(tick * self.settings.period, 1e-9)}
+        reward = xp.stack(list(terms.values())).sum(axis=0)
+        told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
         return Outcome(reward, lost, success, terms | told)
 
     def told(self, seen: Seen) -> Array:
         """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
         four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
-        w, x, y, z = seen.quaternion.T
+        w, x, y, z = (seen.quaternion[:, k] for k in range(4))
+        xp = self.worlds.xp
         shift = (seen.position - self.place) / 0.05
-        lean = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=-1)
-        yaw = 4.0 * np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        looks = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-        return np.concatenate([shift, lean, looks, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
+        lean = xp.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=-1)
+        yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        looks = xp.stack([xp.cos(yaw), xp.sin(yaw)], axis=-1)
+        found: Array = xp.concatenate([shift, lean, looks, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
+        return found

@@ -117,4 +117,4 @@ def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings
     if settings.device == "cpu":
         return Worlds(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
-    return WarpWorlds(spec, model, n, threads, device=settings.device, **room)
+    return WarpWorlds(spec, model, n, device=settings.device, **room)

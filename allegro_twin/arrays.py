@@ -1,0 +1,102 @@
+"""One way to write a line for many hands, whether their numbers are NumPy's or on a device as PyTorch's tensors.
+
+`library(x)` has, for an array x, the functions of NumPy that such lines need, by NumPy's names. NumPy's own are NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+
+def library(x: Any) -> Any:
+    """What computes with an array: `numpy`, or `Tensors` of the device that a tensor is on."""
+    return np if isinstance(x, np.ndarray | np.generic | float) else tensors(str(x.device))
+
+
+@cache
+def tensors(device: str) -> Tensors:
+    """The functions for one device, as PyTorch calls it. Raises ImportError without PyTorch."""
+    return Tensors(device)
+
+
+def own(x: Any) -> Any:
+    """A tensor as it is; anything else as NumPy's array of doubles."""
+    return x if hasattr(x, "device") and not isinstance(x, np.ndarray) else np.asarray(x, dtype=np.float64)
+
+
+def host(x: Any) -> Any:
+    """As NumPy's array, which a tensor on a device is copied for."""
+    return x if isinstance(x, np.ndarray) else x.detach().cpu().numpy()
+
+
+class Tensors:
+    """NumPy's functions for tensors on one device: real numbers are in single precision, whole ones have 64 bits."""
+
+    def __init__(self, device: str) -> None:
+        import torch
+
+        self.torch, self.device = torch, torch.device(device)
+        self._kinds = {
+            np.dtype(np.float32): torch.float32,
+            np.dtype(np.float64): torch.float32,
+            np.dtype(np.int64): torch.int64,
+            np.dtype(np.uint64): torch.int64,
+            np.dtype(bool): torch.bool,
+        }
+        for name in ("where", "exp", "sqrt", "abs", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any"):
+            setattr(self, name, getattr(torch, name))
+        self.rint, self.flatnonzero = torch.round, lambda x: torch.nonzero(x).reshape(-1)
+
+    def asarray(self, x: Any, dtype: Any = None) -> Any:
+        """A copy of an array on the device; a tensor is on it already."""
+        if isinstance(x, self.torch.Tensor):
+            return x if dtype is None else x.to(self._kinds[np.dtype(dtype)])
+        array = np.asarray(x, dtype)
+        return self.torch.tensor(array, dtype=self._kinds[array.dtype], device=self.device)
+
+    def double(self, x: Any) -> Any:
+        """In double precision."""
+        return self.torch.as_tensor(x, dtype=self.torch.float64, device=self.device)
+
+    def zeros(self, shape: Any, dtype: Any = np.float64) -> Any:
+        return self.torch.zeros(shape, dtype=self._kinds[np.dtype(dtype)], device=self.device)
+
+    def ones(self, shape: Any, dtype: Any = np.float64) -> Any:
+        return self.torch.ones(shape, dtype=self._kinds[np.dtype(dtype)], device=self.device)
+
+    def full(self, shape: Any, value: Any, dtype: Any = np.float64) -> Any:
+        return self.torch.full((shape,), value, dtype=self._kinds[np.dtype(dtype)], device=self.device)
+
+    def arange(self, n: int) -> Any:
+        return self.torch.arange(n, device=self.device)
+
+    def copy(self, x: Any) -> Any:
+        return x.clone()
+
+    def concatenate(self, parts: Sequence[Any], axis: int = 0) -> Any:
+        return self.torch.cat(list(parts), dim=axis)
+
+    def stack(self, parts: Sequence[Any], axis: int = 0) -> Any:
+        return self.torch.stack(list(parts), dim=axis)
+
+    def clip(self, x: Any, low: Any, high: Any) -> Any:
+        return self.torch.clamp(x, low, high)
+
+    def minimum(self, x: Any, y: Any) -> Any:
+        return self.torch.minimum(x, y) if isinstance(y, self.torch.Tensor) else self.torch.clamp(x, max=y)
+
+    def maximum(self, x: Any, y: Any) -> Any:
+        return self.torch.maximum(x, y) if isinstance(y, self.torch.Tensor) else self.torch.clamp(x, min=y)
+
+    def max(self, x: Any, axis: int) -> Any:
+        return self.torch.amax(x, dim=axis)
+
+    def cross(self, x: Any, y: Any) -> Any:
+        return self.torch.linalg.cross(x, y)
+
+    def nan_to_num(self, x: Any, nan: float = 0.0, posinf: float | None = None, neginf: float | None = None) -> Any:
+        return self.torch.nan_to_num(x, nan, posinf, neginf)
