@@ -198,16 +198,22 @@ class WarpWorlds(Worlds):
                 self._rows[name][...] = self._palette(name)[self.variant]
 
     def _run(self, key: Any, act: Any) -> None:
-        """On a GPU once as it is, which compiles what capturing must not, and from then on as a captured graph."""
-        if not self._device.is_cuda or key not in self._graphs:
+        """In PyTorch's own order. On a GPU once as it is, which compiles what capturing must not, and from then on as a
+        captured graph."""
+        if not self._device.is_cuda:
             act()
-            self._graphs.setdefault(key, None)
             return
-        if self._graphs[key] is None:
-            with self._wp.ScopedCapture() as capture:
+        wp = self._wp
+        with wp.ScopedStream(wp.stream_from_torch(self.xp.torch.cuda.current_stream(self.xp.device))):
+            if key not in self._graphs:
                 act()
-            self._graphs[key] = capture.graph
-        self._wp.capture_launch(self._graphs[key])
+                self._graphs[key] = None
+                return
+            if self._graphs[key] is None:
+                with wp.ScopedStream(wp.Stream(self._device)), wp.ScopedCapture() as capture:
+                    act()
+                self._graphs[key] = capture.graph
+            wp.capture_launch(self._graphs[key])
 
 
 def _same(first: mujoco.MjModel, other: mujoco.MjModel, name: str) -> bool:
