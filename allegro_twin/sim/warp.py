@@ -64,9 +64,7 @@ class WarpWorlds(Worlds):
         return None
 
     def add(self, model: mujoco.MjModel) -> int:
-        different = [
-            name for name in (*self._fields, "geom_type", "geom_dataid") if not _same(self.model, model, name)
-        ]
+        different = [name for name in (*self._fields, "geom_type", "geom_dataid") if not _same(self.model, model, name)]
         if unknown := [name for name in different if name not in self._fields]:
             raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
                               "choose objects of one shape")  # fmt: skip

@@ -1,5 +1,5 @@
-"""Training: PPO, from a recipe to a policy file with its figures: of Stable-Baselines3 on processors, and of rsl-rl where
-the simulations are on a GPU."""
+"""Training: PPO, from a recipe to a policy file with its figures. Stable-Baselines3 learns on processors, and rsl-rl
+where the simulations are on a GPU."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,9 @@ from allegro_twin.train.settings import Recipe
 
 GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.
 STATE = "state"
+Advance = Callable[[int, float, float], None]
+"""Told after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
+since, NaN where none did."""
 FINAL_RATE = 0.1  # Of the learning rate, at the end.
 EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
 

@@ -18,11 +18,11 @@ from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
 from allegro_twin.train.export import to_onnx
-from allegro_twin.train.learned import EVALUATION, STATE, Trained, farthest_of, note, rate_of
+from allegro_twin.train.learned import EVALUATION, STATE, Advance, Trained, farthest_of, note, rate_of
 from allegro_twin.train.network import Asymmetric, Normalised, layered
 from allegro_twin.train.settings import Recipe
 from allegro_twin.train.stable import StableEnv
-from allegro_twin.train.watching import Advance, Watching
+from allegro_twin.train.watching import Watching
 
 ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
-from gymnasium import spaces
 from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
@@ -30,9 +30,8 @@ from allegro_twin.train.checkpoint import VERSION, Progress, same_training
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
 from allegro_twin.train.export import Layered, to_onnx
-from allegro_twin.train.learned import ACHIEVED, EVALUATION, GOAL, STATE, Trained, farthest_of, note, rate_of
+from allegro_twin.train.learned import ACHIEVED, EVALUATION, GOAL, STATE, Advance, Trained, farthest_of, note, rate_of
 from allegro_twin.train.settings import Recipe
-from allegro_twin.train.watching import Advance
 
 SEEN, ALL = "policy", "critic"
 """Groups of an observation: what the policy sees, and what the critic sees."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import monotonic
 from typing import Any
 
@@ -10,10 +9,7 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from allegro_twin.train.curve import Curve
-
-Advance = Callable[[int, float, float], None]
-"""Told after every update: the actions taken in all, and the mean return and success rate of the episodes that ended
-since, NaN where none did."""
+from allegro_twin.train.learned import Advance
 
 
 class Watching(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.

@@ -15,7 +15,6 @@ from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
 
 FASTEST = 0.6  # rad/s. Turning faster than this earns no more.
-BACK = 10.0  # Turning back so many times as fast costs no more.
 UPRIGHT, ENOUGH_UPRIGHT = np.radians(25.0), np.radians(30.0)  # Tilts up to which turning is paid, and success can be.
 TOPPLED = np.radians(50.0)  # From there a box goes over on its side.
 ENOUGH = 2.0 * np.pi  # rad in an episode, net.
@@ -38,11 +37,13 @@ class Rotate(InHand):
         self._limit = xp.asarray(self.spec.actuation.torque_limit)
         self.turned = xp.zeros(n)
         """Net since the reset, rad."""
+        self._farthest = xp.zeros(n)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
-        self._before[rows], self.turned[rows] = twist(self.thing.pose[rows, 3:]), 0.0
+        self._before[rows] = twist(self.thing.pose[rows, 3:])
+        self.turned[rows] = self._farthest[rows] = 0.0
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert self.thing is not None
@@ -53,14 +54,15 @@ class Rotate(InHand):
         leaning = tilt(now)
         self._before, self.turned = heading, self.turned + turn
         lost = self.lost() | (leaning > TOPPLED)
-        # Turning back costs at any tilt and almost any speed, or else it pays to rock: forth while upright, slowly, and
-        # back while leaning, or fast.
-        most = xp.where(leaning < UPRIGHT, 1.0, 0.0)
-        paid = xp.minimum(xp.maximum(turn / self.interface.seconds / FASTEST, -BACK), most)
+        # Only what has never been turned before is paid, or else it pays to rock: forth while upright and slowly, and
+        # back while leaning, or fast. What is gained while leaning is not paid later either.
+        farthest = xp.maximum(self._farthest, self.turned)
+        gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
+        self._farthest = farthest
         away = self.worlds.position - self.start
         torque = xp.clip(self.worlds.torque, -self._limit, self._limit)
         terms = {
-            "speed": paid,
+            "speed": xp.where(leaning < UPRIGHT, gained, 0.0),
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),
             "posture": -_POSTURE * (away * away).sum(axis=-1),
             "torque": -_TORQUE * (torque * torque).sum(axis=-1),
