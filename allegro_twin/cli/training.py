@@ -34,6 +34,9 @@ def train(
         typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.", callback=options.folder),
     ] = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    device: Annotated[
+        str | None, typer.Option(help="Where to simulate: cpu or warp; default: the recipe's. It may change on the way.")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Actions in all.")] = None,
     envs: Annotated[int | None, typer.Option(help="Simulations side by side.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of everything random.")] = None,
@@ -45,7 +48,7 @@ def train(
     from allegro_twin.train import load_recipe
     from allegro_twin.train import train as learn
 
-    recipe = load_recipe(task, side=side, steps=steps, envs=envs, seed=seed)
+    recipe = load_recipe(task, side=side, device=device, steps=steps, envs=envs, seed=seed)
     folder = out or Path("runs") / Path(task).stem.lower()
     with console.progress() as bar:
         job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)

@@ -14,8 +14,8 @@ from allegro_twin.train.settings import Recipe, load_recipe
 if TYPE_CHECKING:
     from allegro_twin.train.learned import Trained
 
-_CPU = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
-_GPU = "rl,warp", ("torch", "rsl_rl", "onnx", "onnxruntime")
+_STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
+_RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime")
 
 __all__ = ["Recipe", "load_recipe", "train"]
 
@@ -25,15 +25,15 @@ def train(
 ) -> Trained:
     """Train in `folder`, or go on with what is there; told after every update: the actions taken, and the mean return
     and success rate since. Raises ConfigError without the extra, or for a folder of another training."""
-    on_device = recipe.environment.device != "cpu"
-    extra, needed = _GPU if on_device else _CPU
+    rsl = recipe.learner == "rsl-rl"
+    extra, needed = _RSL if rsl else _STABLE
     for name in needed:
         try:
             import_module(name)
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
-    if on_device:
-        from allegro_twin.train.on_device import learn
+    if rsl:
+        from allegro_twin.train.rsl import learn
     else:
         from allegro_twin.train.learning import learn
 

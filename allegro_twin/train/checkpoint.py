@@ -67,8 +67,10 @@ def read(path: Path, recipe: Recipe) -> Progress:
 
 def same_training(path: Path, was: object, recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint of another recipe than this one; more steps are a longer training of the same
-    kind."""
-    then, now = parse(Recipe, was, str(path)).model_dump(mode="json"), recipe.model_dump(mode="json")
+    kind, and where it simulates a training may change."""
+    then, now = (each.model_dump(mode="json") for each in (parse(Recipe, was, str(path)), recipe))
+    for each in (then, now):
+        each["environment"].pop("device", None)
     changed = [key for key in sorted(now.keys() | then.keys()) if key != "steps" and then.get(key) != now.get(key)]
     if changed:
         key = changed[0]

@@ -26,6 +26,8 @@ class Recipe(Settings):
     """Keywords of the environments that are trained in."""
     held_out: tuple[str, ...] = ()
     """Objects that are kept from training, for the evaluation."""
+    learner: Literal["stable-baselines3", "rsl-rl"] = "stable-baselines3"
+    """Who learns: the first on processors, and the same policy again to the bit; the second also on a Warp device."""
     envs: Count = 256
     """Simulations side by side."""
     steps: Count = 1_000_000
@@ -39,7 +41,7 @@ class Recipe(Settings):
     learning_rate: Positive = 5e-4
     """At the beginning; it falls in a straight line to a tenth."""
     desired_kl: Positive | None = None
-    """On a device: the learning rate is adapted so that an update changes the policy by so much (Schulman et al. 2017).
+    """With rsl-rl: the learning rate is adapted so that an update changes the policy by so much (Schulman et al. 2017).
     None: it falls as described."""
     discount: Share = 0.98
     trace: Share = 0.95
@@ -67,8 +69,12 @@ class Recipe(Settings):
 
     @model_validator(mode="after")
     def _served(self) -> Recipe:
-        if self.desired_kl is not None and self.environment.device == "cpu":
-            raise ValueError("desired_kl is for environments on a device: leave it out, or say device: warp")
+        if self.learner == "rsl-rl":
+            return self
+        if self.desired_kl is not None:
+            raise ValueError("desired_kl is for learner: rsl-rl")
+        if self.environment.device != "cpu":
+            raise ValueError(f"device {self.environment.device} needs learner: rsl-rl; stable-baselines3 has cpu")
         return self
 
     @property
@@ -98,6 +104,7 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
         raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
     path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
     content = read_yaml(path)
-    if "side" in given:
-        content["environment"] = content.get("environment", {}) | {"side": given.pop("side")}
+    for key in ("side", "device"):
+        if key in given:
+            content["environment"] = content.get("environment", {}) | {key: given.pop(key)}
     return parse(Recipe, content | given, str(path))

@@ -1,7 +1,7 @@
-"""PPO where the simulations are: the learner of rsl-rl on the tensors of a Warp device, and rounds as on processors.
+"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), where the simulations are.
 
-Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots. Nothing leaves the device but a count and
-what is printed.
+On a Warp device nothing leaves it but a count and what is printed. Rounds and files are those of the other learner; two
+runs on a GPU are not equal.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
-from allegro_twin.gym.device import DeviceVectorEnv
+from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train.checkpoint import VERSION, Progress, same_training
@@ -41,7 +41,7 @@ _BOUND = 1.0  # Actions beyond are clipped by the environment.
 class Learner:
     """A policy and a value in training on an environment's device."""
 
-    def __init__(self, recipe: Recipe, env: DeviceVectorEnv) -> None:
+    def __init__(self, recipe: Recipe, env: TensorVectorEnv) -> None:
         self.recipe, self.env, self.device = recipe, env, env.xp.device
         torch.manual_seed(recipe.seed)
         self.widths = _widths(env.single_observation_space)
@@ -135,9 +135,9 @@ class Learner:
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
-    """Train in `folder` on the recipe's device, or go on after the last round that is there. No two runs on a GPU are
-    equal. Raises ConfigError for a folder of another training."""
-    env = DeviceVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(recipe.environment))
+    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+    training."""
+    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(recipe.environment))
     card = env.engine.task.card()
     learner = Learner(recipe, env)
     progress = _read(learner, folder, recipe)
