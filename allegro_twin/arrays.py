@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def library(x: Any) -> Any:
@@ -23,7 +24,7 @@ def tensors(device: str) -> Tensors:
     return Tensors(device)
 
 
-def own(x: Any) -> Any:
+def own(x: Any) -> NDArray[np.float64]:
     """A tensor as it is; anything else as NumPy's array of doubles."""
     return x if hasattr(x, "device") and not isinstance(x, np.ndarray) else np.asarray(x, dtype=np.float64)
 
@@ -31,6 +32,42 @@ def own(x: Any) -> Any:
 def host(x: Any) -> Any:
     """As NumPy's array, which a tensor on a device is copied for."""
     return x if isinstance(x, np.ndarray) else x.detach().cpu().numpy()
+
+
+def fetched(tree: Any) -> Any:
+    """Arrays with a row for each of the same simulations, in dictionaries and tuples, as NumPy's: tensors are copied
+    from their device all at once."""
+    leaves = list(_leaves(tree))
+    if all(isinstance(leaf, np.ndarray) for leaf in leaves):
+        return tree
+    join = library(leaves[0])
+    parts = [join.asarray(leaf.reshape(len(leaf), -1), np.float64) for leaf in leaves]
+    whole = iter(
+        np.split(host(join.concatenate(parts, axis=-1)), np.cumsum([part.shape[1] for part in parts]), axis=-1)
+    )
+    kinds = {str(kind): np.dtype(name) for name, kind in (("int64", join.torch.int64), ("bool", join.torch.bool))}
+    rows = (
+        np.ascontiguousarray(next(whole).reshape(tuple(leaf.shape)), kinds.get(str(leaf.dtype), np.float32))
+        for leaf in leaves
+    )
+    return _filled(tree, rows)
+
+
+def _leaves(tree: Any) -> Iterator[Any]:
+    if isinstance(tree, dict | tuple):
+        for part in tree.values() if isinstance(tree, dict) else tree:
+            yield from _leaves(part)
+    else:
+        yield tree
+
+
+def _filled(tree: Any, leaves: Iterator[Any]) -> Any:
+    if isinstance(tree, dict):
+        return {name: _filled(part, leaves) for name, part in tree.items()}
+    if isinstance(tree, tuple):
+        parts = [_filled(part, leaves) for part in tree]
+        return type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+    return next(leaves)
 
 
 class Tensors:

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
 LAYERS = [
-    {"errors", "types", "drive", "spec", "version"},
+    {"arrays", "errors", "types", "drive", "spec", "version"},
     {"backend", "files"},
     {"kinematics"},
     {"description", "control", "loop", "safety", "messages"},
@@ -50,7 +50,9 @@ HOMES = {
     "onnx": {"policy", "train"},
     "onnxruntime": {"policy"},
     "stable_baselines3": {"policy", "train"},
-    "torch": {"train"},
+    "rsl_rl": {"train"},
+    "tensordict": {"train"},
+    "torch": {"arrays", "sim", "train"},
     "av": {"look"},
     "coacd": {"sim"},
     "platformdirs": {"files"},

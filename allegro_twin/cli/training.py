@@ -35,7 +35,7 @@ def train(
     ] = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     device: Annotated[
-        str | None, typer.Option(help="Where to simulate: cpu or warp; default: the recipe's. It may change on the way.")
+        str | None, typer.Option(help="Where to simulate, cpu or warp, from now on; default: the recipe's.")
     ] = None,
     steps: Annotated[int | None, typer.Option(help="Actions in all.")] = None,
     envs: Annotated[int | None, typer.Option(help="Simulations side by side.")] = None,

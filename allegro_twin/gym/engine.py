@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.arrays import host, library
+from allegro_twin.arrays import fetched, library
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.randomise import Physics, drawn
@@ -56,7 +56,7 @@ class Engine:
         mine, xp = [generators[row] for row in rows], self.worlds.xp
         rows = xp.asarray(rows)
         values = self.begin(rows, Draws.of(mine, xp), options)
-        return {"randomised": {name: host(value) for name, value in values.items()}, **self.task.facts(rows)}
+        return {"randomised": fetched(values), **self.task.facts(rows)}
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
         """New episodes of some simulations, of numbers that were drawn for them; the values that came of these."""
@@ -90,7 +90,8 @@ class Engine:
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
         """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
         self._check(action)
-        interface = self.task.interface
+        interface, place = self.task.interface, self.worlds.xp.asarray
+        action, rows = place(action), None if rows is None else place(rows)
         memory = interface.act(action, self.memory, self._seen)
         course = interface.course(memory)
         self.task.plan(memory.tick)

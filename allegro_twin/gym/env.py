@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
+from allegro_twin.arrays import fetched
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import read_settings
@@ -60,15 +61,16 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         actions = np.asarray(action)[None]
-        self.engine.step(actions)
-        observation = self.engine.observe()
-        outcome, diverged = self.engine.outcome(actions, observation)
+        engine = self.engine
+        engine.step(actions)
+        seen = engine.observe()
+        observation, (outcome, diverged), count = fetched((seen, engine.outcome(actions, seen), engine.count))
         info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
         if diverged[0]:
             info["diverged"] = True
         if self.render_mode == "human":
             self.render()
-        over = bool(self.engine.count[0] >= self.engine.limit)
+        over = bool(count[0] >= engine.limit)
         return _first(observation), float(outcome.reward[0]), bool(outcome.failed[0]), over, info
 
     def render(self) -> NDArray[Any] | None:
@@ -90,7 +92,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return task.reward(achieved_goal, desired_goal, _dropped(info))
 
     def _seen(self) -> Observation:
-        return _first(self.engine.observe())
+        return _first(fetched(self.engine.observe()))
 
 
 def _first(observation: Observation) -> Observation:

@@ -45,7 +45,7 @@ class TensorVectorEnv:
         engine, own = self.engine, self._own
         taken = actions.numpy() if own is np else actions
         engine.step(taken)
-        observation = engine.observe()
+        observation: Any = engine.observe()
         outcome, diverged = engine.outcome(taken, observation)
         truncated = engine.count >= self.limit
         info = {"is_success": outcome.success, "diverged": diverged, **outcome.terms}

@@ -31,7 +31,8 @@ class Touch:
     def felt(self, tick: NDArray[np.int64]) -> Array:
         """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
         has been felt."""
-        torque: Array = self._xp.where(tick[:, None] > 0, self._torque, 0.0)
+        torque = self._xp.where(tick[:, None] > 0, self._torque, 0.0)
         if self._noise is not None:
             torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
-        return torque / self._limit
+        share: Array = torque / self._limit
+        return share

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from allegro_twin.arrays import fetched
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import read_settings
@@ -73,7 +74,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         rows, options = self._masked(options)
         self._seed(seed, rows)
         info = self._restart(rows, options)
-        return self.engine.observe(), info
+        return fetched(self.engine.observe()), info
 
     def step(self, actions: Floats) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         actions = np.asarray(actions)
@@ -81,9 +82,9 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         going = np.flatnonzero(~self._ended) if len(new) else None
         self.engine.step(actions, going)
         info = self._restart(new, None) if len(new) else {}
-        observation = self.engine.observe()
-        outcome, diverged = self.engine.outcome(actions, observation)
-        terminated, truncated = outcome.failed, self.engine.count >= self.limit
+        seen = self.engine.observe()
+        observation, (outcome, diverged), count = fetched((seen, self.engine.outcome(actions, seen), self.engine.count))
+        terminated, truncated = outcome.failed, count >= self.limit
         reward, success = outcome.reward, outcome.success
         if len(new):
             for array in (terminated, truncated, success):
@@ -146,7 +147,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         mask = self._ended.copy()
         info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
         info |= self._restart(rows, None)
-        return self.engine.observe(), info
+        return fetched(self.engine.observe()), info
 
     def _spread(self, report: dict[str, Any], rows: Rows) -> dict[str, Any]:
         spread: dict[str, Any] = {}

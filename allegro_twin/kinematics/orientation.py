@@ -76,8 +76,7 @@ def quaternion_from_vector(turn: ArrayLike) -> Array:
     vector = own(turn)
     xp, size = library(vector), _length(vector)
     scale = xp.where(size > 1e-12, xp.sin(size / 2) / xp.maximum(size, 1e-12), 0.5)
-    found: Array = xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1)
-    return found
+    return own(xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1))
 
 
 def vector_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -95,8 +94,7 @@ def product(first: ArrayLike, second: ArrayLike) -> Array:
     a, b, c, d = (one[..., k] for k in range(4))
     w, x, y, z = (other[..., k] for k in range(4))
     i, j, k = a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
-    found: Array = library(one).stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1)
-    return found
+    return own(library(one).stack([a * w - b * x - c * y - d * z, i, j, k], axis=-1))
 
 
 def conjugate(quaternion: ArrayLike) -> Array:
@@ -137,8 +135,7 @@ def angle_between_quaternions(first: Array, second: Array) -> Array:
     """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
     p, q = first / _length(first)[..., None], second / _length(second)[..., None]
     apart, along, xp = _length(p - q), _length(p + q), library(first)
-    angle: Array = 4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along))
-    return angle
+    return own(4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along)))
 
 
 def facing(x: ArrayLike, z: ArrayLike) -> Array:
@@ -234,8 +231,7 @@ def _matrix(entries: Entries[Array]) -> Array:
 
 def _length(vector: Array) -> Array:
     """Of vectors (..., k), shape (...)."""
-    size: Array = library(vector).sqrt((vector * vector).sum(axis=-1))
-    return size
+    return own(library(vector).sqrt((vector * vector).sum(axis=-1)))
 
 
 def _unit(quaternion: ArrayLike) -> tuple[Array, ...]:

@@ -217,7 +217,7 @@ class Interface:
         environments have it. docs/rl.md#observations says which number is what."""
         xp, own = self.xp, self._numbers
         target = _within(xp, self._base_now(memory) + memory.end, own.lower, own.upper)
-        parts = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
+        parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
             parts.append(memory.tick[..., None])
         seen = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
@@ -250,7 +250,8 @@ class Interface:
         own = self._numbers
         if self.scripts is None or own.scripts is None:
             return own.middle
-        return own.scripts[0][memory.script, self.xp.minimum(memory.tick, self.scripts.periods - 1)]
+        base: Array = own.scripts[0][memory.script, self.xp.minimum(memory.tick, self.scripts.periods - 1)]
+        return base
 
 
 def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:

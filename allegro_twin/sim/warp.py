@@ -183,7 +183,7 @@ class WarpWorlds(Worlds):
         """A row of the device's model for every simulation; the model is made anew, with what the rows hold already."""
         if not fields:
             return
-        kept = {name: own.clone() for name, own in self._rows.items()}
+        kept: dict[str, Any] = {name: self.xp.copy(own) for name, own in self._rows.items()}
         with self._wp.ScopedDevice(self._device):
             self._m = _on_device(self._mjw, self.model, dict.fromkeys((*kept, *fields), self.n))
         self._graphs.clear()

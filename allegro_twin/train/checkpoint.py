@@ -65,7 +65,7 @@ def read(path: Path, recipe: Recipe) -> Progress:
     return Progress(**content["progress"])
 
 
-def same_training(path: Path, was: object, recipe: Recipe) -> None:
+def same_training(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint of another recipe than this one; more steps are a longer training of the same
     kind, and where it simulates a training may change."""
     then, now = (each.model_dump(mode="json") for each in (parse(Recipe, was, str(path)), recipe))

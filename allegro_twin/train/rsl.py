@@ -23,8 +23,8 @@ from tensordict import TensorDict
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
-from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train.checkpoint import VERSION, Progress, same_training
 from allegro_twin.train.curve import Curve
@@ -47,7 +47,7 @@ class Learner:
         self.widths = _widths(env.single_observation_space)
         self._seen = self._grouped(env.reset())
         groups = {"actor": [SEEN], "critic": [ALL if ALL in self._seen.keys() else SEEN]}  # noqa: SIM118  # TensorDict.
-        joints = int(env.single_action_space.shape[0])
+        joints = env.engine.task.spec.n_joints
         shared: dict[str, Any] = {
             "hidden_dims": list(recipe.hidden),
             "activation": recipe.activation,

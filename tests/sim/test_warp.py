@@ -15,6 +15,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.env import HandEnv
+from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.types import Array
 
@@ -168,6 +169,33 @@ def test_simulations_that_do_not_step_stay_as_they_are() -> None:
 
 
 @pytest.mark.long
+def test_an_action_copies_little_between_device_and_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For NumPy's environment the actions go up, and what overflowed and the outcome come down; a learner on the device
+    asks only what overflowed, and who has ended."""
+    warp()
+    torch = pytest.importorskip("torch")
+    copies: list[str] = []
+
+    def counted(kind: str, owner: Any, name: str) -> None:
+        original = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *args, **kwargs: (copies.append(kind), original(*args, **kwargs))[1])
+
+    ours, theirs = HandVectorEnv("Rotate", 4, device="warp:cpu"), TensorVectorEnv("Rotate", 4, device="warp:cpu")
+    ours.reset(seed=0)
+    theirs.reset()
+    still = torch.zeros((4, 16))
+    counted("up", torch, "tensor")
+    for name in ("cpu", "item", "tolist", "__bool__", "__int__", "__float__"):
+        counted("down", torch.Tensor, name)
+    counted("down", torch, "nonzero")
+    ours.step(np.zeros((4, 16), np.float32))
+    assert sorted(copies) == ["down", "down", "up"]
+    copies.clear()
+    theirs.step(still)
+    assert copies == ["down", "down"]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("room", [{"contacts": 1}, {"constraints": 20}])
 def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str, Any]) -> None:
     warp()
@@ -180,10 +208,8 @@ def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str
 @pytest.mark.long
 def test_objects_of_several_shapes_need_the_processor() -> None:
     warp()
-    device = HandVectorEnv("Grasp", 2, device="warp:cpu", objects=("tennis_ball", "rubiks_cube"))
-    device.reset(seed=0)
     with pytest.raises(ConfigError, match="one geom_type for all simulations, .* choose objects of one shape"):
-        device.step(np.zeros((2, 16), np.float32))
+        HandVectorEnv("Grasp", 2, device="warp:cpu", objects=("tennis_ball", "rubiks_cube"))
 
 
 def test_without_mujoco_warp_its_device_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -138,7 +138,7 @@ class Task(ABC):
         chosen = {} if settings.step is None else {"step": settings.step}
         common = {"mode": settings.control, "period": settings.period, "decimation": settings.decimation,
                   "history": settings.history, "xp": self.worlds.xp}  # fmt: skip
-        return Interface(self.spec, self.gains, **(common | given | chosen))  # type: ignore[arg-type]  # By name.
+        return Interface(self.spec, self.gains, **(common | given | chosen))
 
     @property
     def unmeasured(self) -> int:

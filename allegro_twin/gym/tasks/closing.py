@@ -59,7 +59,7 @@ class Closing(Task):
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
         """By how much each object is off, m, world."""
-        self.script = xp.zeros(n, np.int64)
+        self.script: Rows = xp.zeros(n, np.int64)
         self._upward = xp.asarray(np.array([0.0, 0.0, 1.0]))
 
     @abstractmethod

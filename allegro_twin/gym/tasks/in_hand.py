@@ -57,7 +57,7 @@ class InHand(Task):
         self.place = xp.zeros((n, 3))
         """Where the object was at the beginning, m, world."""
         self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
-        self.start = xp.zeros((n, self.spec.n_joints))
+        self.start: Array = xp.zeros((n, self.spec.n_joints))
         """Targets of the fingers at the beginning, rad."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:

@@ -48,7 +48,7 @@ class Reach(Task):
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
         free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
-        self._goal = xp.zeros((n, self.interface.n_goal), np.float32)
+        self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
         self._start = xp.asarray(load_posture("home", self.spec))
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:

@@ -39,7 +39,7 @@ class Reorient(InHand):
         super().__init__(settings, n, threads)
         self.farthest = settings.farthest or FARTHEST[settings.goals]
         xp = self.worlds.xp
-        self._goal = xp.zeros((n, 4), np.float32)
+        self._goal: Floats = xp.zeros((n, 4), np.float32)
         self._key = xp.zeros(n, np.uint64)
         self._renewed = xp.zeros(n, bool)
         self.reached = xp.zeros(n, np.int64)

@@ -1,0 +1,88 @@
+"""A line that is written once reckons the same with NumPy's arrays and with PyTorch's tensors."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from allegro_twin.arrays import Tensors, fetched, host, library, tensors
+from allegro_twin.gym.noise import Draws, jitter
+
+ROWS = 5
+
+
+@pytest.fixture
+def xp() -> Tensors:
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'allegro-twin[warp]'")
+    return tensors("cpu")
+
+
+def test_every_function_says_what_numpy_says(xp: Tensors) -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-0.9, 0.9, (2, ROWS, 3)).astype(np.float32)
+    for name in ("exp", "abs", "sin", "cos", "arccos", "floor", "rint", "isfinite", "copy", "nan_to_num"):
+        np.testing.assert_allclose(host(getattr(xp, name)(xp.asarray(x))), getattr(np, name)(x), rtol=1e-5)
+    for name in ("arctan2", "minimum", "maximum", "cross"):
+        both = getattr(xp, name)(xp.asarray(x), xp.asarray(y))
+        np.testing.assert_allclose(host(both), getattr(np, name)(x, y), atol=1e-6)
+    for name in ("minimum", "maximum"):
+        np.testing.assert_array_equal(host(getattr(xp, name)(xp.asarray(x), 0.1)), getattr(np, name)(x, np.float32(0.1)))
+    for name in ("concatenate", "stack"):
+        parts = getattr(xp, name)([xp.asarray(x), xp.asarray(y)], axis=-1)
+        np.testing.assert_array_equal(host(parts), getattr(np, name)([x, y], axis=-1))
+    np.testing.assert_array_equal(host(xp.clip(xp.asarray(x), -0.2, 0.3)), np.clip(x, np.float32(-0.2), np.float32(0.3)))
+    np.testing.assert_array_equal(host(xp.max(xp.asarray(x), axis=-1)), np.max(x, axis=-1))
+    np.testing.assert_array_equal(host(xp.flatnonzero(xp.asarray(x[:, 0] > 0))), np.flatnonzero(x[:, 0] > 0))
+
+
+def test_a_tensor_is_a_copy_of_what_it_was_made_from(xp: Tensors) -> None:
+    given = np.zeros(3, np.float32)
+    made = xp.asarray(given)
+    made[0] = 1.0
+    assert given[0] == 0.0
+    assert library(made) is xp
+    assert library(given) is np
+
+
+def test_the_noise_of_a_key_is_the_same_numbers_on_both(xp: Tensors) -> None:
+    key = np.array([0, 1, 2**52 + 7, 2**53 - 1], np.uint64)
+    counter = np.arange(4)
+    ours = jitter(key, counter, 8, 16)
+    theirs = host(jitter(xp.asarray(key), xp.asarray(counter), 8, 16))  # type: ignore[arg-type]  # Tensors.
+    np.testing.assert_array_equal(theirs, ours.astype(np.float32))
+
+
+def test_episodes_that_are_counted_are_the_same_on_both_and_all_different(xp: Tensors) -> None:
+    key, episode = np.arange(4, dtype=np.uint64), np.ones(4, np.int64)
+    ours = Draws.counted(key, episode)
+    theirs = Draws.counted(xp.asarray(key), xp.asarray(episode))  # type: ignore[arg-type]  # Tensors.
+    np.testing.assert_allclose(host(theirs.within(0.0, 1.0, 8)), ours.within(0.0, 1.0, 8), atol=1e-6)
+    np.testing.assert_array_equal(host(theirs.key()), ours.key().astype(np.int64))
+    assert len(np.unique(ours.within(0.0, 1.0, 8))) == 32
+    again = Draws.counted(key, episode + 1).within(0.0, 1.0, 8)
+    assert not np.isin(again, Draws.counted(key, episode).within(0.0, 1.0, 8)).any()
+
+
+class Pair(NamedTuple):
+    number: Any
+    flags: Any
+
+
+def test_what_is_fetched_from_a_device_comes_in_one_copy(xp: Tensors, monkeypatch: pytest.MonkeyPatch) -> None:
+    copies: list[object] = []
+    monkeypatch.setattr("allegro_twin.arrays.host", lambda x: copies.append(x) or x.numpy())
+    numbers = xp.arange(ROWS)
+    tree = ({"x": xp.ones((ROWS, 2)), "deep": {"y": xp.zeros((ROWS, 2, 3))}}, Pair(numbers, numbers > 2))
+    (first, second) = fetched(tree)
+    assert len(copies) == 1
+    assert isinstance(second, Pair)
+    assert (first["x"].shape, first["deep"]["y"].shape) == ((ROWS, 2), (ROWS, 2, 3))
+    assert (second.number.dtype, second.flags.dtype, first["x"].dtype) == (np.int64, np.bool_, np.float32)
+    np.testing.assert_array_equal(second.flags, np.arange(ROWS) > 2)
+
+
+def test_numpy_s_own_arrays_are_fetched_as_they_are() -> None:
+    tree = {"x": np.zeros(2)}
+    assert fetched(tree) is tree

@@ -1,0 +1,89 @@
+"""The other learner: rsl-rl's PPO on tensors, with the same recipes, files and rounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.policy.loading import load_policy
+from allegro_twin.train import Recipe, train
+from allegro_twin.train.settings import load_recipe
+
+EXTRA = "rsl_rl is not installed: pip install 'allegro-twin[rsl]'"
+
+
+def recipe(**changes: Any) -> Recipe:
+    given: dict[str, Any] = {
+        "task": "Reach", "learner": "rsl-rl", "environment": {"timestep": 0.003}, "envs": 4, "rollout": 4, "steps": 48,
+        "round": 16, "batch": 8, "epochs": 1, "hidden": [8], "trials": 1,
+    }  # fmt: skip
+    return Recipe(**given | changes)
+
+
+def test_a_training_leaves_a_policy_that_any_hand_can_load(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    told: list[int] = []
+    trained = train(recipe(), tmp_path, lambda steps, mean, rate: told.append(steps))
+    assert told == [16, 32, 48]
+    assert trained.progress.rounds == 3
+    loaded = load_policy(trained.policy)
+    assert loaded.card.task == "AllegroTwin/Reach-v0"
+    seen = {"observation": np.zeros((2, 64), np.float32), "achieved_goal": np.zeros((2, 12), np.float32),
+            "desired_goal": np.zeros((2, 12), np.float32)}  # fmt: skip
+    assert loaded.policy(seen).shape == (2, 16)
+
+
+def test_it_goes_on_after_the_last_round_and_elsewhere(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    train(recipe(steps=16), tmp_path)
+    told: list[int] = []
+    train(recipe(steps=32), tmp_path, lambda steps, mean, rate: told.append(steps))
+    assert told == [32]
+    with pytest.raises(ConfigError, match="is a training with batch 8, not 16: choose another folder"):
+        train(recipe(batch=16), tmp_path)
+    newest = max(tmp_path.glob("checkpoints/*.pt"))
+    newest.write_bytes(newest.read_bytes()[:100])
+    with pytest.raises(ConfigError, match="not a readable checkpoint"):
+        train(recipe(steps=48), tmp_path)
+
+
+def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    torch = pytest.importorskip("torch")
+    from allegro_twin.gym.tensors import TensorVectorEnv
+    from allegro_twin.train.export import to_onnx
+    from allegro_twin.train.rsl import Learner
+
+    env = TensorVectorEnv("Rotate", 4, timestep=0.003, state=True)
+    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003, "state": True}), env)
+    learner.update()
+    to_onnx(learner.layers(), tmp_path / "policy.onnx", env.engine.task.card())
+    seen = env.reset()
+    with torch.inference_mode():
+        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+    ours = load_policy(tmp_path / "policy.onnx").policy(seen["observation"].numpy())
+    np.testing.assert_allclose(ours, theirs, atol=1e-5)
+
+
+def test_what_only_one_learner_has_is_refused_for_the_other() -> None:
+    with pytest.raises(ValueError, match="desired_kl is for learner: rsl-rl"):
+        recipe(learner="stable-baselines3", desired_kl=0.01)
+    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl"):
+        recipe(learner="stable-baselines3", environment={"device": "warp"})
+
+
+def test_the_recipe_for_a_gpu_differs_from_its_task_s_other_one_in_who_learns_where() -> None:
+    loaded = load_recipe("rotate_gpu")
+    assert (loaded.task, loaded.learner, loaded.environment.device) == ("Rotate", "rsl-rl", "warp")
+    assert load_recipe("rotate_gpu", device="cpu").environment.device == "cpu"
+
+
+def test_without_rsl_rl_training_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch", reason=EXTRA)
+    monkeypatch.setitem(__import__("sys").modules, "rsl_rl", None)
+    with pytest.raises(ConfigError, match=r"training needs rsl_rl: pip install 'allegro-twin\[rsl\]'"):
+        train(recipe(), tmp_path)
