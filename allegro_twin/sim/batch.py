@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -58,7 +59,7 @@ class Worlds:
         self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._push = self._batch.bind("xfrc_applied")
 
-    @property
+    @cached_property
     def motion(self) -> Array | None:
         """Positions and velocities in one array, (2, n, joints), for reading; None where they are not neighbours."""
         return _both(self.position, self.velocity)

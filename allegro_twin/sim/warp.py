@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import mujoco
@@ -59,7 +60,7 @@ class WarpWorlds(Worlds):
         """Where the steps are taken, as Warp calls it."""
         return str(self._device)
 
-    @property
+    @cached_property
     def motion(self) -> Array | None:
         return None
 
