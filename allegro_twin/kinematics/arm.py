@@ -40,12 +40,12 @@ class ArmModel:
         path = data_root() / "models" / "urdf" / f"{spec.name}.urdf"
         if not path.is_file():
             raise ConfigError(f"arm {spec.name}: no URDF at {path}")
-        self.spec, self._model = spec, pin.buildModelFromUrdf(str(path))
+        self.spec, self.tool, self._model = spec, tool, pin.buildModelFromUrdf(str(path))
         joint = self._model.getJointId(spec.joints[-1])
         on = self._model.frames[self._model.getFrameId(spec.flange)].placement
         place = on * pin.SE3(matrix_from_quaternion(tool.quaternion), np.array(tool.position))
         self._frame = self._model.addFrame(pin.Frame("tool", joint, 0, place, pin.FrameType.OP_FRAME), False)
-        self._on_flange = place
+        self._flange, self._on_flange = self._model.getFrameId(spec.flange), place
         if spec.load is not None:
             weight = pin.Inertia(spec.load.mass, np.array(spec.load.centre), np.zeros((3, 3)))
             self._model.appendBodyToJoint(joint, weight, on)
@@ -55,9 +55,16 @@ class ArmModel:
 
     def pose(self, position: Vector) -> Pose:
         """Of the tool."""
+        return self._pose(self._frame, position)
+
+    def flange(self, position: Vector) -> Pose:
+        """Of the flange."""
+        return self._pose(self._flange, position)
+
+    def _pose(self, frame: int, position: Vector) -> Pose:
         pin.framesForwardKinematics(self._model, self._data, position)
-        frame = self._data.oMf[self._frame]
-        return Pose(frame.translation.copy(), frame.rotation.copy())
+        found = self._data.oMf[frame]
+        return Pose(found.translation.copy(), found.rotation.copy())
 
     def motion(self, position: Vector) -> tuple[Array, Array, Array]:
         """The tool's place (3,), m, its axes (3, 3), and the J in (v; ω) = J q̇, (6, n), in the axes of the base."""
@@ -79,8 +86,7 @@ class ArmModel:
     def light(self, link: float = 0.1, tip: float = 1.0) -> ArmModel:
         """The same chain with other masses: every link a point of `link` kg at its joint, and at the tool a body of
         `tip` kg and as many kg·m²."""
-        other = ArmModel(self.spec)
-        other._frame, other._model = self._frame, self._model.copy()
+        other = ArmModel(self.spec, self.tool)
         nothing = np.zeros(3)
         for joint in range(1, other._model.njoints):
             # 1e-6: so that no joint is without inertia.
@@ -112,3 +118,14 @@ class ArmModel:
                 f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for a pose nearer to the base, or turned less"
             )
         return at
+
+
+def turn(axes: Array, wanted: Array) -> Vector:
+    """The rotation vector that turns one orientation (3, 3) into another, in the axes of the base, (3,), rad."""
+    found: Vector = pin.log3(wanted @ axes.T)
+    return found
+
+
+def turned(axes: Array, vector: Vector) -> Array:
+    """An orientation (3, 3) turned by a rotation vector, (3,), rad, in the axes of the base."""
+    return np.asarray(pin.exp3(vector) @ axes)
