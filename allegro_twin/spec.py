@@ -118,6 +118,11 @@ class HandSpec:
         return "palm_link"
 
     @property
+    def rest(self) -> Vector:
+        """Where a simulation begins by default, (n,), rad: the nearest to zero inside the limits."""
+        return np.clip(0.0, self.lower, self.upper)
+
+    @property
     def readable(self) -> tuple[str, ...]:
         """A name for each joint, for people: `index_0`, or that of the description where a joint moves several
         fingers."""
@@ -210,6 +215,8 @@ class ArmSpec(HandSpec):
 
     load: Load | None = None
     """None: nothing."""
+    ready: Vector = field(default_factory=lambda: frozen(np.empty(0)))
+    """Where it waits, elbow bent and flange down, (n,), rad."""
     silence: float = 0.02
     """s without a command after which it holds itself still, as it does before the first."""
 
@@ -220,6 +227,10 @@ class ArmSpec(HandSpec):
     @property
     def root(self) -> str:
         return f"{self.model}_link0"
+
+    @property
+    def rest(self) -> Vector:
+        return self.ready
 
     @property
     def flange(self) -> str:

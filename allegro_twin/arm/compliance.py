@@ -1,12 +1,14 @@
-"""Forward-dynamics compliance: a light virtual arm is pulled by the error and by what is felt; the real one follows it.
+"""Forward-dynamics compliance: a light virtual arm is pulled by the error and by what is felt; the real one follows.
 
 After Scherzinger, Roennau and Dillmann, "Forward Dynamics Compliance Control (FDCC)", IROS 2017, and FZI's
-cartesian_compliance_controller, which the lab's report uses. A cycle, of one or several iterations from where the arm is:
+cartesian_compliance_controller, which the lab's report uses. A cycle, of one or several iterations:
 
 f = R K Rᵀ e + w_felt + w_target,  u = s (P f + D ḟ),  q̈ = H⁻¹ Jᵀ u,  q ← q + q̇ Δ,  q̇ ← 0.9 (q̇ + q̈ Δ)
 
-The joints then follow the speed that leads there by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇. At rest f = 0, whatever P,
-the iterations and the follower are: P sets how fast, K where.
+The real joints follow by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇ - Jᵀ w̄_felt, with q_r on a straight line from cycle
+to cycle and w̄ smoothed. At rest f = 0, whatever P and the iterations are: P sets how fast, K where. FZI sets the
+virtual arm to where the real one is before each cycle; here it goes on from where it was, since an arm that takes
+torques lags a little and would swing; it is brought back where the real one lags by more than `lag`.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.arm.impedance import Stiffness
-from allegro_twin.arm.target import Smoothing, Target, approached
+from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import ArmModel, turn
@@ -27,7 +29,11 @@ from allegro_twin.types import HandState, TorqueCommand, Vector
 _STEP = 0.02  # s. Δ of the virtual arm. FZI cartesian_controllers, internal period.
 _KEPT = 0.9  # Of the virtual speed, after a step. FZI.
 _MOST = 1.0  # Of an error, m and rad. FZI.
-_LAG = 0.1  # rad. Between what is followed and the arm, at most, so that nothing winds up while it is held.
+_CARRIED = (
+    0.1  # s. Time constant of what is felt, before the follower carries it: at once it would be a loop of its own.
+)
+_FZI = Stiffness(500.0, 50.0)
+_SHARE = 0.7  # Of the joints' speed limits, that the virtual arm may go.
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +50,9 @@ class Pull:
     """Of a cycle: more are faster."""
 
 
+_PULL = Pull()
+
+
 class Virtual(NamedTuple):
     """The virtual arm after a cycle."""
 
@@ -58,6 +67,7 @@ class Led(NamedTuple):
     """What the controller remembers."""
 
     virtual: Virtual
+    """Where it will be when the next cycle begins."""
     reference: Vector
     """q_r, (n,), rad."""
     speed: Vector
@@ -66,6 +76,8 @@ class Led(NamedTuple):
     t: float
     due: float
     """When the next cycle begins, s."""
+    carried: Vector
+    """What is felt, smoothed, (6,), N and N·m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,13 +88,15 @@ class Compliance:
     target: Target
     bridge: Bridge | None = None
     """None: nothing is felt."""
-    stiffness: Stiffness = Stiffness(500.0, 50.0)
-    pull: Pull = Pull()
+    stiffness: Stiffness = _FZI
+    pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
-    bandwidth: float = 60.0
-    """ω of the follower, rad/s."""
-    smoothing: Smoothing | None = Smoothing()
+    bandwidth: float = 30.0
+    """ω of the follower, rad/s. A stiffer one swings where the tool sticks to what it presses on; docs/arm.md."""
+    lag: float = 0.05
+    """rad."""
+    smoothing: Smoothing | None = SMOOTH
     light: ArmModel = field(init=False)
 
     def __post_init__(self) -> None:
@@ -92,20 +106,21 @@ class Compliance:
         if self.bridge is not None and not state.wrench.size:
             raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge, or take the impedance")
         q, nothing = state.position, np.zeros(len(state.position))
-        return Led(Virtual(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t)
+        return Led(Virtual(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t, np.zeros(6))
 
     def __call__(self, state: HandState, memory: Led) -> tuple[TorqueCommand, Led]:
         dt, q, v = state.t - memory.t, state.position, state.velocity
-        reference = memory.reference + memory.speed * dt
-        reference = np.minimum(np.maximum(reference, q - _LAG), q + _LAG)
+        reference, speed = memory.reference + memory.speed * dt, memory.speed
+        reference = np.minimum(np.maximum(reference, q - self.lag), q + self.lag)
         setpoint = approached(memory.setpoint, self.target.pose, dt, self.smoothing)
-        virtual, speed, due = memory.virtual, memory.speed, memory.due
+        virtual, due, felt = memory.virtual, memory.due, self._felt(state)
         if state.t >= due - 1e-9:
-            virtual = cycled(self, virtual._replace(position=q), setpoint, self._felt(state) + self.target.wrench)
-            speed, due = (virtual.position - q) / self.cycle, due + self.cycle
+            virtual = cycled(self, virtual._replace(position=reference), setpoint, felt + self.target.wrench)
+            speed, due = (virtual.position - reference) / self.cycle, due + self.cycle
+        carried = memory.carried + (felt - memory.carried) * min(dt / _CARRIED, 1.0)
         wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
-        torque = self.model.inertia(q) @ wanted + self.model.coriolis(q, v)
-        return TorqueCommand(torque), Led(virtual, reference, speed, setpoint, state.t, due)
+        torque = self.model.inertia(q) @ wanted + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
+        return TorqueCommand(torque), Led(virtual, reference, speed, setpoint, state.t, due, carried)
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""
@@ -116,8 +131,9 @@ class Compliance:
 
 
 def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) -> Virtual:
-    """One cycle of the virtual arm from where it is."""
-    q, v, last = virtual
+    """One cycle of the virtual arm from where it is, no faster than the joints may go."""
+    begin, v, last = virtual
+    q = begin
     spec, pull = law.model.spec, law.pull
     stiffness, share = law.stiffness.diagonal(), np.repeat([pull.linear, pull.angular], 3)
     for _ in range(pull.iterations):
@@ -128,4 +144,6 @@ def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) ->
         pulled = np.linalg.solve(law.light.inertia(q), jacobian.T @ effort)
         q = np.clip(q + v * _STEP, spec.lower, spec.upper)
         v, last = _KEPT * (v + pulled * _STEP), force
-    return Virtual(q, v, last)
+    limit = spec.actuation.velocity_limit
+    over = 1.0 if limit is None else float(np.abs((q - begin) / (limit * _SHARE * law.cycle)).max())
+    return Virtual(begin + (q - begin) / max(over, 1.0), v / max(over, 1.0), last)

@@ -1,8 +1,8 @@
 """Cartesian impedance: the tool hangs on a spring and a damper from its target.
 
-τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the target's
-orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's cartesian_impedance_example_controller,
-whose φ is half of ours for small angles. The arm carries its own weight and its load.
+τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the
+target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
+cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.arm.target import Smoothing, Target, approached
+from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import ArmModel, turn
 from allegro_twin.kinematics.pose import Pose
@@ -57,7 +57,7 @@ class Impedance:
     stiffness: Stiffness = Stiffness()
     null: float = 10.0
     """Stiffness of what the target leaves free, N·m/rad."""
-    smoothing: Smoothing | None = Smoothing()
+    smoothing: Smoothing | None = SMOOTH
     """None: targets are set-points."""
     slack: tuple[float, float] = (0.01, 0.1)
     """How far friction may keep the tool from its target, m and rad."""

@@ -1,4 +1,4 @@
-"""Where an arm's tool is to be: a goal that somebody moves, and the set-point that follows it no faster than allowed."""
+"""Where an arm's tool is to be: a goal that somebody moves, and the set-point that follows it as fast as it may."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ class Smoothing:
     turning: float = 1.0
     """At most, rad/s."""
     share: float = 0.005
-    """Of what is left, in a millisecond: a time constant of 0.2 s. libfranka, cartesian_impedance_example_controller."""
+    """Of what is left, in a millisecond: a time constant of 0.2 s. franka_ros, filter_params."""
+
+
+SMOOTH = Smoothing()
 
 
 class Target:
@@ -74,9 +77,13 @@ def _checked(pose: Pose) -> Pose:
     for name, values in (("position", position), ("rotation", rotation.ravel())):
         if not np.isfinite(values).all():
             bad = int(np.flatnonzero(~np.isfinite(values))[0])
-            raise CommandError(f"target {name}[{bad}] is {values[bad]}; the arm keeps its last target: give a whole pose")
+            raise CommandError(
+                f"target {name}[{bad}] is {values[bad]}; the arm keeps its last target: give a whole pose"
+            )
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0.0:
-        raise CommandError("target rotation is no rotation matrix; the arm keeps its last target: give right-handed axes")
+        raise CommandError(
+            "target rotation is no rotation matrix; the arm keeps its last target: give right-handed axes"
+        )
     return Pose(frozen(position), _matrix(rotation))
 
 

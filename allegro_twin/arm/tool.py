@@ -19,8 +19,8 @@ _LIKE = 1e-2  # Of the least singular value of the gravities in one column: pose
 class Bridge:
     """From the flange's sensor to what the world does to the tool.
 
-    w_ext = w_meas - (m Rᵀg; c × m Rᵀg) - bias, in the flange's frame; R is the flange's orientation in the base. The tool
-    is taken to be at rest: what its acceleration costs is felt as a force.
+    w_ext = w_meas - (m Rᵀg; c × m Rᵀg) - bias, in the flange's frame; R is the flange's orientation in the base. The
+    tool is taken to be at rest: what its acceleration costs is felt as a force.
     """
 
     load: Load
@@ -63,12 +63,14 @@ def weight(load: Load, axes: Array, gravity: Vector) -> Vector:
 def identified(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vector) -> Identified:
     """Mass, centre and bias by least squares, from what the flange felt at rest in several orientations.
 
-    With gₖ = Rₖᵀg: fₖ = m gₖ + b_f and τₖ = -[gₖ]ₓ (m c) + b_τ, linear in (m, m c, b). Raises ConfigError for poses that
-    are too much alike: three that differ by some 30° about two axes are enough.
+    With gₖ = Rₖᵀg: fₖ = m gₖ + b_f and τₖ = -[gₖ]ₓ (m c) + b_τ, linear in (m, m c, b). Raises ConfigError for poses
+    that are too much alike: three that differ by some 30° about two axes are enough.
     """
     down = np.array([each.T @ gravity for each in axes])
     if len(down) < 3 or np.linalg.svd(down - down.mean(axis=0), compute_uv=False)[1] < _LIKE * np.linalg.norm(gravity):
-        raise ConfigError(f"{len(down)} poses do not tell the tool's weight from the sensor's bias: turn it about two axes")
+        raise ConfigError(
+            f"{len(down)} poses do not tell the tool's weight from the sensor's bias: turn it about two axes"
+        )
     rows, values = [], []
     for g, wrench in zip(down, wrenches, strict=True):
         cross = np.array([[0.0, -g[2], g[1]], [g[2], 0.0, -g[0]], [-g[1], g[0], 0.0]])

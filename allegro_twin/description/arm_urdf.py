@@ -29,9 +29,7 @@ def arm_urdf(arm: Arm, spec: ArmSpec) -> str:
                 joint, "limit", lower=number(link.lower), upper=number(link.upper),
                 effort=number(motor.torque_limit[k]), velocity=number(motor.velocity_limit[k]),
             )  # fmt: skip
-            SubElement(
-                joint, "dynamics", damping=number(motor.damping[k]), friction=number(motor.frictionloss[k])
-            )
+            SubElement(joint, "dynamics", damping=number(motor.damping[k]), friction=number(motor.frictionloss[k]))
         before = link.name
     SubElement(root, "link", name=spec.flange)
     joint_between(root, f"{spec.flange}_joint", "fixed", before, spec.flange, (0.0, 0.0, arm.flange), (0.0, 0.0, 0.0))

@@ -74,7 +74,9 @@ def load(model: str) -> Arm:
     rows: list[dict[str, Any]] = [{}, *table["joints"]]
     return Arm(
         name=table["name"],
-        links=tuple(_link(table, k, joint, link) for k, (joint, link) in enumerate(zip(rows, table["links"], strict=True))),
+        links=tuple(
+            _link(table, k, joint, link) for k, (joint, link) in enumerate(zip(rows, table["links"], strict=True))
+        ),
         flange=float(table["flange"]),
         never_collide=tuple((a, b) for a, b in table["never_collide"]),
         colors={name: tuple(rgba) for name, rgba in table["colors"].items()},
@@ -103,6 +105,7 @@ def load_arm(model: str, load: Load | None = None) -> ArmSpec:
         ),
         mirror_flips=(),
         load=load,
+        ready=frozen(np.radians(table["ready"])),
         silence=float(table["silence"]),
     )
 

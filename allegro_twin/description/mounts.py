@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
-from allegro_twin.kinematics.orientation import quaternion_facing, quaternion_from_matrix
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing, quaternion_from_matrix
 from allegro_twin.spec import HandSpec, Load
 from allegro_twin.types import Array, frozen
 
@@ -95,17 +95,23 @@ def load_mount(hand: HandSpec, name: str | Path = "") -> Mount:
     settings = load(MountSettings, path)
     if settings.hand != hand.model:
         raise ConfigError(
-            f"{path} is the flange of a {settings.hand}, and the hand is a {hand.name}: take conf/mounts/{hand.model}.yaml"
+            f"{path} is the flange of a {settings.hand}, and the hand is a {hand.name}: "
+            f"take conf/mounts/{hand.model}.yaml"
         )
-    camera = settings.camera
+    camera, position = settings.camera, np.array(settings.position)
+    quaternion = quaternion_facing(settings.facing, settings.fingers)
+    centre = np.array(settings.load.centre)
+    if hand.side == "left":  # The file is of a right hand, and a left one is its mirror image in the palm's x-z plane.
+        axes = matrix_from_quaternion(quaternion)
+        centre = position + axes @ (axes.T @ (centre - position) * (1.0, -1.0, 1.0))
     return Mount(
         name=path.stem,
-        position=frozen(settings.position),
-        quaternion=frozen(quaternion_facing(settings.facing, settings.fingers)),
+        position=frozen(position),
+        quaternion=frozen(quaternion),
         adapter=settings.adapter,
         camera_position=frozen(camera.position),
         camera_quaternion=frozen(_optical(camera, path)),
-        load=Load(settings.load.mass, frozen(settings.load.centre)),
+        load=Load(settings.load.mass, frozen(centre)),
     )
 
 

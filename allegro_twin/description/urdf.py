@@ -72,7 +72,9 @@ def _tip(root: Element, link: Link, tip: Tip) -> None:
             SubElement(SubElement(part, "geometry"), shape, size)
             if role == "visual":
                 SubElement(part, "material", name="tip")
-    joint_between(root, tip.name.replace("link", "joint"), "fixed", link.name, tip.name, (0.0, 0.0, tip.end), (0.0, 0.0, 0.0))
+    joint_between(
+        root, tip.name.replace("link", "joint"), "fixed", link.name, tip.name, (0.0, 0.0, tip.end), (0.0, 0.0, 0.0)
+    )
 
 
 def joint_between(

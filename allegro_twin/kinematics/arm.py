@@ -91,14 +91,16 @@ class ArmModel:
         for joint in range(1, other._model.njoints):
             # 1e-6: so that no joint is without inertia.
             other._model.inertias[joint] = pin.Inertia(link, nothing, 1e-6 * np.eye(3))
-        other._model.inertias[other._model.njoints - 1] = self._on_flange.act(pin.Inertia(tip, nothing, tip * np.eye(3)))
+        other._model.inertias[other._model.njoints - 1] = self._on_flange.act(
+            pin.Inertia(tip, nothing, tip * np.eye(3))
+        )
         other._model.armature = np.zeros(self.spec.n_joints)
         other._data = other._model.createData()
         return other
 
     def reach(self, wanted: Pose, near: Vector, tolerance: float = 1e-4) -> Vector:
-        """Joint positions inside the limits with the tool at a pose, found from nearby ones. Raises ConfigError with how
-        near it came, when it is not within `tolerance`, m and rad."""
+        """Joint positions inside the limits with the tool at a pose, found from nearby ones. Raises ConfigError with
+        how near it came, when that is not within `tolerance`, m and rad."""
         spec, at = self.spec, np.array(near, dtype=np.float64)
         goal = pin.SE3(np.array(wanted.rotation), np.array(wanted.position))
         for _ in range(_STEPS):
@@ -115,7 +117,7 @@ class ArmModel:
         if max(short, turned) > tolerance:
             raise ConfigError(
                 f"{spec.name} does not reach {np.round(wanted.position, 3).tolist()} m with that orientation: it stays "
-                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for a pose nearer to the base, or turned less"
+                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for one nearer to the base, or turned less"
             )
         return at
 

@@ -57,7 +57,7 @@ def _otherwise(spec: HandSpec) -> dict[str, Any]:
     said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
-        said["arm"] = {"silence": spec.silence, "load": load}
+        said["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
     if spec.followers:
         said["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
@@ -69,5 +69,6 @@ def _arm_from(content: dict[str, Any]) -> dict[str, Any]:
     load = content["load"]
     return {
         "silence": content["silence"],
+        "ready": frozen(content["ready"]),
         "load": None if load is None else Load(load["mass"], frozen(load["centre"])),
     }

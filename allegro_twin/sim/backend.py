@@ -13,8 +13,8 @@ from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
-from allegro_twin.sim.posed import Posed, moved_by
 from allegro_twin.sim.holding import Holding, feels
+from allegro_twin.sim.posed import Posed, moved_by
 from allegro_twin.sim.servos import Servos
 from allegro_twin.sim.world import World
 from allegro_twin.spec import ArmSpec, HandSpec
@@ -41,8 +41,8 @@ class SimBackend:
     A reset begins the world anew, unless it is new and this device has not been reset in it.
 
     `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
-    `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits. Joints
-    that follow begin where they are when nothing is in their way.
+    `posture` is the joint position at reset, shape (n,), rad; by default the spec's rest. Joints that follow begin
+    where they are when nothing is in their way.
     `pushing` is what pushes a body of the scene.
     Raises ConfigError for a period that is not a whole number of the model's timesteps.
     """
@@ -69,7 +69,7 @@ class SimBackend:
         self._dof = span([model.jnt_dofadr[joint] for joint in joints])
         self._pose = Posed(spec, model)
         self._root = model.body(spec.root).id
-        self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
+        self._posture = spec.rest if posture is None else spec.posture(posture)
         self.drive, self.pushing = drive, pushing
         self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
         self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []

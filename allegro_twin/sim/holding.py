@@ -13,7 +13,7 @@ from allegro_twin.types import Vector
 Places: TypeAlias = slice | list[int]
 """Of its joints in an array of the simulation."""
 _STIFFNESS, _DAMPING = 7.0, 0.6
-"""Of its joints, in their torque limits: N·m/rad and N·m·s/rad a N·m. OWN: what a hand's weight moves by a millimetre."""
+"""Of its joints, in their torque limits: N·m/rad and N·m·s/rad a N·m. OWN: a hand's weight moves it a millimetre."""
 
 
 class Holding:
