@@ -120,7 +120,7 @@ class HandSpec:
     @property
     def rest(self) -> Vector:
         """Where a simulation begins by default, (n,), rad: the nearest to zero inside the limits."""
-        return np.clip(0.0, self.lower, self.upper)
+        return np.minimum(np.maximum(self.lower, 0.0), self.upper)
 
     @property
     def readable(self) -> tuple[str, ...]:

@@ -117,7 +117,7 @@ class ArmModel:
         if max(short, turned) > tolerance:
             raise ConfigError(
                 f"{spec.name} does not reach {np.round(wanted.position, 3).tolist()} m with that orientation: it stays "
-                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for one nearer to the base, or turned less"
+                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for one nearer, or turned less"
             )
         return at
 
