@@ -208,7 +208,7 @@ class Load:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmSpec(HandSpec):
-    """An arm's identity card: a hand's, without fingers and sides, and what an arm has besides.
+    """An arm's identity card: that of a hand with one finger, whose tip is the flange, and what an arm has besides.
 
     An arm carries its own weight and its load: a commanded torque is what comes on top.
     """

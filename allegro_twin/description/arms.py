@@ -12,7 +12,7 @@ from allegro_twin.description import inertia
 from allegro_twin.description.facts import Triple, triple
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.spec import Actuation, ArmSpec, Load
+from allegro_twin.spec import Actuation, ArmSpec, Finger, Load
 from allegro_twin.types import frozen
 
 
@@ -92,7 +92,7 @@ def load_arm(model: str, load: Load | None = None) -> ArmSpec:
         model=table["name"],
         side="right",  # An arm has none.
         joints=tuple(f"{table['name']}_joint{k}" for k in range(1, n + 1)),
-        fingers=(),
+        fingers=(Finger("arm", tuple(range(n)), f"{table['name']}_flange"),),
         lower=frozen([joint["limit"][0] for joint in joints]),
         upper=frozen([joint["limit"][1] for joint in joints]),
         actuation=Actuation(

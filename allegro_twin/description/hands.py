@@ -65,7 +65,9 @@ def load_spec(
 
 def _arm(model: str, side: Side, serial: str) -> HandSpec:
     if side != "right" or serial:
-        raise ConfigError(f"{model} is an arm, and an arm has no side and no file of its own: leave out side and serial")
+        raise ConfigError(
+            f"{model} is an arm, and an arm has no side and no file of its own: leave out side and serial"
+        )
     return arms.load_arm(model)
 
 

@@ -53,7 +53,10 @@ def test_any_hand_hangs_on_the_flange_and_the_arm_stays_where_it_is(model: str) 
     cell = make_cell("fer", load_spec(model), things=[CAN])
     arm, hand = driven(cell, 0.3)
     assert (len(arm), len(hand)) == (301, 101)
-    assert np.linalg.norm(cell.model.pose(arm[-1].state.position).position - cell.model.pose(cell.spec.ready).position) < 5e-3
+    assert (
+        np.linalg.norm(cell.model.pose(arm[-1].state.position).position - cell.model.pose(cell.spec.ready).position)
+        < 5e-3
+    )
     np.testing.assert_allclose(cell.thing("tomato_soup_can").position, [0.1, 0.0, 0.0505], atol=2e-3)
     palm = cell.world.data.body("palm_link")
     np.testing.assert_allclose(cell.palm(arm[-1].state).position, palm.xpos, atol=1e-3)

@@ -97,7 +97,9 @@ def test_an_arm_presses_on_a_wall_as_its_springs_say() -> None:
 
 
 @pytest.mark.parametrize(("dry", "near"), [(0.0, 0.01), (0.2, 0.06)])
-def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_friction(dry: float, near: float) -> None:
+def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_friction(
+    dry: float, near: float
+) -> None:
     arm = at_a_wall(frictionloss=dry)
     arm.target.move(below(arm, 0.05))
     state = arm.after(4.0, Impedance(arm.model, arm.target, Stiffness(1000.0, 30.0)))
@@ -122,7 +124,10 @@ def test_compliance_presses_with_what_it_is_asked_to() -> None:
 
 
 def test_a_set_point_goes_straight_and_turns_by_slerp_no_faster_than_it_may() -> None:
-    start, goal = Pose(np.zeros(3), np.eye(3)), Pose(np.array([1.0, 2.0, 2.0]), turned(np.eye(3), np.array([0, 0, 2.0])))
+    start, goal = (
+        Pose(np.zeros(3), np.eye(3)),
+        Pose(np.array([1.0, 2.0, 2.0]), turned(np.eye(3), np.array([0, 0, 2.0]))),
+    )
     rule, pose, far = Smoothing(speed=0.3, turning=1.0, share=1.0), start, 0.0
     for step in range(1, 101):
         before, pose = pose, approached(pose, goal, 0.01, rule)
