@@ -7,7 +7,7 @@ cartesian_impedance_example_controller, whose φ is half of ours for small angle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +61,11 @@ class Impedance:
     """None: targets are set-points."""
     slack: tuple[float, float] = (0.01, 0.1)
     """How far friction may keep the tool from its target, m and rad."""
+    spring: Vector = field(init=False)
+    """The stiffness along and about the axes, (6,)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spring", self.stiffness.diagonal())
 
     def start(self, state: HandState) -> Hanging:
         stuck(self.model, state.position, self.stiffness, self.slack)
@@ -68,7 +73,7 @@ class Impedance:
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
         setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
-        torque = hung(self.model, state, setpoint, memory.rest, self.stiffness.diagonal(), self.null)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null)
         return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t)
 
 
@@ -102,8 +107,6 @@ def stuck(model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[
 
 
 def _dead_band(model: ArmModel, position: Vector) -> Array:
-    """The largest force and torque along each axis that friction holds at rest, (6,), N and N·m."""
+    """The largest force and torque along each axis that the joints' dry friction can hold, |J⁺ᵀ| τ, (6,), N and N·m."""
     _, _, jacobian = model.motion(position)
-    lever = np.abs(jacobian)
-    dry = model.spec.actuation.frictionloss
-    return np.array((dry / np.maximum(lever, 1e-9)).min(axis=1))
+    return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ model.spec.actuation.frictionloss)

@@ -13,6 +13,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 _MS = 1e-3
 _SHORT = 1e-12
+_THERE = 1e-6  # m and rad. Less than an encoder shows.
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +61,13 @@ class Target:
 def approached(now: Pose, goal: Pose, dt: float, smoothing: Smoothing | None) -> Pose:
     """The set-point `dt` seconds later: a straight line and the shortest turn (slerp), by the lesser of the filter's
     share and the bounded step. None: at once."""
-    if smoothing is None:
+    if smoothing is None or now is goal:
         return goal
     share = 1.0 - (1.0 - smoothing.share) ** (dt / _MS)
     way, left = goal.position - now.position, turn(now.rotation, goal.rotation)
     far, wide = float(np.sqrt(way @ way)), float(np.sqrt(left @ left))
+    if far < _THERE and wide < _THERE:
+        return goal
     part = min(share, smoothing.speed * dt / max(far, _SHORT))
     twist = min(share, smoothing.turning * dt / max(wide, _SHORT))
     return Pose(now.position + part * way, turned(now.rotation, twist * left))
