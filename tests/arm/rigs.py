@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -31,7 +31,7 @@ class Rig(NamedTuple):
     home: Pose
     target: Target
 
-    def after(self, seconds: float, controller: Controller[object]) -> HandState:
+    def after(self, seconds: float, controller: Controller[Any]) -> HandState:
         """The state after so long under a controller."""
         *_, last = until(seconds, run(self.guard, controller))
         return last.state

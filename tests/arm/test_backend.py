@@ -110,7 +110,7 @@ def test_a_disturbed_sensor_repeats_with_its_seed() -> None:
 
 def test_a_recording_of_an_arm_is_that_arm_again_bit_for_bit(tmp_path: Path) -> None:
     arm, path = rig(), tmp_path / "arm.arrow"
-    arm.target.move(Pose(arm.home.position + [0.0, 0.1, 0.0], arm.home.rotation))
+    arm.target.move(Pose(arm.home.position + np.array([0.0, 0.1, 0.0]), arm.home.rotation))
     law = Impedance(arm.model, arm.target)
     first = list(recorded(until(0.3, run(arm.guard, law)), path, arm.model.spec, 0.001))
     backend = ReplayBackend(load(path))

@@ -177,7 +177,7 @@ def test_a_palm_goes_where_the_flange_is_told_to_bring_it() -> None:
     cell = make_cell("fer", load_spec())
     state = cell.arm.reset()
     palm = cell.palm(state)
-    asked = Pose(palm.position + [0.05, 0.1, -0.1], turned(palm.rotation, np.array([0.0, 0.0, 0.3])))
+    asked = Pose(palm.position + np.array([0.05, 0.1, -0.1]), turned(palm.rotation, np.array([0.0, 0.0, 0.3])))
     flange = cell.flange_for(asked)
     at = cell.model.reach(flange, state.position)
     cell.world.data.qpos[: cell.spec.n_joints] = at

@@ -51,7 +51,7 @@ def test_a_push_of_ten_newtons_moves_the_tool_by_ten_over_k(name: str, stiffness
 @pytest.mark.parametrize("stiffness", [150.0, 1000.0])
 def test_the_tool_comes_to_rest_near_a_target_that_moved_and_turned(stiffness: float) -> None:
     arm = rig()
-    goal = Pose(arm.home.position + [0.1, -0.15, -0.1], turned(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
+    goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), turned(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
     arm.target.move(goal)
     state = arm.after(4.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0)))
     pose = arm.model.pose(state.position)

@@ -94,12 +94,12 @@ def test_a_pose_is_reached_inside_the_limits_or_the_message_says_how_near() -> N
     spec = arms.load_arm("fer")
     model = ArmModel(spec)
     home = model.pose(spec.ready)
-    wanted = Pose(home.position + [0.1, 0.1, -0.2], home.rotation)
+    wanted = Pose(home.position + np.array([0.1, 0.1, -0.2]), home.rotation)
     found = model.reach(wanted, spec.ready)
     assert ((found >= spec.lower) & (found <= spec.upper)).all()
     np.testing.assert_allclose(model.pose(found).position, wanted.position, atol=1e-4)
     with pytest.raises(ConfigError, match=r"fer does not reach \[1.307, .* short; ask for one nearer"):
-        model.reach(Pose(home.position + [1.0, 0.0, 0.0], home.rotation), spec.ready)
+        model.reach(Pose(home.position + np.array([1.0, 0.0, 0.0]), home.rotation), spec.ready)
 
 
 def test_an_arm_is_a_spec_like_a_hands_and_a_typo_is_answered() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
-from allegro_twin.loop import run, until
+from allegro_twin.loop import Controller, run, until
 from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
@@ -59,7 +60,9 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
     def replayed(spec: HandSpec) -> HandBackend:
         path = tmp_path / "other.arrow"
         torques = "torque" in spec.commands
-        law = Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+        law: Controller[Any] = (
+            Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+        )
         samples = until(0.75, run(make_sim(spec), law))
         for _ in recorded(samples, path, spec, 0.003):
             pass
