@@ -114,6 +114,15 @@ def test_the_flange_feels_the_hands_weight_and_the_bridge_takes_it_away() -> Non
     np.testing.assert_allclose(cell.wrench(state), 0.0, atol=0.05)
 
 
+def test_an_arm_that_knows_its_hand_stays_where_it_is_without_a_torque() -> None:
+    cell = make_cell("fer", load_spec("leap"))
+    runs = (run(cell.arm, Torque(np.zeros(7))), 0.001), (run(cell.hand, open_hand(load_spec("leap"))), 0.003)
+    for turn, sample in together(*runs):
+        if turn == 0 and sample.state.t >= 0.5:
+            np.testing.assert_allclose(sample.state.position, cell.spec.ready, atol=0.02)
+            return
+
+
 def test_a_weight_in_the_hand_is_felt_in_the_world_as_what_it_weighs() -> None:
     cell = make_cell("fer", load_spec())
     palm = cell.world.model.body("palm_link").id
@@ -171,6 +180,15 @@ def test_a_bias_is_gone_after_a_tare_and_only_then() -> None:
     np.testing.assert_allclose(tared.felt(wrench, np.eye(3), DOWN), 0.0, atol=1e-12)
     with pytest.raises(ConfigError, match="a tare needs at least one sample"):
         bridge.tared([])
+
+
+def test_a_force_at_a_point_has_no_torque_about_it() -> None:
+    force, at = np.array([1.0, -2.0, 3.0]), np.array([0.01, 0.02, 0.1])
+    axes = turned(np.eye(3), np.array([0.3, 0.2, -0.1]))
+    bridge = Bridge(Load(0.5, frozen([0.0, 0.0, 0.05])))
+    wrench = weight(bridge.load, axes, DOWN) + np.concatenate([force, np.cross(at, force)])
+    outside = bridge.outside(wrench, axes, DOWN, at)
+    np.testing.assert_allclose(outside, [*(axes @ force), 0.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_a_palm_goes_where_the_flange_is_told_to_bring_it() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.arm.compliance import Compliance, Pull, Virtual, cycled
-from allegro_twin.arm.impedance import Impedance, Stiffness
+from allegro_twin.arm.impedance import Impedance, Stiffness, hung
 from allegro_twin.arm.target import Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import CommandError, ConfigError
@@ -66,6 +66,16 @@ def test_the_elbow_stays_where_it_began_while_the_tool_stands_still() -> None:
     law = Impedance(arm.model, arm.target, Stiffness(400.0, 30.0))
     state = arm.after(2.0, law)
     np.testing.assert_allclose(state.position, arm.model.spec.ready, atol=1e-4)
+
+
+def test_what_draws_the_elbow_back_does_not_move_the_tool() -> None:
+    arm = rig()
+    state, law = arm.sim.reset(), Impedance(arm.model, arm.target)
+    rest = state.position + np.array([0.2, -0.1, 0.3, 0.1, 0.0, -0.2, 0.1])
+    torque = hung(arm.model, state, arm.home, rest, law.spring, law.null)
+    _, _, jacobian = arm.model.motion(state.position)
+    np.testing.assert_allclose(jacobian @ torque, 0.0, atol=1e-4)
+    assert torque @ (rest - state.position) > 0.01
 
 
 @pytest.mark.parametrize(("iterations", "seconds"), [(1, 0.54), (10, 0.05)])

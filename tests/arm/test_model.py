@@ -102,6 +102,13 @@ def test_a_pose_is_reached_inside_the_limits_or_the_message_says_how_near() -> N
         model.reach(Pose(home.position + np.array([1.0, 0.0, 0.0]), home.rotation), spec.ready)
 
 
+def test_a_pose_that_only_a_joint_beyond_its_end_would_reach_is_out_of_reach() -> None:
+    spec = arms.load_arm("fer")
+    model = ArmModel(spec)
+    with pytest.raises(ConfigError, match="fer does not reach"):
+        model.reach(Pose(np.array([0.15, 0.0, 0.3]), model.pose(spec.ready).rotation), spec.ready)
+
+
 def test_an_arm_is_a_spec_like_a_hands_and_a_typo_is_answered() -> None:
     spec = load_spec("fer")
     assert isinstance(spec, ArmSpec)
