@@ -14,6 +14,7 @@ from allegro_twin.arm.limits import at_limit, limits_of
 from allegro_twin.control.controllers import Torque
 from allegro_twin.description.arms import load_arm
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
+from allegro_twin.kinematics.arm import ArmModel, Placed
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.replay.backend import ReplayBackend
@@ -36,6 +37,17 @@ def test_an_arm_that_was_told_of_a_load_lifts_with_that_weight() -> None:
     arm = rig(spec=spec)
     state = arm.after(0.2, Torque(np.zeros(7)))
     assert arm.moved(state)[2] > 0.01  # Nothing hangs there, so the arm rises.
+
+
+def test_an_arm_carries_its_load_at_its_centre_of_mass() -> None:
+    load = Load(1.0, frozen([0.1, 0.05, 0.15]))
+    bare, told = rig(), rig(spec=replace(load_arm("fer"), load=load))
+    for arm in (bare, told):
+        arm.sim.reset()
+    more = told.sim.data.qfrc_gravcomp[:7] - bare.sim.data.qfrc_gravcomp[:7]
+    at = ArmModel(load_arm("fer"), Placed(load.centre, np.array([1.0, 0.0, 0.0, 0.0])))
+    _, _, jacobian = at.motion(told.model.spec.ready)
+    np.testing.assert_allclose(more, jacobian[2] * 9.81, atol=0.01)  # The grain of a gram is carried, too.
 
 
 def test_an_arm_that_nobody_commands_stands_still_under_a_push() -> None:

@@ -106,7 +106,9 @@ def test_a_pose_that_only_a_joint_beyond_its_end_would_reach_is_out_of_reach() -
     spec = arms.load_arm("fer")
     model = ArmModel(spec)
     with pytest.raises(ConfigError, match="fer does not reach"):
-        model.reach(Pose(np.array([0.15, 0.0, 0.3]), model.pose(spec.ready).rotation), spec.ready)
+        model.reach(
+            model.pose(np.array([0.0, -0.8, 0.0, -3.2, 0.0, 1.6, 0.8])), spec.ready
+        )  # The fourth ends at -3.07.
 
 
 def test_an_arm_is_a_spec_like_a_hands_and_a_typo_is_answered() -> None:
