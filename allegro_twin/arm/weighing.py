@@ -18,7 +18,7 @@ from allegro_twin.types import Array, Sample
 
 TILTS = ((0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (-0.8, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, -0.8, 0.0))
 """Rotation vectors from where the arm begins, in the axes of the base, rad: what a wrist does without the elbow."""
-_STAY, _LISTEN = 4.0, 0.2
+_STAY, _LISTEN = 2.5, 0.2
 """s at each, and of that at the end what is listened to: when the arm has come to rest."""
 _FIRM = Stiffness(800.0, 60.0)
 

@@ -226,3 +226,20 @@ def test_an_arm_may_stand_beside_a_hand_that_does_nothing() -> None:
     cell = make_cell("fer", load_spec())
     _, hand = driven(cell, 0.1, Torque(np.zeros(16)))
     assert len(hand) == 34
+
+
+def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
+    spec, can = load_spec("model_o"), Placement(named("tomato_soup_can"), (0.05, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
+    above = Pose(np.array([0.05, 0.0, 0.19]), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
+    plan = make_cell("fer", spec)
+    cell = make_cell("fer", spec, things=[can], posture=plan.model.reach(plan.flange_for(above), plan.spec.ready))
+    target = Target(cell.model.pose(cell.arm_sim.posture))
+    closing = Follow(Moves([Waypoint(np.array([0.0, 2.6, 2.6, 2.6]), speed=3.0)]))
+    law = Impedance(cell.model, target, Stiffness(800.0, 50.0))
+    for turn, sample in together((run(cell.arm, law), 0.001), (run(cell.hand, closing), 0.003)):
+        if turn == 0 and sample.state.tick == 1500:
+            target.move(cell.flange_for(Pose(above.position + np.array([0.0, 0.0, 0.1]), above.rotation)))
+        if turn == 0 and sample.state.tick == 3500:
+            break
+    assert cell.thing("tomato_soup_can").position[2] > 0.13
+    assert cell.wrench(sample.state)[2] == pytest.approx(-0.349 * 9.81, rel=0.03)
