@@ -64,7 +64,7 @@ class RunConfig(Settings):
     task: TaskSettings = TaskSettings()
     limits: LimitSettings = LimitSettings()
     period: Positive = 0.003
-    """s. The hand reports every 3 ms, an arm every one."""
+    """s. The hand reports every 3 ms."""
     seconds: Positive | None = None
     """How long to run; default: until the scenario, the motion or the recording ends."""
 
