@@ -14,9 +14,10 @@ from allegro_twin.arm.tool import Bridge, identified, weight
 from allegro_twin.arm.weighing import weigh
 from allegro_twin.control.controllers import PD, Follow, Torque
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
-from allegro_twin.description.hands import load_spec
+from allegro_twin.description.hands import is_model, load_spec
 from allegro_twin.description.mounts import load_mount
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
 from allegro_twin.library.gains import load_gains
@@ -26,7 +27,7 @@ from allegro_twin.sim.objects import Placement, named
 from allegro_twin.spec import HandSpec, Load
 from allegro_twin.types import frozen
 
-HANDS = ["allegro", "leap", "model_o", "qb_softhand"]
+HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))
 DOWN = np.array([0.0, 0.0, -9.81])
 CAN = Placement(named("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
 
