@@ -40,10 +40,10 @@ def followed(arm: Rig, law: Compliance, goal: Pose, cycles: int, wall: float = n
 @pytest.mark.parametrize("name", ["fer", "fr3"])
 @pytest.mark.parametrize("stiffness", [150.0, 400.0, 1000.0])
 def test_a_push_of_ten_newtons_moves_the_tool_by_ten_over_k(name: str, stiffness: float) -> None:
-    push = np.zeros((3000, 3))
-    push[200:, 2] = -10.0
+    push = np.zeros((2200, 3))
+    push[50:, 2] = -10.0
     arm = rig(name, push)
-    state = arm.after(3.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 10.0)))
+    state = arm.after(2.2, Impedance(arm.model, arm.target, Stiffness(stiffness, 10.0)))
     assert arm.moved(state)[2] == pytest.approx(-10.0 / stiffness, rel=0.05)
     assert np.abs(state.velocity).max() < 1e-3  # Stable: it has come to rest.
 
@@ -53,19 +53,11 @@ def test_the_tool_comes_to_rest_near_a_target_that_moved_and_turned(stiffness: f
     arm = rig()
     goal = Pose(arm.home.position + np.array([0.1, -0.15, -0.1]), turned(arm.home.rotation, np.array([0.3, 0.2, -0.5])))
     arm.target.move(goal)
-    state = arm.after(4.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0)))
+    state = arm.after(3.0, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0)))
     pose = arm.model.pose(state.position)
     assert np.linalg.norm(pose.position - goal.position) < 2.0 / stiffness  # Dry friction: up to two newtons.
     assert np.linalg.norm(turn(goal.rotation, pose.rotation)) < 0.02
     assert np.abs(state.velocity).max() < 5e-3
-
-
-def test_the_elbow_stays_where_it_began_while_the_tool_stands_still() -> None:
-    push = np.zeros((2000, 3))
-    arm = rig(force=push)
-    law = Impedance(arm.model, arm.target, Stiffness(400.0, 30.0))
-    state = arm.after(2.0, law)
-    np.testing.assert_allclose(state.position, arm.model.spec.ready, atol=1e-4)
 
 
 def test_what_draws_the_elbow_back_does_not_move_the_tool() -> None:
@@ -100,7 +92,7 @@ def test_at_a_wall_springs_share_the_way_whatever_the_speed(iterations: int, sha
 def test_an_arm_presses_on_a_wall_as_its_springs_say() -> None:
     arm = at_a_wall()
     arm.target.move(below(arm, 0.05))
-    state = arm.after(4.0, Compliance(arm.model, arm.target, STICK))
+    state = arm.after(3.0, Compliance(arm.model, arm.target, STICK))
     way, plate = -arm.moved(state)[2], -float(arm.sim.data.qpos[-1])
     assert way - plate == pytest.approx(GAP, abs=2e-3)
     assert 500.0 * (0.05 - way) == pytest.approx(WALL * plate, rel=0.01)
@@ -112,7 +104,7 @@ def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_f
 ) -> None:
     arm = at_a_wall(frictionloss=dry)
     arm.target.move(below(arm, 0.05))
-    state = arm.after(4.0, Impedance(arm.model, arm.target, Stiffness(1000.0, 30.0)))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(1000.0, 30.0)))
     way, plate = -arm.moved(state)[2], -float(arm.sim.data.qpos[-1])
     assert 1000.0 * (0.05 - way) == pytest.approx(WALL * plate, rel=near)
 
@@ -129,7 +121,7 @@ def test_compliance_presses_with_what_it_is_asked_to() -> None:
     arm = at_a_wall()
     arm.target.move(below(arm, GAP))
     arm.target.press(np.array([0.0, 0.0, -5.0, 0.0, 0.0, 0.0]))
-    arm.after(4.0, Compliance(arm.model, arm.target, STICK, stiffness=Stiffness(1.0, 50.0)))
+    arm.after(2.5, Compliance(arm.model, arm.target, STICK, stiffness=Stiffness(1.0, 50.0)))
     assert -WALL * float(arm.sim.data.qpos[-1]) == pytest.approx(5.0, rel=0.02)
 
 
