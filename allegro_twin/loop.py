@@ -44,6 +44,25 @@ def until(t: float, samples: Iterable[Sample]) -> Iterator[Sample]:
             return
 
 
+def together(*runs: tuple[Iterable[Sample], float]) -> Iterator[tuple[int, Sample]]:
+    """The samples of devices that share a world, each with the place of its run among the arguments.
+
+    A run is its samples, with whatever stages around them, and its period, s. They take turns in the order of time, at
+    the same moment in the order of the arguments, so that none misses a period. It ends with the first run that ends.
+    """
+    each = [iter(samples) for samples, _ in runs]
+    due = [0.0] * len(each)
+    while True:
+        # At equal times the sums of periods differ by roundings.
+        turn = min(range(len(each)), key=lambda k: (round(due[k], 9), k))
+        try:
+            sample = next(each[turn])
+        except StopIteration:
+            return
+        due[turn] = sample.state.t + runs[turn][1]
+        yield turn, sample
+
+
 def to_the_end(samples: Iterable[Sample]) -> Iterator[Sample]:
     """Take the end of a recording for the end of the run."""
     try:

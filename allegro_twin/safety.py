@@ -32,6 +32,8 @@ class Limits:
     """From here on torque fades, °C."""
     hot: float = 75.0
     """Here it is zero, and a fault, °C."""
+    rate: Vector | None = None
+    """The fastest that a torque may change, N·m/s; None: at once."""
 
 
 def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
@@ -46,6 +48,11 @@ def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
         fade = np.clip((limits.hot - state.temperature) / (limits.hot - limits.warm), 0.0, 1.0)
         limited = limited * np.where(np.isnan(fade), 1.0, fade)
     return limited
+
+
+def no_faster(torque: Vector, before: Vector, most: Vector) -> Vector:
+    """A torque that differs from the one before by no more than `most`, shape (n,), N·m."""
+    return np.minimum(np.maximum(torque, before - most), before + most)
 
 
 def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: HandSpec) -> PositionCommand:
@@ -128,7 +135,10 @@ class Guard:
     def _limited(self, command: Command, state: HandState) -> Command:
         spec, limits = self.spec, self._limits
         if "torque" in spec.commands:
-            return TorqueCommand(clamp(torque_of(command, spec), state, limits))
+            torque = clamp(torque_of(command, spec), state, limits)
+            if limits.rate is not None:
+                torque = no_faster(torque, torque_of(self.applied, spec), limits.rate * self.period)
+            return TorqueCommand(torque)
         return bounded(position_of(command, spec), state, limits, spec)
 
     def _ready(self) -> HandState:

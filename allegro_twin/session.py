@@ -16,6 +16,7 @@ from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
+from allegro_twin.spec import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.version import __version__
 
@@ -201,7 +202,7 @@ def _look(rig: Rig) -> dict[str, Any]:
     """What a recording says of the looks of a scene; nothing where our own hand is all there is."""
     if rig.trial is not None:
         return rig.trial.meta()
-    if rig.sim is None or rig.spec.foreign is None:
+    if rig.sim is None or (rig.spec.foreign is None and not isinstance(rig.spec, ArmSpec)):
         return {}
     from allegro_twin.sim.appearance import scene_look
 

@@ -43,6 +43,10 @@ class Actuation:
     """Dry friction, N·m."""
     stiffness: Vector | None = None
     """Of the loop that the hand's firmware closes, N·m/rad; None for a hand that takes torques."""
+    velocity_limit: Vector | None = None
+    """The fastest that the maker lets a joint turn, rad/s; None: nobody says."""
+    torque_rate: Vector | None = None
+    """The fastest that a commanded torque may change, N·m/s; None: at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +111,16 @@ class HandSpec:
     @property
     def name(self) -> str:
         return f"{self.model}_{self.side}"
+
+    @property
+    def root(self) -> str:
+        """The body that everything else hangs on, in whose frame a state tells gravity."""
+        return "palm_link"
+
+    @property
+    def rest(self) -> Vector:
+        """Where a simulation begins by default, (n,), rad: the nearest to zero inside the limits."""
+        return np.minimum(np.maximum(self.lower, 0.0), self.upper)
 
     @property
     def readable(self) -> tuple[str, ...]:
@@ -180,6 +194,48 @@ class HandSpec:
         other = np.array(position, dtype=np.float64)
         other[..., list(self.mirror_flips)] *= -1.0
         return other
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """What an arm is told that it carries on its flange."""
+
+    mass: float
+    """kg."""
+    centre: Vector
+    """Of mass, in the flange's frame, shape (3,), m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmSpec(HandSpec):
+    """An arm's identity card: that of a hand with one finger, whose tip is the flange, and what an arm has besides.
+
+    An arm carries its own weight and its load: a commanded torque is what comes on top.
+    """
+
+    load: Load | None = None
+    """None: nothing."""
+    ready: Vector = field(default_factory=lambda: frozen(np.empty(0)))
+    """Where it waits, elbow bent and flange down, (n,), rad."""
+    silence: float = 0.02
+    """s without a command after which it holds itself still, as it does before the first."""
+
+    @property
+    def name(self) -> str:
+        return self.model
+
+    @property
+    def root(self) -> str:
+        return f"{self.model}_link0"
+
+    @property
+    def rest(self) -> Vector:
+        return self.ready
+
+    @property
+    def flange(self) -> str:
+        """A link in the URDF, a body and a site in the MJCF: where a tool is screwed on, z away from the arm."""
+        return f"{self.model}_flange"
 
 
 def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -24,9 +24,13 @@ def frozen(values: ArrayLike) -> Vector:
     return array
 
 
+NO_WRENCH = frozen(np.empty(0))
+"""Of a device that has no sensor of force and torque."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HandState:
-    """The whole hand at the end of one control period. What a hand does not report is NaN, never zero.
+    """The whole hand, or arm, at the end of one control period. What it does not report is NaN, never zero.
 
     The arrays are read-only; whoever builds a state hands over arrays of its own (`frozen` copies).
     """
@@ -44,7 +48,11 @@ class HandState:
     temperature: Vector
     """Motor temperatures, shape (n,), °C."""
     gravity: Vector
-    """Gravity in the palm frame, shape (3,), m/s²: from the IMU, the scene or the config; NaN where none says."""
+    """Gravity in the palm frame, shape (3,), m/s²: from the IMU, the scene or the config; NaN where none says. Of an
+    arm: in its base's frame."""
+    wrench: Vector = field(default_factory=lambda: NO_WRENCH)
+    """Of an arm: what hangs on its flange and what touches that, as the sensor there feels it: the force and the torque
+    on the flange in the flange's frame, shape (6,), N and N·m. Shape (0,) where no sensor is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from allegro_twin.backend import limp_of
 from allegro_twin.build.references import posture_of, wanted_of
 from allegro_twin.config import (
+    CartesianSettings,
     FollowSettings,
     GravitySettings,
     LimpSettings,
@@ -18,7 +19,7 @@ from allegro_twin.config import (
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.loop import Controller
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
@@ -28,11 +29,15 @@ if TYPE_CHECKING:
     from allegro_twin.library.grasps import Grasp
 
 
+_ARMS = ("impedance", "compliance", "torque", "limp")
+"""Controllers of an arm, which carries its own weight."""
+
+
 def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
     """The controller, and how long its motion takes where that is known. Raises ConfigError."""
     from allegro_twin.control.controllers import GravityCompensation, Send, Torque
 
-    _check_kind(config.controller.kind, spec)
+    check_kind(config.controller.kind, spec)
     match config.controller:
         case LimpSettings():
             return Send(limp_of(spec)), None
@@ -46,10 +51,18 @@ def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> t
             return _deciding(settings, config, spec, trial)
         case PositionSettings() as settings:
             return _following(settings, config, spec, trial)
+        case CartesianSettings() as settings:
+            from allegro_twin.build.cartesian import leading
+
+            return leading(settings, spec)
 
 
-def _check_kind(kind: str, spec: HandSpec) -> None:
-    """Raises ConfigError for a controller whose commands this hand does not take."""
+def check_kind(kind: str, spec: HandSpec) -> None:
+    """Raises ConfigError for a controller whose commands this hand, or arm, does not take."""
+    if isinstance(spec, ArmSpec) and kind not in _ARMS:
+        raise ConfigError(f"controller.kind {kind} is for hands; {spec.name} is an arm: use {', '.join(_ARMS)}")
+    if not isinstance(spec, ArmSpec) and kind in ("impedance", "compliance"):
+        raise ConfigError(f"controller.kind {kind} is for arms; {spec.name} is a hand: use pd, pid or position")
     if kind == "position" and "torque" in spec.commands:
         raise ConfigError(f"controller.kind position is for a hand whose firmware closes the loop; {spec.name}: use pd")
     if kind not in ("position", "limp") and "torque" not in spec.commands:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from allegro_twin.arm.limits import limits_of as arm_limits
 from allegro_twin.backend import HandBackend
 from allegro_twin.config import RunConfig
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
@@ -71,5 +72,8 @@ def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:
             raise ConfigError(f"limits.{name} must be positive; it is {values.min()}")
     if settings.margin * 2 >= float((spec.upper - spec.lower).min()):
         raise ConfigError(f"limits.margin {settings.margin} rad leaves some joint no range")
+    if isinstance(spec, ArmSpec):
+        arm = arm_limits(spec, settings.margin)
+        return replace(arm, torque=frozen(torque), velocity=frozen(np.minimum(velocity, arm.velocity)))
     lower, upper = spec.lower + settings.margin, spec.upper - settings.margin
     return Limits(frozen(torque), velocity, frozen(lower), frozen(upper))

@@ -10,6 +10,7 @@ from allegro_twin.config.backends import (
     SimSettings,
 )
 from allegro_twin.config.controllers import (
+    CartesianSettings,
     FollowSettings,
     GravitySettings,
     LimpSettings,
@@ -26,6 +27,7 @@ __all__ = [
     "VIRTUAL",
     "VIRTUAL_PORT",
     "CanSettings",
+    "CartesianSettings",
     "DynamixelSettings",
     "FaultSettings",
     "FirmwareSettings",

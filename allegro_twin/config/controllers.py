@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from allegro_twin.config.values import PerJoint, Positive, Vector3
 from allegro_twin.files.schema import Settings
@@ -54,6 +56,26 @@ class FollowSettings(Settings):
     profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
     effort: PerJoint | None = None
     """The most that each motor may give, N·m; default: what the hand allows."""
+
+
+class CartesianSettings(Settings):
+    """Bring an arm's flange to a pose, as on a spring: docs/arm.md."""
+
+    kind: Literal["impedance", "compliance"]
+    position: Vector3
+    """Of the flange, in the base's frame, m."""
+    turn: Vector3 = (0.0, 0.0, 0.0)
+    """From the orientation at the start, a rotation vector in the axes of the base, rad."""
+    stiffness: Positive | None = None
+    """N/m; default: 200 of the impedance, 500 of the compliance."""
+    angular_stiffness: Positive | None = None
+    """N·m/rad; default: 10 and 50."""
+    speed: Positive = 0.25
+    """Of the way there, at most, m/s."""
+    turning: Positive = 1.0
+    """At most, rad/s."""
+    iterations: Annotated[int, Field(ge=1)] = 1
+    """Of the compliance: more are faster."""
 
 
 class PolicySettings(Settings):

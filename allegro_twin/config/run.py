@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from allegro_twin.config.backends import CanSettings, ReplaySettings, SimSettings
 from allegro_twin.config.controllers import (
+    CartesianSettings,
     FollowSettings,
     GravitySettings,
     LimpSettings,
@@ -28,6 +29,7 @@ from allegro_twin.spec import Side
 
 class HandSettings(Settings):
     model: str = "allegro"
+    """Of hand, or of arm."""
     side: Side = "right"
     serial: str = ""
     """File in conf/hands with what was measured on this very hand."""
@@ -39,7 +41,7 @@ class LimitSettings(Settings):
     torque: PerJoint | None = None
     """N·m; default: the hand's own clip, which is also the highest possible."""
     velocity: PerJoint = 12.0
-    """rad/s."""
+    """rad/s; of an arm, at most what its maker allows."""
     margin: Annotated[float, Field(ge=-0.6)] = 0.0
     """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""
 
@@ -50,7 +52,13 @@ class RunConfig(Settings):
     hand: HandSettings = HandSettings()
     backend: Annotated[SimSettings | CanSettings | DynamixelSettings | ReplaySettings, Field(discriminator="kind")]
     controller: Annotated[
-        TorqueSettings | GravitySettings | PositionSettings | LimpSettings | FollowSettings | PolicySettings,
+        TorqueSettings
+        | GravitySettings
+        | PositionSettings
+        | LimpSettings
+        | FollowSettings
+        | PolicySettings
+        | CartesianSettings,
         Field(discriminator="kind"),
     ]
     task: TaskSettings = TaskSettings()

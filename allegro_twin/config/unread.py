@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 from allegro_twin.config.backends import VIRTUAL, CanSettings, ReplaySettings, SimSettings
 from allegro_twin.config.controllers import (
+    CartesianSettings,
     FollowSettings,
     GravitySettings,
     LimpSettings,
@@ -18,7 +19,13 @@ from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
 from allegro_twin.config.task import TaskSettings
 
 Controller: TypeAlias = (
-    TorqueSettings | GravitySettings | PositionSettings | LimpSettings | FollowSettings | PolicySettings
+    TorqueSettings
+    | GravitySettings
+    | PositionSettings
+    | LimpSettings
+    | FollowSettings
+    | PolicySettings
+    | CartesianSettings
 )
 _MOVING = (PositionSettings, FollowSettings)
 Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | ReplaySettings
@@ -48,6 +55,12 @@ def _task(task: TaskSettings, controller: Controller) -> Iterator[str]:
 
 def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
     given = controller.model_fields_set
+    if isinstance(controller, CartesianSettings):
+        if controller.kind == "impedance" and "iterations" in given:
+            yield "controller.iterations are the compliance's: leave them out, or take kind: compliance"
+        if task.scenario is not None:
+            yield "task.scenario is a hand's: leave it out for an arm"
+        return
     if task.scenario is None and task.grasp is None:
         return
     for key in ("speed", "profile"):

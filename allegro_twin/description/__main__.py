@@ -6,7 +6,9 @@ import sys
 from itertools import product
 from pathlib import Path
 
-from allegro_twin.description import facts, mesh, tendons
+from allegro_twin.description import arms, facts, mesh, tendons
+from allegro_twin.description.arm_mjcf import arm_mjcf
+from allegro_twin.description.arm_urdf import arm_urdf
 from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.mjcf import mjcf
 from allegro_twin.description.text import mesh_name
@@ -16,7 +18,7 @@ from allegro_twin.spec import SIDES
 
 
 def files() -> dict[Path, str]:
-    """Every generated file of every hand whose facts are here, by its path under models/."""
+    """Every generated file of every hand and arm whose facts are here, by its path under models/."""
     made: dict[Path, str] = {}
     for model, side in product(sorted(path.stem for path in (data_root() / "models").glob("*.yaml")), SIDES):
         hand = facts.load(model, side)
@@ -27,6 +29,10 @@ def files() -> dict[Path, str]:
             made[Path("meshes") / f"{mesh_name(visual)}.obj"] = mesh.obj(*mesh.rounded_box(visual.size, visual.radius))
     for path in tendons.tables():
         made[Path("mjcf") / f"{path.stem}_right.xml"] = tendons.tendon_mjcf(path)
+    for model in arms.names():
+        arm, spec = arms.load(model), arms.load_arm(model)
+        made[Path("mjcf") / f"{model}.xml"] = arm_mjcf(arm, spec)
+        made[Path("urdf") / f"{model}.urdf"] = arm_urdf(arm, spec)
     return made
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.description import facts
+from allegro_twin.description import arms, facts
 from allegro_twin.description.calibration import NOMINAL, Version
 from allegro_twin.description.card import spec_of
 from allegro_twin.description.wiring import HIDDEN, NOTHING, load_wiring
@@ -29,11 +29,13 @@ def load_spec(
     version: Version | None = None,
     over: Mapping[str, Any] = NOTHING,
 ) -> HandSpec:
-    """The spec of a hand: nominal, or with what conf/hands/<serial>.yaml says of that very hand.
+    """The spec of a hand, or of an arm: nominal, or with what conf/hands/<serial>.yaml says of that very hand.
 
     `version` is the hand's, where its file does not say; it decides how much torque its driver lets through. `over`
     overrides the file key by key. Raises ConfigError that names the file and the key.
     """
+    if model in arms.names():
+        return _arm(model, side, serial)
     its = side_of(serial) if serial else None
     if its is not None and its != side:
         raise ConfigError(f"{serial} is a {its} hand; hand.side is {side}")
@@ -59,6 +61,14 @@ def load_spec(
         commands=_commands(model),
         drive=_drive(len(joints), serial, over),
     )
+
+
+def _arm(model: str, side: Side, serial: str) -> HandSpec:
+    if side != "right" or serial:
+        raise ConfigError(
+            f"{model} is an arm, and an arm has no side and no file of its own: leave out side and serial"
+        )
+    return arms.load_arm(model)
 
 
 def _check_own(model: str, serial: str) -> None:

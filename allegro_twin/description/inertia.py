@@ -53,3 +53,16 @@ def of_link(link: Link) -> MassProperties:
     if link.tip is not None:
         parts.append(of_tip(link.tip))
     return combined(parts)
+
+
+def physical(tensor: Array) -> Array:
+    """The nearest inertia that a rigid body can have, (3, 3), kg·m²; one that a body can have stays as it is.
+
+    ∫ r rᵀ dm = ½ tr(I) 1 - I has no negative eigenvalue, or one principal moment exceeds the sum of the others. What is
+    below a thousandth of the largest is raised to that: as thin as a plate, and no thinner.
+    """
+    spread, axes = np.linalg.eigh(np.trace(tensor) / 2.0 * np.eye(3) - tensor)
+    if spread.min() >= 0.0:
+        return tensor
+    moments = (axes * np.maximum(spread, 1e-3 * spread.max())) @ axes.T
+    return np.asarray(np.trace(moments) * np.eye(3) - moments)

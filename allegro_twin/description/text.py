@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 from allegro_twin.description.facts import Visual
 
 NOTICE = " Made by `make models` from models/{model}.yaml and conf/hands/{model}.yaml: edit those. "
+ARM_NOTICE = " Made by `make models` from models/arms/{model}.yaml: edit that. "
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -24,7 +25,7 @@ def mesh_name(visual: Visual) -> str:
     return "rounded_" + "_".join(str(round(size * 1e4)) for size in (*visual.size, visual.radius))
 
 
-def document(root: ElementTree.Element, model: str) -> str:
-    root.insert(0, ElementTree.Comment(NOTICE.format(model=model)))
+def document(root: ElementTree.Element, model: str, notice: str = NOTICE) -> str:
+    root.insert(0, ElementTree.Comment(notice.format(model=model)))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"

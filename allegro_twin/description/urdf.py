@@ -21,7 +21,7 @@ def urdf(hand: Description, actuation: Actuation) -> str:
         _link(root, link)
         if link.joint is not None:
             index = hand.joints.index(link.joint)
-            joint = _joint(root, link.joint.name, "revolute", str(link.parent), link.name, link.xyz, link.rpy)
+            joint = joint_between(root, link.joint.name, "revolute", str(link.parent), link.name, link.xyz, link.rpy)
             SubElement(joint, "axis", xyz=numbers(link.joint.axis))
             SubElement(
                 joint, "limit", lower=number(link.joint.lower), upper=number(link.joint.upper),
@@ -38,7 +38,7 @@ def urdf(hand: Description, actuation: Actuation) -> str:
 
 def _link(root: Element, link: Link) -> None:
     element = SubElement(root, "link", name=link.name)
-    _inertial(element, inertia.of_box(link.mass, link.box))
+    inertial(element, inertia.of_box(link.mass, link.box))
     for visual in link.visuals:
         part = SubElement(element, "visual")
         turn = (1.5707963267948966, 0.0, 0.0) if visual.kind == "cylinder" else (0.0, 0.0, 0.0)
@@ -60,7 +60,7 @@ def _tip(root: Element, link: Link, tip: Tip) -> None:
     element = SubElement(root, "link", name=tip.name)
     mass = inertia.of_tip(tip)
     back = (0.0, 0.0, (tip.start - tip.end) / 2.0)
-    _inertial(element, mass._replace(center=mass.center - (0.0, 0.0, tip.end)))
+    inertial(element, mass._replace(center=mass.center - (0.0, 0.0, tip.end)))
     for role in ("visual", "collision"):
         # URDF has no capsule: a cylinder and the sphere at its end.
         for shape, at in (("cylinder", back), ("sphere", (0.0, 0.0, 0.0))):
@@ -72,10 +72,12 @@ def _tip(root: Element, link: Link, tip: Tip) -> None:
             SubElement(SubElement(part, "geometry"), shape, size)
             if role == "visual":
                 SubElement(part, "material", name="tip")
-    _joint(root, tip.name.replace("link", "joint"), "fixed", link.name, tip.name, (0.0, 0.0, tip.end), (0.0, 0.0, 0.0))
+    joint_between(
+        root, tip.name.replace("link", "joint"), "fixed", link.name, tip.name, (0.0, 0.0, tip.end), (0.0, 0.0, 0.0)
+    )
 
 
-def _joint(
+def joint_between(
     root: Element,
     name: str,
     kind: str,
@@ -84,6 +86,7 @@ def _joint(
     xyz: tuple[float, float, float],
     rpy: tuple[float, float, float],
 ) -> Element:
+    """A joint of a kind, and where the child is in the parent's frame at zero, m and rad."""
     joint = SubElement(root, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
@@ -91,7 +94,8 @@ def _joint(
     return joint
 
 
-def _inertial(element: Element, properties: inertia.MassProperties) -> None:
+def inertial(element: Element, properties: inertia.MassProperties) -> None:
+    """What a link weighs."""
     part = SubElement(element, "inertial")
     SubElement(part, "origin", xyz=numbers(properties.center), rpy="0 0 0")
     SubElement(part, "mass", value=number(properties.mass))

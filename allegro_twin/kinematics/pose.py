@@ -1,4 +1,4 @@
-"""A frame in the palm's, and its orientation in each of the three ways people write one."""
+"""A frame in another, and its orientation in each of the three ways people write one."""
 
 from __future__ import annotations
 
@@ -25,3 +25,13 @@ class Pose(NamedTuple):
     def euler(self) -> Array:
         """Roll, pitch, yaw as in `kinematics.orientation`, shape (..., 3), rad."""
         return euler_from_matrix(self.rotation)
+
+
+def placed(frame: Pose, pose: Pose) -> Pose:
+    """A pose that is given in a frame, in what the frame itself is given in."""
+    return Pose(frame.position + frame.rotation @ pose.position, frame.rotation @ pose.rotation)
+
+
+def seen_from(frame: Pose, pose: Pose) -> Pose:
+    """A pose that is given beside a frame, in the frame: `placed` backwards."""
+    return Pose(frame.rotation.T @ (pose.position - frame.position), frame.rotation.T @ pose.rotation)

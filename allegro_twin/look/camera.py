@@ -41,7 +41,7 @@ class Camera:
 
     def __init__(self, scene: Scene, *, width: int = 480, height: int = 480, view: str | View = DEFAULT) -> None:
         self._scene, self._eye = scene, mujoco.MjvCamera()
-        self._palm = scene.model.body("palm_link").id
+        self._root = scene.model.body(scene.spec.root).id
         self._aim, place = _looking(scene, view)
         direction = place.direction(scene.spec.side)
         self._eye.distance, self._eye.elevation = place.distance, place.elevation
@@ -66,14 +66,14 @@ class Camera:
 
     def _aimed(self) -> mujoco.MjvCamera:
         data = self._scene.data
-        self._eye.lookat = data.xpos[self._palm] + data.xmat[self._palm].reshape(3, 3) @ self._aim.middle
+        self._eye.lookat = data.xpos[self._root] + data.xmat[self._root].reshape(3, 3) @ self._aim.middle
         return self._eye
 
 
 def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
     """What to look at and from where, by the scene as it is built: the same whatever has happened in it."""
     spec, model, data = scene.spec, scene.model, mujoco.MjData(scene.model)
-    palm = model.body("palm_link").id
+    palm = model.body(spec.root).id
     last = [model.site(finger.tip).bodyid[0] for finger in spec.fingers]
     posed = Posed(spec, model)
 

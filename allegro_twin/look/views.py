@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from allegro_twin.types import Array
 NAMES = ("front", "side", "top", "palm")
 DEFAULT = "side"
 _MIRROR = np.diag([1.0, -1.0, 1.0])
+_HAND = 0.12  # m. From a palm to the middle of its grasp, at most.
 _LARGEST = 8192  # Pixels along an edge: what OpenGL drivers are sure to have.
 
 
@@ -84,7 +85,7 @@ def seen(name: str | View, side: str, straight: Array, bent: Array, palm: Array)
     if isinstance(name, View):
         return target, name
     if side == "right":
-        return target, view(name, target, palm)
+        return target, _stood_back(view(name, target, palm), name, target)
     return target, view(name, aim(straight @ _MIRROR, bent @ _MIRROR), _MIRROR @ palm @ _MIRROR)
 
 
@@ -108,6 +109,12 @@ def size(text: str) -> tuple[int, int]:
 def _from(place: Array, elevation: float, distance: float) -> View:
     """Looking back from a place, whose height counts nothing."""
     return View(math.degrees(math.atan2(-place[1], -place[0])), elevation, distance)
+
+
+def _stood_back(place: View, name: str, target: Aim) -> View:
+    """A named view of something that is larger than a hand, from as far as that needs."""
+    size = float(np.linalg.norm(target.middle))
+    return place if "," in name else replace(place, distance=place.distance * max(size / _HAND, 1.0))
 
 
 def _given(text: str) -> View:

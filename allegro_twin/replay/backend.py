@@ -9,7 +9,7 @@ from allegro_twin.errors import EndOfRecording
 from allegro_twin.replay.recorder import command_in
 from allegro_twin.replay.recording import Recording
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Command, HandState, Sample
+from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Sample
 
 
 class ReplayBackend:
@@ -61,6 +61,7 @@ class ReplayBackend:
             columns["torque"][row],
             columns["temperature"][row],
             columns["gravity"][row],
+            columns["wrench"][row] if "wrench" in columns else NO_WRENCH,
         )
 
 
@@ -76,7 +77,7 @@ def samples_of(backend: ReplayBackend) -> Iterator[Sample]:
 
 HAND_COLUMNS = frozenset(
     (
-        *("t", "tick", "position", "velocity", "torque", "temperature", "gravity"),
+        *("t", "tick", "position", "velocity", "torque", "temperature", "gravity", "wrench"),
         *("command_torque", "command_position", "command_effort", "command_duration"),
     )
 )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from allegro_twin.drive import Drive
-from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
+from allegro_twin.spec import Actuation, ArmSpec, Finger, Follower, HandSpec, Load
 from allegro_twin.types import frozen
 
-_ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness")
+_ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness", "velocity_limit", "torque_rate")
 
 
 def spec_to_json(spec: HandSpec) -> dict[str, Any]:
@@ -33,7 +34,8 @@ def spec_to_json(spec: HandSpec) -> dict[str, Any]:
 
 def spec_from_json(content: dict[str, Any]) -> HandSpec:
     drive = content.get("drive")
-    return HandSpec(
+    kind = HandSpec if "arm" not in content else partial(ArmSpec, **_arm_from(content["arm"]))
+    return kind(
         drive=None if drive is None else Drive.made(drive, len(content["joints"])),
         model=content["model"],
         side=content["side"],
@@ -53,8 +55,20 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
 def _otherwise(spec: HandSpec) -> dict[str, Any]:
     """What hands with a torque motor on every joint have nothing to say of."""
     said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
+    if isinstance(spec, ArmSpec):
+        load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
+        said["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
     if spec.followers:
         said["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
         ]
     return said
+
+
+def _arm_from(content: dict[str, Any]) -> dict[str, Any]:
+    load = content["load"]
+    return {
+        "silence": content["silence"],
+        "ready": frozen(content["ready"]),
+        "load": None if load is None else Load(load["mass"], frozen(load["centre"])),
+    }

@@ -21,7 +21,7 @@ from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCo
 BATCH = 100  # Rows: what a killed process can lose, 0.3 s at 333 Hz.
 UNITS = {
     "t": "s", "tick": "1", "position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C",
-    "gravity": "m/s²", "command_torque": "N·m", "command_position": "rad", "command_effort": "N·m",
+    "gravity": "m/s²", "wrench": "N, N·m", "command_torque": "N·m", "command_position": "rad", "command_effort": "N·m",
     "command_duration": "s",
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
@@ -80,6 +80,8 @@ class Recorder:
         buffers["torque"][row] = state.torque
         buffers["temperature"][row] = state.temperature
         buffers["gravity"][row] = state.gravity
+        if state.wrench.size:
+            buffers["wrench"][row] = state.wrench
         for key, value in told.items():
             buffers[key][row] = value
         if extras:
@@ -105,6 +107,8 @@ class Recorder:
         fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]
         self._buffers = {"t": np.empty(BATCH), "tick": np.empty(BATCH, dtype=np.int64)}
         vectors = {name: getattr(sample.state, name) for name in _VECTORS} | dict(extra)
+        if sample.state.wrench.size:
+            vectors["wrench"] = sample.state.wrench
         for name, value in vectors.items():
             fields.append(pa.field(name, pa.list_(pa.float64(), len(value))))
             self._buffers[name] = np.empty((BATCH, len(value)))

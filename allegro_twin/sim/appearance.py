@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from allegro_twin.description.appearance import of_object
 from allegro_twin.description.shapes import Body, Shape
 from allegro_twin.sim.scene import hand_spec
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import Array
 
 _KINDS = {
@@ -28,14 +28,14 @@ _TRIANGLES = 600  # A mesh, at most: a page in a browser draws dozens of them wi
 
 def scene_look(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
     """For a recording: the shapes of the objects and of what stands still, and of the hand if it is not ours."""
-    start, palm = mujoco.MjData(model), model.body("palm_link").id
+    start, palm = mujoco.MjData(model), model.body(spec.root).id
     mujoco.mj_kinematics(model, start)
     found: dict[str, Any] = {
         "palm": [round(float(x), 6) for x in (*start.xpos[palm], *start.xquat[palm])],
         "objects": {name: [shape.to_json() for shape in _shapes(model, model.body(name).id)] for name in things},
         "fixed": [shape.to_json() for shape in _shapes(model, 0)],
     }
-    if spec.foreign is not None:
+    if spec.foreign is not None or isinstance(spec, ArmSpec):
         found["hand"] = [body.to_json() for body in hand_bodies(spec)]
     return found
 
@@ -43,7 +43,7 @@ def scene_look(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -
 def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
     """The links of the hand's MJCF, whoever made it, from the palm on. Raises ConfigError."""
     model = hand_spec(spec).compile()
-    root = model.body("palm_link").id
+    root = model.body(spec.root).id
     mine = [k for k in range(model.nbody) if k == root or _stands_on(model, k, root)]
     bodies = []
     for k in mine:

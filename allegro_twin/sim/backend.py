@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import NamedTuple
 
@@ -14,10 +13,12 @@ from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
+from allegro_twin.sim.holding import Holding, feels
 from allegro_twin.sim.posed import Posed, moved_by
 from allegro_twin.sim.servos import Servos
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Command, HandState, Vector, frozen
+from allegro_twin.sim.world import World
+from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
 
 ENGINE = f"mujoco {mujoco.__version__}"
 """What the figures of a simulation depend on."""
@@ -33,11 +34,15 @@ class Push(NamedTuple):
 
 
 class SimBackend:
-    """A hand in a compiled scene.
+    """A hand, or an arm, in a compiled scene; or in a world that it shares with others.
+
+    Who shares a world shares its time: a state is of the moment up to which the one who is ahead has gone, and a period
+    that another's reading has let pass counts as missed. `loop.together` takes turns so that none is.
+    A reset begins the world anew, unless it is new and this device has not been reset in it.
 
     `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
-    `posture` is the joint position at reset, shape (n,), rad; by default the nearest to zero inside the limits. Joints
-    that follow begin where they are when nothing is in their way.
+    `posture` is the joint position at reset, shape (n,), rad; by default the spec's rest. Joints that follow begin
+    where they are when nothing is in their way.
     `pushing` is what pushes a body of the scene.
     Raises ConfigError for a period that is not a whole number of the model's timesteps.
     """
@@ -45,29 +50,35 @@ class SimBackend:
     def __init__(
         self,
         spec: HandSpec,
-        model: mujoco.MjModel,
+        scene: mujoco.MjModel | World,
         *,
         period: float = 0.003,
         posture: Vector | None = None,
         drive: Array = _NO_WRIST,
         pushing: Push | None = None,
     ) -> None:
-        self._substeps = substeps(period, model.opt.timestep)
-        self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
+        self.world = scene if isinstance(scene, World) else World(scene)
+        self.model, self.data = self.world.model, self.world.data
+        model = self.model
+        self.substeps = substeps(period, model.opt.timestep)
+        self._spec, self._period = spec, period
         self._motors = span([model.actuator(name).id for name in spec.joints])
         self._servos = None if "torque" in spec.commands else Servos(spec, model, period)
         joints = list(moved_by(spec, model).values())
         self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
         self._dof = span([model.jnt_dofadr[joint] for joint in joints])
         self._pose = Posed(spec, model)
-        self._palm = model.body("palm_link").id
-        self._posture = np.clip(0.0, spec.lower, spec.upper) if posture is None else spec.posture(posture)
+        self._root = model.body(spec.root).id
+        self._posture = spec.rest if posture is None else spec.posture(posture)
         self.drive, self.pushing = drive, pushing
         self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
         self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
         self._unknown = frozen(np.full(spec.n_actuators, math.nan))
         self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
-        self._tick = 0
+        self._holding = Holding(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
+        self._feels = feels(spec, model)
+        self._session, self._tick = 0, 0
+        self.world.join(self)
 
     @property
     def spec(self) -> HandSpec:
@@ -82,48 +93,72 @@ class SimBackend:
         """At reset, (n,), rad."""
         return self._posture
 
+    @property
+    def every_step(self) -> bool:
+        """Whether it has something to do at every physics step."""
+        return self.world.steps < len(self.drive) or self._train is not None
+
     def reset(self) -> HandState:
-        mujoco.mj_resetData(self.model, self.data)
-        self._pose(self._posture, self.data.qpos)
-        if self._wrist:
-            self.data.ctrl[self._wrist] = self.drive[0]
+        if self.world.steps or self._session == self.world.session:
+            self.world.restart()
+        else:
+            self.lay()
+        self._session = self.world.session
         mujoco.mj_forward(self.model, self.data)
         if self._servos is not None:
             self._servos.reset(self.data)
-        if self._train is not None:
-            self._train.reset()
-        self._tick = 0
         return self._state()
 
+    def lay(self) -> None:
+        """Its part of a state at reset."""
+        self._pose(self._posture, self.data.qpos)
+        self.data.ctrl[self._motors] = 0.0
+        if self._wrist:
+            self.data.ctrl[self._wrist] = self.drive[0]
+        if self._train is not None:
+            self._train.reset()
+        if self._holding is not None:
+            self._holding.reset()
+        self._tick = 0
+
     def write(self, command: Command) -> None:
+        self._present()
         if self._servos is not None:
             self._servos.command(position_of(command, self._spec))
             return
         torque = torque_of(command, self._spec)
+        if self._holding is not None:
+            self._holding.heard()
         if self._train is None:
             self.data.ctrl[self._motors] = torque
         else:
             self._train.command(torque)
 
     def read(self) -> HandState:
+        self._present()
+        self.world.advance((self._tick + 1) * self.substeps)
+        self._tick = self.world.steps // self.substeps
+        return self._state()
+
+    def begin_period(self) -> None:
+        """What is done once a period, just before it."""
         if self._pushed is not None and self.pushing is not None:
-            rows = self.pushing.force[self._tick : self._tick + 1]
+            now = self.world.steps // self.substeps
+            rows = self.pushing.force[now : now + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         if self._servos is not None:
             self._servos.drive(self.data)
-        first = self._tick * self._substeps
-        rows = self.drive[first : first + self._substeps]
-        if len(rows) or self._train is not None:
-            for k in range(self._substeps):
-                if k < len(rows):
-                    self.data.ctrl[self._wrist] = rows[k]
-                if self._train is not None:
-                    self._train.step(self.data)
-                mujoco.mj_step(self.model, self.data)
-        else:
-            mujoco.mj_step(self.model, self.data, self._substeps)
-        self._tick += 1
-        return self._state()
+        if self._holding is not None:
+            torque = self._holding.torque(self.data)
+            if torque is not None:
+                self.data.ctrl[self._motors] = torque
+
+    def before_step(self, step: int) -> None:
+        """What is done before every physics step."""
+        if step < len(self.drive):
+            self.data.ctrl[self._wrist] = self.drive[step]
+        if self._train is not None:
+            self._train.step(self.data)
 
     def push(self, torque: Vector) -> None:
         """Torques on the joints from outside, (n,), N·m, until replaced: a person who leads the fingers."""
@@ -149,24 +184,29 @@ class SimBackend:
     def meta(self) -> dict[str, str]:
         """What a recording should say of the simulation: the engine, and a hash of the model as it was stepped."""
         if self._servos is None:
-            return {"engine": ENGINE, "model": _hash(self.model)}
+            return {"engine": ENGINE, "model": self.world.hash()}
         with self._servos.able():
-            return {"engine": ENGINE, "model": _hash(self.model)}
+            return {"engine": ENGINE, "model": self.world.hash()}
+
+    def _present(self) -> None:
+        if self._session != self.world.session:
+            raise HandFault(f"the scene of {self._spec.name} was begun anew by another; reset it, too")
 
     def _state(self) -> HandState:
         data = self.data
         position = data.qpos[self._qpos].copy() if self._servos is None else self._servos.position(data)
         if not math.isfinite(position.sum()):
-            raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
+            raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {self.world.warned()}")
         if self._train is not None:
             position = self._train.reported(position, data)
         velocity = data.qvel[self._dof].copy() if self._servos is None else self._servos.velocity(data)
         torque = data.actuator_force[self._motors].copy()
-        gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)
-        for array in (position, velocity, torque, gravity):
+        gravity = self.model.opt.gravity @ data.xmat[self._root].reshape(3, 3)
+        wrench = NO_WRENCH if self._feels is None else -data.sensordata[self._feels]
+        for array in (position, velocity, torque, gravity, wrench):
             array.setflags(write=False)
         t = self._tick * self._period
-        return HandState(t, self._tick, position, velocity, torque, self._unknown, gravity)
+        return HandState(t, self._tick, position, velocity, torque, self._unknown, gravity, wrench)
 
 
 def substeps(period: float, timestep: float) -> int:
@@ -183,14 +223,3 @@ def span(indices: list[int]) -> slice | list[int]:
     if indices and indices == list(range(indices[0], indices[0] + len(indices))):
         return slice(indices[0], indices[0] + len(indices))
     return indices
-
-
-def _hash(model: mujoco.MjModel) -> str:
-    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, buffer)
-    return hashlib.sha256(buffer.tobytes()).hexdigest()[:16]
-
-
-def _unstable(data: mujoco.MjData) -> str:
-    found = [mujoco.mjtWarning(i).name for i in range(len(data.warning)) if data.warning[i].number]
-    return ", ".join(found) or "no warning from the engine"

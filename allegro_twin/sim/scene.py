@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from warnings import catch_warnings, filterwarnings
 
 import mujoco
 
@@ -12,19 +13,20 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim import drivetrain, objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt, located, mounted, read
+from allegro_twin.sim.mounted import Mounted, hang, pedestal, tell
 from allegro_twin.sim.physics import Physics
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """Everything around the hand."""
+    """Everything around the hand, or the arm."""
 
     position: Array
-    """Palm in the world, shape (3,), m."""
+    """Palm, or an arm's base, in the world, shape (3,), m."""
     quaternion: Array
-    """Palm in the world, w, x, y, z."""
+    """Likewise, w, x, y, z."""
     things: Sequence[objects.Placement] = ()
     friction: float = 0.8
     """Sliding friction of every contact."""
@@ -42,7 +44,7 @@ class Stage:
 
 
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
-    """The hand's own MJCF, or the foreign one that its file names, under our names."""
+    """The hand's or the arm's own MJCF, or the foreign one that its file names, under our names."""
     path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
     file = located(spec) if spec.foreign is not None else path
     if not file.is_file():
@@ -66,18 +68,24 @@ def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
     return hand
 
 
-def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
-    """The model of a hand on its stage. Raises ConfigError when MuJoCo refuses it."""
+def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) -> mujoco.MjModel:
+    """The model of a hand on its stage; or of an arm, with a hand on its flange. Raises ConfigError when MuJoCo refuses
+    it."""
     scene = hand_spec(spec)
+    if isinstance(spec, ArmSpec):
+        tell(scene, spec, spec.load)
+        pedestal(scene, stage.position)
+        if mounted is not None:
+            hang(scene, spec, hand_spec(mounted.hand), mounted.mount)
     stage.physics.options(scene)
     friction = stage.physics.friction(stage.friction)
     for geom in scene.geoms:
         if geom.contype or geom.conaffinity:
             geom.friction = friction
-    palm = scene.body("palm_link")
-    palm.pos, palm.quat = stage.position, stage.quaternion
+    root = scene.body(spec.root)
+    root.pos, root.quat = stage.position, stage.quaternion
     if stage.wrist:
-        wrist.add(scene, palm, ("wrist_z",) if stage.slide else wrist.JOINTS)
+        wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
         objects.add(scene, placement, friction)
@@ -85,7 +93,9 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
         presenter.add(scene, stage.things[0])
     stage.physics.contacts(scene)
     try:
-        return scene.compile()
+        with catch_warnings():
+            filterwarnings("ignore", message="Attaching a spec with an empty prefix")  # Nobody saves it.
+            return scene.compile()
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
 

@@ -120,7 +120,7 @@ TABLE = [
         ("plan lemon --by z>0.1,z<0", 2, "nothing is between the bounds of z"),
         ("plan lemon --by z>1 --time 5", 2, "object lemon: nothing of its surface is in the region"),
         ("plan lemon --address here:1", 2, "--address is of a Ray cluster: say --engine ray, too"),
-        ("posture home -c nope", 2, "no config named 'nope'; there are: can_hidden, can_pty"),
+        ("posture home -c nope", 2, "no config named 'nope'; there are: arm_fer, arm_fr3, can_hidden"),
         ("posture home -c sim_rigth", 2, "did you mean 'sim_right' or 'sim_left'"),
         ("posture home -c lemon", 2, "('lemon' is a scenario)"),
         ("posture home -c home", 2, "('home' is a posture)"),

@@ -6,18 +6,20 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from allegro_twin.arm.cell import make_cell
 from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.build import make_trial
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import Follow, Torque
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
-from allegro_twin.loop import run, until
+from allegro_twin.loop import Controller, run, until
 from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
@@ -47,15 +49,21 @@ OTHERS = ["leap", "leap-left", "leap-guarded", "leap-replay", "gripper", "soft",
 """Hands that close their own loop; on slides, and on one tendon."""
 SERVOS = ["leap-servos", "model-o-servos"]
 """Such hands at the other end of a serial line."""
+ARMS = ["arm", "arm-guarded", "arm-replay", "arm-with-a-hand", "hand-on-an-arm"]
+"""Arms, alone and in a world that they share."""
 
 
 @pytest.fixture(
-    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS],
+    params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS, *ARMS],
 )
 def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path, tmp_path: Path) -> Make:
     def replayed(spec: HandSpec) -> HandBackend:
         path = tmp_path / "other.arrow"
-        samples = until(0.75, run(make_sim(spec), Follow(Hold((spec.lower + spec.upper) / 2))))
+        torques = "torque" in spec.commands
+        law: Controller[Any] = (
+            Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+        )
+        samples = until(0.75, run(make_sim(spec), law))
         for _ in recorded(samples, path, spec, 0.003):
             pass
         return ReplayBackend(load(path))
@@ -76,6 +84,11 @@ def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path
         "soft-replay": lambda: replayed(hand("soft", tmp_path)),
         "model-o": lambda: make_sim(load_spec("model_o")),
         "qb": lambda: make_sim(load_spec("qb_softhand")),
+        "arm": lambda: make_sim(load_spec("fer")),
+        "arm-guarded": lambda: guarded(make_sim(load_spec("fr3"))),
+        "arm-replay": lambda: replayed(load_spec("fer")),
+        "arm-with-a-hand": lambda: make_cell("fer", load_spec(), periods=(0.003, 0.003)).arm_sim,
+        "hand-on-an-arm": lambda: make_cell("fer", load_spec("leap")).hand_sim,
         "leap-servos": lambda: on_a_line("leap"),
         "model-o-servos": lambda: on_a_line("model_o", servos=MODEL_O),
     }
@@ -208,7 +221,7 @@ def test_close_may_be_called_twice(backend: HandBackend) -> None:
     backend.reset()
     backend.close()
     backend.close()
-    assert backend.spec.n_joints in (1, 4, 16)  # It still says which hand it was.
+    assert backend.spec.n_joints in (1, 4, 7, 16)  # It still says which hand it was.
 
 
 def test_a_hand_that_was_closed_takes_no_commands_unless_it_only_exists_here(backend: HandBackend) -> None:

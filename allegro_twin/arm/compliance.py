@@ -1,0 +1,149 @@
+"""Forward-dynamics compliance: a light virtual arm is pulled by the error and by what is felt; the real one follows.
+
+After Scherzinger, Roennau and Dillmann, "Forward Dynamics Compliance Control (FDCC)", IROS 2017, and FZI's
+cartesian_compliance_controller, which the lab's report uses. A cycle, of one or several iterations:
+
+f = R K Rᵀ e + w_felt + w_target,  u = s (P f + D ḟ),  q̈ = H⁻¹ Jᵀ u,  q ← q + q̇ Δ,  q̇ ← 0.9 (q̇ + q̈ Δ)
+
+The real joints follow by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇ - Jᵀ w̄_felt, with q_r on a straight line from cycle
+to cycle and w̄ smoothed. At rest f = 0, whatever P and the iterations are: P sets how fast, K where. FZI sets the
+virtual arm to where the real one is before each cycle; here it goes on from where it was, since an arm that takes
+torques lags a little and would swing; it is brought back where the real one lags by more than `lag`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.arm.impedance import Stiffness
+from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
+from allegro_twin.arm.tool import Bridge
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.types import HandState, TorqueCommand, Vector
+
+_STEP = 0.02  # s. Δ of the virtual arm. FZI cartesian_controllers, internal period.
+_KEPT = 0.9  # Of the virtual speed, after a step. FZI.
+_MOST = 1.0  # Of an error, m and rad. FZI.
+_CARRIED = (
+    0.1  # s. Time constant of what is felt, before the follower carries it: at once it would be a loop of its own.
+)
+_FZI = Stiffness(500.0, 50.0)
+_SHARE = 0.7  # Of the joints' speed limits, that the virtual arm may go.
+
+
+@dataclass(frozen=True, slots=True)
+class Pull:
+    """How errors pull the virtual arm; defaults of FZI's example."""
+
+    linear: float = 0.05
+    """P."""
+    angular: float = 1.5
+    damping: float = 0.005
+    """D, s."""
+    scale: float = 0.5
+    iterations: int = 1
+    """Of a cycle: more are faster."""
+
+
+_PULL = Pull()
+
+
+class Virtual(NamedTuple):
+    """The virtual arm after a cycle."""
+
+    position: Vector
+    """(n,), rad."""
+    velocity: Vector
+    force: Vector
+    """f of the last iteration, (6,), N and N·m."""
+
+
+class Led(NamedTuple):
+    """What the controller remembers."""
+
+    virtual: Virtual
+    """Where it will be when the next cycle begins."""
+    reference: Vector
+    """q_r, (n,), rad."""
+    speed: Vector
+    """q̇_r, (n,), rad/s."""
+    setpoint: Pose
+    t: float
+    due: float
+    """When the next cycle begins, s."""
+    carried: Vector
+    """What is felt, smoothed, (6,), N and N·m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compliance:
+    """Lead the tool to a target, and give way to what it feels, with the stiffness of a spring."""
+
+    model: ArmModel
+    target: Target
+    bridge: Bridge | None = None
+    """None: nothing is felt."""
+    stiffness: Stiffness = _FZI
+    pull: Pull = _PULL
+    cycle: float = 0.01
+    """s."""
+    bandwidth: float = 30.0
+    """ω of the follower, rad/s. A stiffer one swings where the tool sticks to what it presses on; docs/arm.md."""
+    lag: float = 0.05
+    """rad."""
+    smoothing: Smoothing | None = SMOOTH
+    light: ArmModel = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "light", self.model.light())
+
+    def start(self, state: HandState) -> Led:
+        if self.bridge is not None and not state.wrench.size:
+            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge, or take the impedance")
+        q, nothing = state.position, np.zeros(len(state.position))
+        return Led(Virtual(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t, np.zeros(6))
+
+    def __call__(self, state: HandState, memory: Led) -> tuple[TorqueCommand, Led]:
+        dt, q, v = state.t - memory.t, state.position, state.velocity
+        reference, speed = memory.reference + memory.speed * dt, memory.speed
+        reference = np.minimum(np.maximum(reference, q - self.lag), q + self.lag)
+        setpoint = approached(memory.setpoint, self.target.pose, dt, self.smoothing)
+        virtual, due, felt = memory.virtual, memory.due, self._felt(state)
+        if state.t >= due - 1e-9:
+            virtual = cycled(self, virtual._replace(position=reference), setpoint, felt + self.target.wrench)
+            speed, due = (virtual.position - reference) / self.cycle, due + self.cycle
+        carried = memory.carried + (felt - memory.carried) * min(dt / _CARRIED, 1.0)
+        wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
+        torque = self.model.inertia(q) @ wanted + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
+        return TorqueCommand(torque), Led(virtual, reference, speed, setpoint, state.t, due, carried)
+
+    def _felt(self, state: HandState) -> Vector:
+        """At the tool, in the axes of the base, (6,)."""
+        if self.bridge is None:
+            return np.zeros(6)
+        axes = self.model.flange(state.position).rotation
+        return self.bridge.outside(state.wrench, axes, state.gravity, self.model.tool.position)
+
+
+def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) -> Virtual:
+    """One cycle of the virtual arm from where it is, no faster than the joints may go."""
+    begin, v, last = virtual
+    q = begin
+    spec, pull = law.model.spec, law.pull
+    stiffness, share = law.stiffness.diagonal(), np.repeat([pull.linear, pull.angular], 3)
+    for _ in range(pull.iterations):
+        place, axes, jacobian = law.model.motion(q)
+        error = np.concatenate([setpoint.position - place, turn(axes, setpoint.rotation)])
+        force = stiffness * np.clip(error, -_MOST, _MOST) + wrench
+        effort = pull.scale * (share * force + pull.damping * (force - last) / _STEP)
+        pulled = np.linalg.solve(law.light.inertia(q), jacobian.T @ effort)
+        q = np.clip(q + v * _STEP, spec.lower, spec.upper)
+        v, last = _KEPT * (v + pulled * _STEP), force
+    limit = spec.actuation.velocity_limit
+    over = 1.0 if limit is None else float(np.abs((q - begin) / (limit * _SHARE * law.cycle)).max())
+    return Virtual(begin + (q - begin) / max(over, 1.0), v / max(over, 1.0), last)

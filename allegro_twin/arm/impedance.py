@@ -1,0 +1,112 @@
+"""Cartesian impedance: the tool hangs on a spring and a damper from its target.
+
+τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the
+target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
+cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.types import Array, HandState, TorqueCommand, Vector
+
+_SINGULAR = 1e-6  # Added to J Jᵀ: what a stretched arm would divide by, m² and rad².
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """Of the spring, the same along all axes of the base."""
+
+    linear: float = 200.0
+    """N/m. franka_ros, compliance_param.cfg."""
+    angular: float = 10.0
+    """N·m/rad."""
+
+    def diagonal(self) -> Vector:
+        """Shape (6,)."""
+        return np.repeat([self.linear, self.angular], 3)
+
+
+class Hanging(NamedTuple):
+    """What the controller remembers."""
+
+    setpoint: Pose
+    rest: Vector
+    """Where the elbow likes to be: joint positions at the start, (n,), rad."""
+    t: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impedance:
+    """Keep the tool at a target with the stiffness of a spring.
+
+    Raises ConfigError at the start for a spring that could not overcome the joints' dry friction within `slack`.
+    """
+
+    model: ArmModel
+    target: Target
+    stiffness: Stiffness = Stiffness()
+    null: float = 10.0
+    """Stiffness of what the target leaves free, N·m/rad."""
+    smoothing: Smoothing | None = SMOOTH
+    """None: targets are set-points."""
+    slack: tuple[float, float] = (0.01, 0.1)
+    """How far friction may keep the tool from its target, m and rad."""
+    spring: Vector = field(init=False)
+    """The stiffness along and about the axes, (6,)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spring", self.stiffness.diagonal())
+
+    def start(self, state: HandState) -> Hanging:
+        stuck(self.model, state.position, self.stiffness, self.slack)
+        return Hanging(self.model.pose(state.position), state.position, state.t)
+
+    def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
+        setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null)
+        return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t)
+
+
+def hung(model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffness: Vector, null: float) -> Vector:
+    """The law above, (n,), N·m. `stiffness` has shape (6,)."""
+    q, v = state.position, state.velocity
+    place, axes, jacobian = model.motion(q)
+    error = np.concatenate([place - setpoint.position, turn(setpoint.rotation, axes)])
+    force = -stiffness * error - 2.0 * np.sqrt(stiffness) * (jacobian @ v)
+    free = null * (rest - q) - 2.0 * np.sqrt(null) * v
+    taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)
+    torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
+    return torque
+
+
+def stuck(model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float]) -> None:
+    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad."""
+    band = _dead_band(model, position)
+    for first, value, unit, most, name in (
+        (0, stiffness.linear, "N/m", slack[0], "linear"),
+        (3, stiffness.angular, "N·m/rad", slack[1], "angular"),
+    ):
+        axis = int(np.argmax(band[first : first + 3]))
+        force = float(band[first + axis])
+        if not value * most >= force:
+            far = f"{1e3 * force / value:.1f} mm" if first == 0 else f"{np.degrees(force / value):.1f}°"
+            raise ConfigError(
+                f"stiffness.{name} {value:g} {unit}: dry friction would keep {model.spec.name} up to {far} from its "
+                f"target along {_AXES[axis]}; take at least {force / most:.3g} {unit}"
+            )
+
+
+def _dead_band(model: ArmModel, position: Vector) -> Array:
+    """The largest force and torque along each axis that the joints' dry friction can hold, |J⁺ᵀ| τ, (6,), N and N·m."""
+    _, _, jacobian = model.motion(position)
+    return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ model.spec.actuation.frictionloss)

@@ -1,0 +1,133 @@
+"""An arm in Pinocchio: where its tool is, how it moves, and what its own dynamics ask for, in the base's frame."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.orientation import matrix_from_quaternion
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.spec import ArmSpec
+from allegro_twin.types import Array, Vector
+
+_DAMPING = 1e-4  # Of the inverse near singular postures, m² and rad².
+_STEPS, _STEP = 200, 0.2  # rad: the largest step of a joint.
+
+
+class Placed(NamedTuple):
+    """A tool's frame on the flange."""
+
+    position: Array
+    """(3,), m."""
+    quaternion: Array
+    """w x y z."""
+
+
+FLANGE = Placed(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+class ArmModel:
+    """Rigid-body kinematics and dynamics of an arm with its load. Joint vectors have shape (n,).
+
+    `tool` is the frame that poses and Jacobians are of, on the flange; by default the flange itself.
+    """
+
+    def __init__(self, spec: ArmSpec, tool: Placed = FLANGE) -> None:
+        path = data_root() / "models" / "urdf" / f"{spec.name}.urdf"
+        if not path.is_file():
+            raise ConfigError(f"arm {spec.name}: no URDF at {path}")
+        self.spec, self.tool, self._model = spec, tool, pin.buildModelFromUrdf(str(path))
+        joint = self._model.getJointId(spec.joints[-1])
+        on = self._model.frames[self._model.getFrameId(spec.flange)].placement
+        place = on * pin.SE3(matrix_from_quaternion(tool.quaternion), np.array(tool.position))
+        self._frame = self._model.addFrame(pin.Frame("tool", joint, 0, place, pin.FrameType.OP_FRAME), False)
+        self._flange, self._on_flange = self._model.getFrameId(spec.flange), place
+        if spec.load is not None:
+            weight = pin.Inertia(spec.load.mass, np.array(spec.load.centre), np.zeros((3, 3)))
+            self._model.appendBodyToJoint(joint, weight, on)
+        self._model.armature = np.array(spec.actuation.armature)
+        self._model.gravity.linear = np.zeros(3)  # The arm carries itself.
+        self._data = self._model.createData()
+
+    def pose(self, position: Vector) -> Pose:
+        """Of the tool."""
+        return self._pose(self._frame, position)
+
+    def flange(self, position: Vector) -> Pose:
+        """Of the flange."""
+        return self._pose(self._flange, position)
+
+    def _pose(self, frame: int, position: Vector) -> Pose:
+        pin.framesForwardKinematics(self._model, self._data, position)
+        found = self._data.oMf[frame]
+        return Pose(found.translation.copy(), found.rotation.copy())
+
+    def motion(self, position: Vector) -> tuple[Array, Array, Array]:
+        """The tool's place (3,), m, its axes (3, 3), and the J in (v; ω) = J q̇, (6, n), in the axes of the base."""
+        data = self._data
+        pin.computeJointJacobians(self._model, data, position)
+        frame = pin.updateFramePlacement(self._model, data, self._frame)
+        jacobian = pin.getFrameJacobian(self._model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        return frame.translation, frame.rotation, jacobian
+
+    def coriolis(self, position: Vector, velocity: Vector) -> Vector:
+        """C(q, q̇) q̇, N·m."""
+        found: Vector = pin.nonLinearEffects(self._model, self._data, position, velocity)
+        return found
+
+    def inertia(self, position: Vector) -> Array:
+        """M(q) with the rotors, (n, n), kg·m²."""
+        return np.array(pin.crba(self._model, self._data, position))
+
+    def light(self, link: float = 0.1, tip: float = 1.0) -> ArmModel:
+        """The same chain with other masses: every link a point of `link` kg at its joint, and at the tool a body of
+        `tip` kg and as many kg·m²."""
+        other = ArmModel(self.spec, self.tool)
+        nothing = np.zeros(3)
+        for joint in range(1, other._model.njoints):
+            # 1e-6: so that no joint is without inertia.
+            other._model.inertias[joint] = pin.Inertia(link, nothing, 1e-6 * np.eye(3))
+        other._model.inertias[other._model.njoints - 1] = self._on_flange.act(
+            pin.Inertia(tip, nothing, tip * np.eye(3))
+        )
+        other._model.armature = np.zeros(self.spec.n_joints)
+        other._data = other._model.createData()
+        return other
+
+    def reach(self, wanted: Pose, near: Vector, tolerance: float = 1e-4) -> Vector:
+        """Joint positions inside the limits with the tool at a pose, found from nearby ones. Raises ConfigError with
+        how near it came, when that is not within `tolerance`, m and rad."""
+        spec, at = self.spec, np.array(near, dtype=np.float64)
+        goal = pin.SE3(np.array(wanted.rotation), np.array(wanted.position))
+        for _ in range(_STEPS):
+            place, axes, jacobian = self.motion(at)
+            error = np.concatenate([goal.translation - place, pin.log3(goal.rotation @ axes.T)])
+            if np.abs(error).max() < tolerance * 0.1:
+                break
+            inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(6))
+            # What is free goes back to where it began.
+            step = inverse @ error + 0.1 * ((near - at) - inverse @ (jacobian @ (near - at)))
+            at = np.clip(at + step * min(1.0, _STEP / max(float(np.abs(step).max()), 1e-9)), spec.lower, spec.upper)
+        place, axes, _ = self.motion(at)
+        short, turned = np.linalg.norm(goal.translation - place), np.linalg.norm(pin.log3(goal.rotation @ axes.T))
+        if max(short, turned) > tolerance:
+            raise ConfigError(
+                f"{spec.name} does not reach {np.round(wanted.position, 3).tolist()} m with that orientation: it stays "
+                f"{1e3 * short:.1f} mm and {np.degrees(turned):.1f}° short; ask for one nearer, or turned less"
+            )
+        return at
+
+
+def turn(axes: Array, wanted: Array) -> Vector:
+    """The rotation vector that turns one orientation (3, 3) into another, in the axes of the base, (3,), rad."""
+    found: Vector = pin.log3(wanted @ axes.T)
+    return found
+
+
+def turned(axes: Array, vector: Vector) -> Array:
+    """An orientation (3, 3) turned by a rotation vector, (3,), rad, in the axes of the base."""
+    return np.asarray(pin.exp3(vector) @ axes)
