@@ -86,7 +86,7 @@ class Tensors:
         }
         for name in ("where", "exp", "sqrt", "abs", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any"):
             setattr(self, name, getattr(torch, name))
-        self.rint, self.flatnonzero = torch.round, lambda x: torch.nonzero(x).reshape(-1)
+        self.rint = torch.round
 
     def asarray(self, x: Any, dtype: Any = None) -> Any:
         """A copy of an array on the device; a tensor is on it already."""
@@ -113,6 +113,9 @@ class Tensors:
 
     def copy(self, x: Any) -> Any:
         return x.clone()
+
+    def flatnonzero(self, x: Any) -> Any:
+        return self.torch.nonzero(x).reshape(-1)
 
     def concatenate(self, parts: Sequence[Any], axis: int = 0) -> Any:
         return self.torch.cat(list(parts), dim=axis)

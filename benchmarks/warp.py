@@ -1,7 +1,7 @@
-"""Steps a second of many environments on an NVIDIA GPU through MuJoCo Warp: `python -m benchmarks.warp`.
+"""Actions a second of many environments on an NVIDIA GPU through MuJoCo Warp: `python -m benchmarks.warp`.
 
-Beside each figure is what the bare physics would do: the same number of `mujoco_warp.step`, nothing copied back and no
-task around it. Without a GPU it says so and measures nothing.
+Beside each figure is what the bare physics would do: the same steps with nothing around them. Without a GPU it says so
+and measures nothing.
 """
 
 from __future__ import annotations
@@ -11,55 +11,46 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.gym.tensors import TensorVectorEnv
 
-SIZES = (1024, 4096, 16384)
-TASKS: tuple[tuple[str, dict[str, Any]], ...] = (("Reach", {}), ("Reorient", {}), ("Grasp", {"objects": ("orange",)}))
-WARM, STEPS = 3, 20
+ROWS: tuple[tuple[int, dict[str, Any]], ...] = ((1024, {"coarse": True}), (4096, {"coarse": True}),
+                                                (16384, {"coarse": True}), (4096, {}))  # fmt: skip
+KEYWORDS = {"timestep": 0.003, "decimation": 20}
+WARM, ACTIONS, STEPS = 4, 10, 100
 
 
 def main(device: str) -> None:
-    print(f"{'task':<10}{'simulations':>12}{'env steps/s':>14}{'physics steps/s':>17}{'bare physics/s':>16}  device")
-    for task, kwargs in TASKS:
-        for n in SIZES:
-            try:
-                env = HandVectorEnv(task, n, device=device, **kwargs)
-            except ConfigError as error:
-                print(f"not measured: {error}")
-                return
-            row(task, n, env)
+    print(f"{'simulations':>12}{'actions/s':>12}{'physics steps/s, bare':>24}{'share':>8}")
+    for n, kwargs in ROWS:
+        try:
+            env = TensorVectorEnv("Rotate", n, device=device, **KEYWORDS, **kwargs)
+        except ConfigError as error:
+            print(f"not measured: {error}")
+            return
+        env.reset()
+        row(n, env)
 
 
-def row(task: str, n: int, env: HandVectorEnv) -> None:
-    env.reset(seed=0)
-    still = np.zeros((n, 16), np.float32)
-    worlds: Any = env.engine.worlds
-    settings = env.engine.settings
-    count = round(settings.period / settings.timestep)
-    seconds = timed(lambda: env.step(still))
-    with worlds._wp.ScopedDevice(worlds._device):
-
-        def bare() -> None:
-            for _ in range(settings.decimation):
-                worlds._advance(count)
-            worlds._wp.synchronize()
-
-        physics = timed(bare)
-    every = n * settings.decimation * count
-    print(f"{task:<10}{n:>12,}{n / seconds:>14,.0f}{every / seconds:>17,.0f}{every / physics:>16,.0f}  {worlds.device}")
+def row(n: int, env: TensorVectorEnv) -> None:
+    torch, device = env.xp.torch, env.xp.device
+    wait = torch.cuda.synchronize if device.type == "cuda" else lambda: None
+    act = timed(lambda: env.step(torch.rand((n, 16), device=device) - 0.5), ACTIONS, wait)
+    step = timed(lambda: env.engine.worlds.step(None, 1), STEPS, wait)
+    share = env.engine.settings.decimation * step / act
+    print(f"{n:>12,}{n / act:>12,.0f}{n / step:>24,.0f}{share:>8.2f}")
 
 
-def timed(act: Callable[[], object]) -> float:
+def timed(act: Callable[[], object], count: int, wait: Callable[[], None]) -> float:
     """Seconds a call, after some that compile and warm up."""
     for _ in range(WARM):
         act()
+    wait()
     start = time.perf_counter()
-    for _ in range(STEPS):
+    for _ in range(count):
         act()
-    return (time.perf_counter() - start) / STEPS
+    wait()
+    return (time.perf_counter() - start) / count
 
 
 if __name__ == "__main__":

@@ -28,11 +28,15 @@ def test_every_function_says_what_numpy_says(xp: Tensors) -> None:
         both = getattr(xp, name)(xp.asarray(x), xp.asarray(y))
         np.testing.assert_allclose(host(both), getattr(np, name)(x, y), atol=1e-6)
     for name in ("minimum", "maximum"):
-        np.testing.assert_array_equal(host(getattr(xp, name)(xp.asarray(x), 0.1)), getattr(np, name)(x, np.float32(0.1)))
+        np.testing.assert_array_equal(
+            host(getattr(xp, name)(xp.asarray(x), 0.1)), getattr(np, name)(x, np.float32(0.1))
+        )
     for name in ("concatenate", "stack"):
         parts = getattr(xp, name)([xp.asarray(x), xp.asarray(y)], axis=-1)
         np.testing.assert_array_equal(host(parts), getattr(np, name)([x, y], axis=-1))
-    np.testing.assert_array_equal(host(xp.clip(xp.asarray(x), -0.2, 0.3)), np.clip(x, np.float32(-0.2), np.float32(0.3)))
+    np.testing.assert_array_equal(
+        host(xp.clip(xp.asarray(x), -0.2, 0.3)), np.clip(x, np.float32(-0.2), np.float32(0.3))
+    )
     np.testing.assert_array_equal(host(xp.max(xp.asarray(x), axis=-1)), np.max(x, axis=-1))
     np.testing.assert_array_equal(host(xp.flatnonzero(xp.asarray(x[:, 0] > 0))), np.flatnonzero(x[:, 0] > 0))
 
@@ -50,14 +54,14 @@ def test_the_noise_of_a_key_is_the_same_numbers_on_both(xp: Tensors) -> None:
     key = np.array([0, 1, 2**52 + 7, 2**53 - 1], np.uint64)
     counter = np.arange(4)
     ours = jitter(key, counter, 8, 16)
-    theirs = host(jitter(xp.asarray(key), xp.asarray(counter), 8, 16))  # type: ignore[arg-type]  # Tensors.
+    theirs = host(jitter(xp.asarray(key), xp.asarray(counter), 8, 16))
     np.testing.assert_array_equal(theirs, ours.astype(np.float32))
 
 
 def test_episodes_that_are_counted_are_the_same_on_both_and_all_different(xp: Tensors) -> None:
     key, episode = np.arange(4, dtype=np.uint64), np.ones(4, np.int64)
     ours = Draws.counted(key, episode)
-    theirs = Draws.counted(xp.asarray(key), xp.asarray(episode))  # type: ignore[arg-type]  # Tensors.
+    theirs = Draws.counted(xp.asarray(key), xp.asarray(episode))
     np.testing.assert_allclose(host(theirs.within(0.0, 1.0, 8)), ours.within(0.0, 1.0, 8), atol=1e-6)
     np.testing.assert_array_equal(host(theirs.key()), ours.key().astype(np.int64))
     assert len(np.unique(ours.within(0.0, 1.0, 8))) == 32
@@ -72,7 +76,12 @@ class Pair(NamedTuple):
 
 def test_what_is_fetched_from_a_device_comes_in_one_copy(xp: Tensors, monkeypatch: pytest.MonkeyPatch) -> None:
     copies: list[object] = []
-    monkeypatch.setattr("allegro_twin.arrays.host", lambda x: copies.append(x) or x.numpy())
+
+    def counted(x: Any) -> Any:
+        copies.append(x)
+        return x.numpy()
+
+    monkeypatch.setattr("allegro_twin.arrays.host", counted)
     numbers = xp.arange(ROWS)
     tree = ({"x": xp.ones((ROWS, 2)), "deep": {"y": xp.zeros((ROWS, 2, 3))}}, Pair(numbers, numbers > 2))
     (first, second) = fetched(tree)

@@ -87,11 +87,15 @@ class Engine:
         self.count[rows] = 0
         return values
 
-    def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
-        """Let all simulations, or some, take an action each, (n, joints). Raises CommandError for one with a NaN."""
+    def placed(self, action: NDArray[np.floating[Any]]) -> Any:
+        """Actions (n, joints) where the simulations are. Raises CommandError for one with a NaN."""
         self._check(action)
-        interface, place = self.task.interface, self.worlds.xp.asarray
-        action, rows = place(action), None if rows is None else place(rows)
+        return self.worlds.xp.asarray(action)
+
+    def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
+        """Let all simulations, or some, take an action each, (n, joints), as `placed` gives it."""
+        interface = self.task.interface
+        rows = None if rows is None else self.worlds.xp.asarray(rows)
         memory = interface.act(action, self.memory, self._seen)
         course = interface.course(memory)
         self.task.plan(memory.tick)

@@ -60,8 +60,8 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return self._seen(), _of_one(report)
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        actions = np.asarray(action)[None]
         engine = self.engine
+        actions = engine.placed(np.asarray(action)[None])
         engine.step(actions)
         seen = engine.observe()
         observation, (outcome, diverged), count = fetched((seen, engine.outcome(actions, seen), engine.count))

@@ -176,8 +176,7 @@ class Physics:
         self._worlds.expand("geom_size")[rows, geoms] *= factor[:, None, None]
         self._worlds.expand("geom_rbound")[rows, geoms] *= factor[:, None]
         self._worlds.expand("geom_aabb")[rows, geoms] *= factor[:, None, None]
-        if self._worlds.has("bvh_aabb"):
-            self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
+        self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
         self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None] ** 2
 
     def _friction(self, rows: Rows, friction: Array) -> None:

@@ -44,7 +44,7 @@ class TensorVectorEnv:
         saw last, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with a NaN is `info["diverged"]`."""
         engine, own = self.engine, self._own
         taken = actions.numpy() if own is np else actions
-        engine.step(taken)
+        engine.step(engine.placed(taken))
         observation: Any = engine.observe()
         outcome, diverged = engine.outcome(taken, observation)
         truncated = engine.count >= self.limit

@@ -77,13 +77,13 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return fetched(self.engine.observe()), info
 
     def step(self, actions: Floats) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        actions = np.asarray(actions)
+        taken = self.engine.placed(np.asarray(actions))
         new = np.flatnonzero(self._ended) if self._mode is AutoresetMode.NEXT_STEP else np.zeros(0, np.int64)
         going = np.flatnonzero(~self._ended) if len(new) else None
-        self.engine.step(actions, going)
+        self.engine.step(taken, going)
         info = self._restart(new, None) if len(new) else {}
         seen = self.engine.observe()
-        observation, (outcome, diverged), count = fetched((seen, self.engine.outcome(actions, seen), self.engine.count))
+        observation, (outcome, diverged), count = fetched((seen, self.engine.outcome(taken, seen), self.engine.count))
         terminated, truncated = outcome.failed, count >= self.limit
         reward, success = outcome.reward, outcome.success
         if len(new):

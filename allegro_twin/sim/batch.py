@@ -86,10 +86,6 @@ class Worlds:
             self._rows[field] = self._batch.expand(field)
         return self._rows[field]
 
-    def has(self, field: str) -> bool:
-        """Whether a model here has that field at all: those on a device have fewer."""
-        return field in batch.MODEL_FIELDS
-
     def choose(self, rows: Rows, variant: Rows) -> None:
         """Give simulations a variant each, and the state in which it begins."""
         for field, own in self._rows.items():

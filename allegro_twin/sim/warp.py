@@ -30,7 +30,9 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 """What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
-_IDLE = {"dof_length", "bvh_aabb"}  # Only sleeping and rays read them, and no scene has either.
+_IDLE = {"dof_length"}  # Only sleeping reads it, and no scene lets anything sleep.
+_PICTURED = {"bvh_aabb"}
+"""What the device has no use for, and MuJoCo's own model of a simulation has."""
 
 
 class WarpWorlds(Worlds):
@@ -65,8 +67,9 @@ class WarpWorlds(Worlds):
         return None
 
     def add(self, model: mujoco.MjModel) -> int:
-        different = [name for name in (*self._fields, "geom_type", "geom_dataid") if not _same(self.model, model, name)]
-        if unknown := [name for name in different if name not in self._fields]:
+        asked = self._fields | _PICTURED | {"geom_type", "geom_dataid"}
+        different = sorted(name for name in asked if not _same(self.model, model, name))
+        if unknown := [name for name in different if name not in self._fields | _PICTURED]:
             raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
                               "choose objects of one shape")  # fmt: skip
         self._models.append(model)
@@ -75,9 +78,6 @@ class WarpWorlds(Worlds):
             self.expand(name)
         self._learn_start(model)
         return len(self._models) - 1
-
-    def has(self, field: str) -> bool:
-        return field in self._fields
 
     def expand(self, field: str) -> NDArray[Any]:
         if field not in self._rows:
@@ -186,11 +186,14 @@ class WarpWorlds(Worlds):
             return
         kept: dict[str, Any] = {name: self.xp.copy(own) for name, own in self._rows.items()}
         with self._wp.ScopedDevice(self._device):
-            self._m = _on_device(self._mjw, self.model, dict.fromkeys((*kept, *fields), self.n))
+            self._m = _on_device(self._mjw, self.model, dict.fromkeys({*kept, *fields} - _PICTURED, self.n))
         self._graphs.clear()
         for name in (*kept, *fields):
-            theirs = self._wp.to_torch(getattr(self._m, name))
-            self._rows[name] = theirs.view(self.n, *getattr(self.model, name).shape)
+            nominal = getattr(self.model, name)
+            if name in _PICTURED:
+                self._rows[name] = self.xp.asarray(np.repeat(nominal[None], self.n, axis=0))
+            else:
+                self._rows[name] = self._wp.to_torch(getattr(self._m, name)).view(self.n, *nominal.shape)
             if name in kept:
                 self._rows[name][...] = kept[name]
             elif len(self._models) > 1:

@@ -19,7 +19,7 @@ from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.types import Array
 
-T = 12  # Simulations.
+T = 20  # Simulations.
 GRAZING = 1e-5  # m. Contacts so near the threshold may be on either side of it in single precision.
 # atol and rtol of what a forward pass computes.
 FORWARD = {
@@ -85,7 +85,7 @@ def test_from_the_same_states_one_step_on_the_device_comes_to_the_same_speeds(
     ours, theirs = cpu.engine.worlds, device.engine.worlds
     scenes = [seen(cpu, row) for row in range(T)]
     fair = [row for row, (_, data) in enumerate(scenes) if clear(data)]
-    assert len(fair) >= T // 2, "too few states say something"
+    assert len(fair) >= T // 3, "too few states say something"
     qacc = np.array([data.qacc for _, data in scenes])
     ours.step(None, 1)
     theirs.step(None, 1)
@@ -114,6 +114,8 @@ def test_every_stage_of_a_forward_pass_agrees(task: str, kwargs: dict[str, Any])
         if not clear(data):
             continue
         compared += 1
+        model.opt.tolerance = 0.0  # Solved to the end: from a good start the solver may stop at once.
+        mujoco.mj_forward(model, data)
         rounding = of_rounding(model, data)
         for name, (atol, rtol) in FORWARD.items():
             reference = getattr(data, name)
@@ -123,7 +125,7 @@ def test_every_stage_of_a_forward_pass_agrees(task: str, kwargs: dict[str, Any])
             extra = rounding if name == "qacc" else 0.0
             error = np.abs(ours - reference) / (atol + rtol * np.abs(reference) + extra)
             assert error.max() <= 1.0, f"{name} of simulation {row}: {error.max():.1f} times what is allowed"
-    assert compared >= T // 2
+    assert compared >= T // 3
 
 
 def of_rounding(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
@@ -178,7 +180,12 @@ def test_an_action_copies_little_between_device_and_host(monkeypatch: pytest.Mon
 
     def counted(kind: str, owner: Any, name: str) -> None:
         original = getattr(owner, name)
-        monkeypatch.setattr(owner, name, lambda *args, **kwargs: (copies.append(kind), original(*args, **kwargs))[1])
+
+        def noted(*args: Any, **kwargs: Any) -> Any:
+            copies.append(kind)
+            return original(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, noted)
 
     ours, theirs = HandVectorEnv("Rotate", 4, device="warp:cpu"), TensorVectorEnv("Rotate", 4, device="warp:cpu")
     ours.reset(seed=0)
