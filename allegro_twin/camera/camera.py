@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.lens import Lens
 from allegro_twin.look.screen import Screen
 
-_HINT = "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri, or set MUJOCO_GL"
+_HINT = "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; and MUJOCO_GL=egl where mujoco is imported first"
 
 
 class Camera:
@@ -47,9 +47,7 @@ class Camera:
         exact = self.exact(data, pose)
         told = self._stereo.measured(exact, self.settings.noise, np.random.default_rng((self._seed, number)))
         ready = float(data.time) + self.settings.latency
-        frame = Frame(
-            number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose
-        )
+        frame = Frame(number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose)
         self._last = frame
         return frame
 

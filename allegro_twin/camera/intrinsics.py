@@ -80,4 +80,4 @@ D435I_COLOUR = Intrinsics(640, 480, 612.4, 610.6, 314.3, 237.8)
 D435I_BASELINE = 0.050
 """Between the two imagers, m (datasheet)."""
 D435I_COLOUR_AT = (0.015, 0.0, 0.0)
-"""The colour camera in the depth camera's frame, m (realsense-ros #2788: 15.0 mm; its turn of half a degree left out)."""
+"""The colour camera in the depth camera's frame, m (realsense-ros #2788, without its turn of half a degree)."""

@@ -86,7 +86,7 @@ def looking(position: ArrayLike, towards: ArrayLike, up: ArrayLike = (0.0, 0.0, 
     """
     place, way = np.asarray(position, dtype=np.float64), np.asarray(towards, dtype=np.float64)
     ahead = way - place
-    right = np.cross(ahead, up)
+    right = np.cross(ahead, np.asarray(up, dtype=np.float64))
     if not np.linalg.norm(right) > 1e-6 * np.linalg.norm(ahead):
         raise ConfigError(f"camera at {place.tolist()}: it looks at {way.tolist()}, along its `up`; give another `up`")
     z, x = ahead / np.linalg.norm(ahead), right / np.linalg.norm(right)

@@ -1,4 +1,4 @@
-"""A camera whose place, orientation and opening are given, as a real one's are: none of MuJoCo's own can say all three."""
+"""A camera whose place, orientation and opening are given: none of MuJoCo's own can say all three."""
 
 from __future__ import annotations
 

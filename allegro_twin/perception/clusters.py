@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage  # type: ignore[import-untyped]  # Its types are a package of their own.
 
+from allegro_twin.perception.cloud import Points
 from allegro_twin.types import Array
 
 _TOUCHING = np.ones((3, 3), np.int_)
@@ -24,7 +25,7 @@ class Grid:
     """Edge, m."""
     labels: Labels
 
-    def of(self, places: Array) -> Labels:
+    def of(self, places: Points) -> Labels:
         """The clusters of places (n, 2), m; 0 for one outside."""
         cells = np.floor((places - self.corner) / self.cell).astype(np.int_)
         inside = ((cells >= 0) & (cells < self.labels.shape)).all(axis=1)
@@ -39,7 +40,7 @@ class Grid:
         return Grid(self.corner - self.cell, self.cell, np.where(inner > 0, inner, wider))
 
 
-def clusters(places: Array, cell: float) -> tuple[Grid, Labels]:
+def clusters(places: Points, cell: float) -> tuple[Grid, Labels]:
     """The grid over places (n, 2), m, and how many of them each cluster has, from cluster 1 on, (k,)."""
     corner = places.min(axis=0)
     cells = np.floor((places - corner) / cell).astype(np.int_)

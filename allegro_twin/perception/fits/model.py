@@ -65,4 +65,4 @@ def main_direction(places: Array) -> float:
 
 def behind(seen: Sample, radius: float) -> Array:
     """The middle of what is seen from the front is nearer than the solid's: a start, (2,), m."""
-    return np.asarray(seen.points[:, :2].mean(axis=0) + [0.25 * radius, 0.0])
+    return np.asarray(seen.points[:, :2].mean(axis=0) + np.array([0.25 * radius, 0.0]))

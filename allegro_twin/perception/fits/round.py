@@ -27,7 +27,7 @@ def _ball(seen: Sample) -> Residuals:
 
     def residuals(p: Array) -> Array:
         x, y, r = p.T[..., None]
-        return np.sqrt((a - x) ** 2 + (b - y) ** 2 + (c - r) ** 2) - r
+        return np.asarray(np.sqrt((a - x) ** 2 + (b - y) ** 2 + (c - r) ** 2) - r)
 
     return residuals
 

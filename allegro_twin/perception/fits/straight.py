@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.perception.fits.model import UP, Model, Solid, along, level, main_direction
+from allegro_twin.perception.fits.model import UP, Model, Solid, along, level
 from allegro_twin.perception.fits.sample import DIRECTIONS, N_DIRECTIONS, Sample
 from allegro_twin.perception.fits.solver import Residuals
 from allegro_twin.types import Array, Vector
@@ -77,12 +77,15 @@ def _box_starts(seen: Sample) -> list[Vector]:
 
 
 def _lying_starts(seen: Sample) -> list[Vector]:
-    turn, radius, found = main_direction(seen.points[:, :2]), max(seen.top / 2.0, 0.005), []
-    for angle in (turn, turn + np.pi / 2):
+    """At every 30 degrees; as wide as the top is high, and narrower, for something may stand out above it."""
+    found = []
+    for angle in np.pi / 6 * np.arange(6):
         forth, across = level(angle)[:2], level(angle + np.pi / 2)[:2]
         u, v = seen.points[:, :2] @ forth, seen.points[:, :2] @ across
-        middle = (u.min() + u.max()) / 2 * forth + (v.mean() + 0.25 * radius * across[0]) * across
-        found.append(np.array([*middle, angle, radius, np.ptp(u)]))
+        for radius in (seen.top / 2.0, 0.75 * seen.top / 2.0):
+            # Across, the near side is seen up to where it is steep, and of the far one less.
+            side = v.mean() + 0.25 * radius * across[0]
+            found.append(np.array([*((u.min() + u.max()) / 2 * forth + side * across), angle, radius, np.ptp(u)]))
     return found
 
 
@@ -110,7 +113,9 @@ def _box_of(p: Vector, error: float) -> Solid:
     order = np.argsort(edges)[::-1]
     axes = np.stack([level(turn), level(turn + np.pi / 2), UP], axis=1)[:, order]
     axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    return Solid("box", np.array([x, y, edges[2] / 2]), axes, (edges[order[0]], edges[order[1]], edges[order[2]]), error)
+    return Solid(
+        "box", np.array([x, y, edges[2] / 2]), axes, (edges[order[0]], edges[order[1]], edges[order[2]]), error
+    )
 
 
 STANDING_CYLINDER = Model(_upright_starts, _upright, _with_outline, _upright_of)

@@ -1,0 +1,48 @@
+"""An organised cloud with where its camera stood: thinned, cut out, and how much one pixel sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.perception.cloud import Points
+from allegro_twin.types import Array, Vector
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What the camera saw and from where. Raises ConfigError unless the shapes fit and the pose is finite."""
+
+    cloud: Points
+    """(rows, columns, 3), m, x right, y down, z ahead; NaN is unknown."""
+    position: Vector
+    """Of the camera in the world, (3,), m."""
+    rotation: Array
+    """Its axes in the world, columns of (3, 3)."""
+
+    def __post_init__(self) -> None:
+        if self.cloud.ndim != 3 or self.cloud.shape[2] != 3 or not np.issubdtype(self.cloud.dtype, np.floating):
+            raise ConfigError(f"cloud: (rows, columns, 3) floats, not {self.cloud.shape} of {self.cloud.dtype}")
+        if self.position.shape != (3,) or self.rotation.shape != (3, 3):
+            raise ConfigError(f"camera pose: (3,) and (3, 3), not {self.position.shape} and {self.rotation.shape}")
+        if not (np.isfinite(self.position).all() and np.isfinite(self.rotation).all()):
+            raise ConfigError("camera pose: not finite; give the pose in which the picture was taken")
+
+    def world(self, points: Points) -> Points:
+        """Of the camera's frame, (n, 3), in the world."""
+        kind = points.dtype
+        return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
+
+    @cached_property
+    def focal(self) -> float:
+        """Of the camera, pixels, by two known points of one row; NaN without."""
+        known = np.isfinite(self.cloud[..., 2])
+        row = int(np.argmax(np.count_nonzero(known, axis=1)))
+        columns = np.flatnonzero(known[row])
+        if len(columns) < 2:
+            return float("nan")
+        first, last = self.cloud[row, columns[0]], self.cloud[row, columns[-1]]
+        return float((columns[-1] - columns[0]) / (last[0] / last[2] - first[0] / first[2]))
