@@ -35,8 +35,8 @@ class Grid:
 
     def spread(self) -> Grid:
         """Each cluster with the free cells around it, for the points that were not looked at before."""
-        wider = ndimage.grey_dilation(np.pad(self.labels, 1), footprint=_TOUCHING)
         inner = np.pad(self.labels, 1)
+        wider = ndimage.maximum_filter(inner, 3)
         return Grid(self.corner - self.cell, self.cell, np.where(inner > 0, inner, wider))
 
 

@@ -38,8 +38,10 @@ class Cluster:
     """In the world."""
     depth: float
     """Of its points, the median, m."""
-    pixel: tuple[float, float]
-    """How much of the table lies between two points, along x and y, m."""
+    pixel: float
+    """How far two neighbours are apart across the ray, m."""
+    elevation: float
+    """By how much the camera looks down at it, rad."""
     others: int
     """Things beside it."""
 
@@ -148,6 +150,7 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
     depth = float(np.median(near[mine, 2]))
-    across = step * depth / view.focal
-    down = max(float(-view.rotation[:, 2] @ plane.normal), 0.2)
-    return Cluster(points[mine].astype(np.float64), axes, plane, depth, (across / down, across), found.others)
+    mine_points = points[mine].astype(np.float64)
+    way = mine_points.mean(axis=0) @ axes + plane.offset * plane.normal - view.position
+    elevation = float(np.arcsin(np.clip(-way @ plane.normal / np.linalg.norm(way), 0.0, 1.0)))
+    return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others)

@@ -51,7 +51,7 @@ class Pipeline:
             return cluster
         sigma = scatter(view, self.settings) * cluster.depth**2
         middle = cluster.points.mean(axis=0) * [1.0, 1.0, 0.0]
-        solids = fitted(sample(cluster.points - middle, cluster.pixel, sigma), draws)
+        solids = fitted(sample(cluster.points - middle, cluster.pixel, sigma, cluster.elevation), draws)
         level = np.array([0.0, 0.0, cluster.plane.offset])
         placed = [_placed(solid, middle + level, cluster) for solid in solids]
         points = (cluster.points + level) @ cluster.axes

@@ -11,6 +11,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.perception.cloud import Points
 from allegro_twin.types import Array, Vector
 
+_ROWS = 8  # One of so many is looked at for the focal length.
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -39,10 +41,11 @@ class View:
     @cached_property
     def focal(self) -> float:
         """Of the camera, pixels, by two known points of one row; NaN without."""
-        known = np.isfinite(self.cloud[..., 2])
+        rows = self.cloud[::_ROWS]
+        known = np.isfinite(rows[..., 2])
         row = int(np.argmax(np.count_nonzero(known, axis=1)))
         columns = np.flatnonzero(known[row])
         if len(columns) < 2:
             return float("nan")
-        first, last = self.cloud[row, columns[0]], self.cloud[row, columns[-1]]
+        first, last = rows[row, columns[0]], rows[row, columns[-1]]
         return float((columns[-1] - columns[0]) / (last[0] / last[2] - first[0] / first[2]))

@@ -30,6 +30,8 @@ class Sample:
     """Height of the highest level part, m."""
     sigma: float
     """The standard deviation of a point along its ray, m."""
+    elevation: float
+    """By how much the camera looks down at it, rad."""
 
     @property
     def middle(self) -> Vector:
@@ -37,11 +39,9 @@ class Sample:
         return np.asarray(2.0 / N_DIRECTIONS * self.outline @ DIRECTIONS)
 
 
-def sample(points: Array, pixel: tuple[float, float], sigma: float) -> Sample:
-    """From all points (n, 3) of a thing. `pixel`: how much of the table one pixel covers along x and y, m.
-
-    A pixel that is known reaches half of itself further out than its middle.
-    """
+def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
+    """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray: it
+    reaches half of that further out than its middle, and on the table further along the ray than across."""
     height = points[:, 2]
     band = max(0.003, 2.5 * sigma)
     place = int(_TOP * (len(height) - 1))
@@ -49,8 +49,8 @@ def sample(points: Array, pixel: tuple[float, float], sigma: float) -> Sample:
     reach = DIRECTIONS @ points[np.abs(height - top) < band, :2].T
     last = max(reach.shape[1] - _OUTERMOST, 0)
     outline = np.partition(reach, last, axis=1)[:, last]
-    outline += 0.5 * np.hypot(pixel[0] * DIRECTIONS[:, 0], pixel[1] * DIRECTIONS[:, 1])
-    return Sample(points, outline, top, sigma)
+    outline += 0.5 * pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
+    return Sample(points, outline, top, sigma, elevation)
 
 
 def thinned(seen: Sample, most: int, draws: np.random.Generator) -> Sample:

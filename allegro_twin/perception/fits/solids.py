@@ -11,13 +11,16 @@ from allegro_twin.perception.fits.solver import Fit, solve
 from allegro_twin.perception.fits.straight import BOX, LYING_CYLINDER, STANDING_CYLINDER
 from allegro_twin.types import Vector
 
-MODELS = (SPHERE, STANDING_CYLINDER, BOX, LYING_CYLINDER, LYING_EGG, STANDING_EGG)
+UPRIGHT, OTHERS = (STANDING_CYLINDER, BOX), (SPHERE, LYING_EGG, STANDING_EGG, LYING_CYLINDER)
 _FEW, _MANY = 160, 600
 """Points with which all solids are compared, and with which the best are fitted."""
 _GLANCE, _FIRST, _THEN = 3, 4, 12
 """Steps to see whether it can be that at all, then to compare, then to fit."""
 _HOPELESS = 2.5
 """So many times the least error after a glance is given up."""
+_GOOD, _FLOOR = 1.1, 0.0004
+"""An upright solid whose error is below so many of the camera's scatter, and of what steps in depth and the drawing
+of round things add to it, m, is it: nothing else has a level top and upright sides."""
 _STARTS = 2
 """Tried of those that a solid may have."""
 _CLOSE = 1.35
@@ -31,7 +34,9 @@ def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     scale = max(0.002, 1.5 * seen.sigma)
     found, least = [], np.inf
-    for model in MODELS:
+    for model in UPRIGHT + OTHERS:
+        if model is OTHERS[0] and least < _GOOD * np.hypot(seen.sigma, _FLOOR):
+            break
         fit = _compared(model, few, scale, least)
         if fit is not None and _possible(model.solid(*fit)):
             found.append((model, fit))

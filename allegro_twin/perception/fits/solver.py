@@ -27,17 +27,20 @@ def solve(residuals: Residuals, start: Vector, counts: Vector, scale: float, ste
 
     `counts` (n,) are the c: for how many points each residual stands.
     """
-    now, damping = np.asarray(start, dtype=np.float64), 1e-3
-    every = np.concatenate([np.zeros((1, len(now))), _STEP * np.eye(len(now))])
+    now, damping, n = np.asarray(start, dtype=np.float64), 1e-3, len(start)
+    every = np.concatenate([np.zeros((1, n)), _STEP * np.eye(n)])
     values = residuals(now + every)
+    loss = _loss(values[0], counts, scale)
     for _ in range(steps):
         r, slopes = values[0], (values[1:] - values[0]) / _STEP
         weighted = slopes * (counts / (1.0 + np.square(r / scale)))
         curve = weighted @ slopes.T
-        step = np.linalg.solve(curve + np.diag(damping * np.diag(curve) + 1e-9), -(weighted @ r))
+        curve.flat[:: n + 1] += damping * curve.flat[:: n + 1] + 1e-9
+        step = np.linalg.solve(curve, -(weighted @ r))
         trial = residuals(now + step + every)
-        if _loss(trial[0], counts, scale) < _loss(r, counts, scale):
-            now, values, damping = now + step, trial, damping * 0.3
+        tried = _loss(trial[0], counts, scale)
+        if tried < loss:
+            now, values, loss, damping = now + step, trial, tried, damping * 0.3
             if np.abs(step).max() < 5e-5:  # 0.05 mm
                 break
         else:
