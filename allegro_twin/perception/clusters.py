@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage  # type: ignore[import-untyped]  # Its types are a package of their own.
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.perception.cloud import Points
 from allegro_twin.types import Array
 
@@ -36,8 +37,18 @@ class Grid:
     def spread(self) -> Grid:
         """Each cluster with the free cells around it, for the points that were not looked at before."""
         inner = np.pad(self.labels, 1)
-        wider = ndimage.maximum_filter(inner, 3)
+        wider = image_functions().maximum_filter(inner, 3)
         return Grid(self.corner - self.cell, self.cell, np.where(inner > 0, inner, wider))
+
+
+def image_functions() -> ModuleType:
+    """SciPy's. Raises ConfigError where the extra is not installed."""
+    try:
+        from scipy import ndimage  # type: ignore[import-untyped]  # Its types are a package of their own.
+    except ImportError as error:
+        raise ConfigError("perception needs SciPy: pip install 'allegro-twin[lab]'") from error
+    found: ModuleType = ndimage
+    return found
 
 
 def clusters(places: Points, cell: float) -> tuple[Grid, Labels]:
@@ -46,6 +57,6 @@ def clusters(places: Points, cell: float) -> tuple[Grid, Labels]:
     cells = np.floor((places - corner) / cell).astype(np.int_)
     filled = np.zeros(cells.max(axis=0) + 1, np.bool_)
     filled[cells[:, 0], cells[:, 1]] = True
-    labels, count = ndimage.label(filled, _TOUCHING)
+    labels, count = image_functions().label(filled, _TOUCHING)
     sizes = np.bincount(labels[cells[:, 0], cells[:, 1]], minlength=count + 1)[1:]
     return Grid(corner, cell, labels.astype(np.int_)), sizes

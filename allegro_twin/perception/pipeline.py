@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from allegro_twin.perception.cloud import Points
+from allegro_twin.perception.clusters import image_functions
 from allegro_twin.perception.find import Cluster, largest, scatter
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.fits.sample import sample
@@ -33,9 +34,10 @@ class Found:
 
 
 class Pipeline:
-    """Looks at pictures, each for itself: the same picture has the same answer."""
+    """Looks at pictures, each for itself: the same picture has the same answer. Raises ConfigError without SciPy."""
 
     def __init__(self, settings: PerceptionSettings, seed: int = 0) -> None:
+        image_functions()  # SciPy is there, or this raises.
         self.settings, self._seed = settings, seed
 
     def look(self, cloud: Points, position: Vector, rotation: Array) -> Found | Refused:
