@@ -21,7 +21,7 @@ _SHARE = 11
 """Of the thinned points every so many is looked at for the plane."""
 _SCATTER = 3.5
 """A point of the table is this many standard deviations above it so rarely that it makes no thing."""
-_MOST = 3000
+_MOST = 2400
 """Points of a thing, about: a large thing is thinned to it."""
 _SIDES = ("left", "upper", "right", "lower")
 

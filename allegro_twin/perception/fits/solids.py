@@ -11,16 +11,28 @@ from allegro_twin.perception.fits.solver import Fit, solve
 from allegro_twin.perception.fits.straight import BOX, LYING_CYLINDER, STANDING_CYLINDER
 from allegro_twin.types import Vector
 
-UPRIGHT, OTHERS = (STANDING_CYLINDER, BOX), (SPHERE, LYING_EGG, STANDING_EGG, LYING_CYLINDER)
-_FEW, _MANY = 160, 600
+_UPRIGHT = (STANDING_CYLINDER, BOX)
+MODELS = (
+    (STANDING_CYLINDER, None),
+    (BOX, (STANDING_CYLINDER,)),
+    (SPHERE, _UPRIGHT),
+    (LYING_EGG, _UPRIGHT),
+    (STANDING_EGG, _UPRIGHT),
+    (LYING_CYLINDER, (*_UPRIGHT, SPHERE)),
+)
+"""In the order in which they are tried, each with those of which a good one makes it needless: nothing else has a
+level top and upright sides, and an egg may look like a ball."""
+_FEW, _MANY = 140, 500
 """Points with which all solids are compared, and with which the best are fitted."""
 _GLANCE, _FIRST, _THEN = 3, 4, 12
 """Steps to see whether it can be that at all, then to compare, then to fit."""
 _HOPELESS = 2.5
 """So many times the least error after a glance is given up."""
-_GOOD, _FLOOR = 1.1, 0.0004
-"""An upright solid whose error is below so many of the camera's scatter, and of what steps in depth and the drawing
-of round things add to it, m, is it: nothing else has a level top and upright sides."""
+_GOOD, _FLOOR = 1.05, 0.0004
+"""A solid is good when its error is below so many of the camera's scatter, and of what steps in depth and the drawing
+of round things add to it, m."""
+_CLEARLY = 0.93
+"""It is a ball unless another's error is below this part of the ball's."""
 _STARTS = 2
 """Tried of those that a solid may have."""
 _CLOSE = 1.35
@@ -31,22 +43,30 @@ _SIZES = (0.004, 1.0)
 
 def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
-    few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     scale = max(0.002, 1.5 * seen.sigma)
-    found, least = [], np.inf
-    for model in UPRIGHT + OTHERS:
-        if model is OTHERS[0] and least < _GOOD * np.hypot(seen.sigma, _FLOOR):
-            break
+    tried = _tried(thinned(seen, _FEW, draws), scale)
+    least, many = min((fit.error for _, fit in tried), default=0.0), thinned(seen, _MANY, draws)
+    ball = next((fit.error for model, fit in tried if model is SPHERE), np.inf)
+    close = [(model, fit) for model, fit in tried if fit.error <= _CLOSE * least]
+    if least > _CLEARLY * ball:
+        close = [(model, fit) for model, fit in close if model is SPHERE]
+    found = [model.solid(*_solved(model, many, fit.parameters, scale, _THEN)) for model, fit in close]
+    return sorted(filter(_possible, found), key=lambda solid: solid.error)
+
+
+def _tried(few: Sample, scale: float) -> list[tuple[Model, Fit]]:
+    """One fit of each solid that it may be, until one is so good that the rest need not be looked at."""
+    good = _GOOD * np.hypot(few.sigma, _FLOOR)
+    found: list[tuple[Model, Fit]] = []
+    least = np.inf
+    for model, needless in MODELS:
+        if needless is not None and any(fit.error < good for other, fit in found if other in needless):
+            continue
         fit = _compared(model, few, scale, least)
         if fit is not None and _possible(model.solid(*fit)):
             found.append((model, fit))
             least = min(least, fit.error)
-    close = [
-        model.solid(*_solved(model, many, fit.parameters, scale, _THEN))
-        for model, fit in found
-        if fit.error <= _CLOSE * least
-    ]
-    return sorted(filter(_possible, close), key=lambda solid: solid.error)
+    return found
 
 
 def _compared(model: Model, seen: Sample, scale: float, least: float) -> Fit | None:
