@@ -15,7 +15,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.lens import Lens
 from allegro_twin.look.screen import Screen
 
-_HINT = "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; and MUJOCO_GL=egl where mujoco is imported first"
+_HINT = (
+    "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; "
+    "and MUJOCO_GL=egl where mujoco is imported before allegro_twin"
+)
 
 
 class Camera:

@@ -18,6 +18,9 @@ from allegro_twin.perception.verdict import Refused, place
 from allegro_twin.perception.view import View
 from allegro_twin.types import Array, Vector
 
+_STEEP = 30
+"""Degrees from which a camera sees enough of a thing's top, docs/perception.md."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
@@ -57,16 +60,18 @@ class Pipeline:
         level = np.array([0.0, 0.0, cluster.plane.offset])
         placed = [_placed(solid, middle + level, cluster) for solid in solids]
         points = (cluster.points + level) @ cluster.axes
-        refused = self._doubt(placed, points, sigma)
+        refused = self._doubt(placed, points, sigma, cluster.elevation)
         return refused or Found(placed[0], cluster.plane, points, sigma, cluster.others)
 
-    def _doubt(self, solids: list[Solid], points: Array, sigma: float) -> Refused | None:
+    def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> Refused | None:
         limits, where = self.settings.object, place(points.mean(axis=0))
         most = max(limits.best, limits.error * sigma)
         if not solids or solids[0].error > most:
             off = f"{solids[0].error * 1e3:.1f} mm off a {solids[0].shape}, the best" if solids else "nothing fits"
             said = f"the thing at {where} is no ball, egg, cylinder or box: {off}, and {most * 1e3:.1f} mm are allowed"
-            return Refused("unclear", f"{said}; where two things touch, move them 2 cm apart")
+            low = f"; it is seen from {np.degrees(elevation):.0f}° above, look from {_STEEP}° or more"
+            way = low if elevation < np.radians(_STEEP) else "; where two things touch, move them 2 cm apart"
+            return Refused("unclear", said + way)
         at, space = solids[0].position, self.settings.workspace
         if not (np.all(at >= space.lower) and np.all(at <= space.upper)):
             said = f"the {solids[0].shape} at {place(at)} is outside the workspace {space.lower} to {space.upper}"

@@ -62,18 +62,31 @@ def target(found: Found, settings: TargetSettings, before: Target | None = None)
 
 
 def main_axis(solid: Solid, near: Vector) -> Vector:
-    """The axis of revolution or of the longest edge, (3,), on the side of `near` (3,).
+    """The direction in which it is longest, (3,), on the side of `near` (3,).
 
-    Of edges of one length it is a level one, the nearest; a ball has `near` itself, laid level.
+    Where several are of one length it is a level one, the nearest: any of a ball, one across the axis of a flat can,
+    one of a cube's edges.
     """
+    axes, size = solid.axes.T, solid.size
     if solid.shape == "sphere":
-        level = near - (near @ _UP) * _UP
-        return np.asarray(level / np.linalg.norm(level)) if np.linalg.norm(level) > 1e-6 else np.array([0.0, 1.0, 0.0])
-    free = solid.shape == "box"
-    axes = [axis for axis, edge in zip(solid.axes.T, solid.size, strict=True) if free and edge > _EQUAL * solid.size[0]]
-    level_ones = [axis for axis in axes if abs(axis @ _UP) < 0.5] or axes or [solid.axes[:, 0]]
-    axis = max(level_ones, key=lambda each: abs(float(each @ near)))
+        return _across(_UP, near)
+    if solid.shape == "box":
+        longest = [axis for axis, edge in zip(axes, size, strict=True) if edge > _EQUAL * size[0]]
+        level = [axis for axis in longest if abs(axis @ _UP) < 0.5] or longest
+        axis = max(level, key=lambda each: abs(float(each @ near)))
+    elif abs(axes[0] @ _UP) > 0.5:  # Upright: of equal lengths the level one.
+        axis = _across(axes[0], near) if size[0] < size[1] / _EQUAL else axes[0]
+    else:  # Lying: a flat one is long across its axis, level.
+        axis = _across(axes[0], np.cross(_UP, axes[0])) if size[0] < size[1] * _EQUAL else axes[0]
     return np.asarray(axis if axis @ near >= 0.0 else -axis)
+
+
+def _across(axis: Vector, near: Vector) -> Vector:
+    """The unit vector across an axis that is nearest to `near`, or any where that goes along it."""
+    left = near - (near @ axis) * axis
+    if np.linalg.norm(left) < 1e-6:
+        left = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return np.asarray(left / np.linalg.norm(left))
 
 
 def half_width(solid: Solid, direction: Vector) -> float:

@@ -36,16 +36,20 @@ class View:
     def world(self, points: Points) -> Points:
         """Of the camera's frame, (n, 3), in the world."""
         kind = points.dtype
-        return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
+        with np.errstate(invalid="ignore"):  # What is infinite becomes unknown.
+            return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
 
     @cached_property
     def focal(self) -> float:
-        """Of the camera, pixels, by two known points of one row; NaN without."""
+        """Of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without order."""
         rows = self.cloud[::_ROWS]
-        known = np.isfinite(rows[..., 2])
+        known = np.asarray(np.isfinite(rows).all(axis=-1))
         row = int(np.argmax(np.count_nonzero(known, axis=1)))
         columns = np.flatnonzero(known[row])
         if len(columns) < 2:
-            return float("nan")
+            return float("inf")
         first, last = rows[row, columns[0]], rows[row, columns[-1]]
-        return float((columns[-1] - columns[0]) / (last[0] / last[2] - first[0] / first[2]))
+        slope = last[0] / last[2] - first[0] / first[2]
+        if not slope > 0.0:
+            raise ConfigError("cloud: x/z does not grow along its rows; give it as the camera's picture is ordered")
+        return float((columns[-1] - columns[0]) / slope)

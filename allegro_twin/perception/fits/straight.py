@@ -84,7 +84,7 @@ def _seen_sides(turn: Array, elevation: float) -> Array:
     up, away = np.sin(elevation), np.sin(turn) * np.cos(elevation)
     size, shift = np.hypot(up, away), np.arctan2(away, up)
     widest = np.arccos(np.minimum(_GRAZING / np.maximum(size, _GRAZING), 1.0))
-    return np.sin(np.clip(widest + shift * np.array([1.0, -1.0]), 0.0, np.pi / 2))
+    return np.asarray(np.sin(np.clip(widest + shift * np.array([1.0, -1.0]), 0.0, np.pi / 2)))
 
 
 def _upright_starts(seen: Sample) -> list[Vector]:
