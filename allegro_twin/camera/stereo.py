@@ -101,9 +101,7 @@ def _grazing(disparity: Image, lens: Intrinsics, limits: tuple[float, float], dr
     (a, b) and rays r = (x/f, y/f, 1) the normal is along (f·a, f·b, d - a·x - b·y), of which r has the part d."""
     rays = lens.rays()
     x, y = lens.fx * rays[0, :, 0], lens.fy * rays[:, 0, 1, None]
-    a, b = np.zeros_like(disparity), np.zeros_like(disparity)
-    a[:, 1:-1] = (disparity[:, 2:] - disparity[:, :-2]) / 2
-    b[1:-1] = (disparity[2:] - disparity[:-2]) / 2
+    a, b = _slope(disparity), _slope(disparity.T).T
     across = (lens.fx * a) ** 2 + (lens.fy * b) ** 2 + (disparity - a * x - b * y) ** 2
     cosine2 = disparity**2 / np.maximum(across * np.square(rays).sum(axis=-1), _FLAT)
     first, last = np.cos(np.radians(limits))
@@ -111,3 +109,12 @@ def _grazing(disparity: Image, lens: Intrinsics, limits: tuple[float, float], dr
     drawn = draws.random(np.count_nonzero(steep), dtype=np.float32)
     steep[steep] = np.sqrt(cosine2[steep]) < last + (first - last) * drawn
     return np.asarray(steep)
+
+
+def _slope(disparity: Image) -> Image:
+    """Along the rows, per pixel: to the neighbour that differs less, so that a jump beside a surface is no slope."""
+    change = np.diff(disparity, axis=1)
+    before, after = change[:, :-1], change[:, 1:]
+    slope = np.zeros_like(disparity)
+    slope[:, 1:-1] = np.where(np.abs(before) < np.abs(after), before, after)
+    return slope

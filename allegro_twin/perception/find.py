@@ -23,6 +23,8 @@ _SCATTER = 3.5
 """A point of the table is this many standard deviations above it so rarely that it makes no thing."""
 _MOST = 2400
 """Points of a thing, about: a large thing is thinned to it."""
+_TOP = 0.9
+"""What is higher than this part of a thing is its top."""
 _SIDES = ("left", "upper", "right", "lower")
 
 
@@ -41,7 +43,7 @@ class Cluster:
     pixel: float
     """How far two neighbours are apart across the ray, m."""
     elevation: float
-    """By how much the camera looks down at it, rad."""
+    """By how much the camera looks down at its top, rad."""
     others: int
     """Things beside it."""
 
@@ -151,6 +153,7 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     mine &= found.grid.spread().of(points[:, :2]) == found.label
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
-    way = mine_points.mean(axis=0) @ axes + plane.offset * plane.normal - view.position
+    top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)
+    way = top @ axes + plane.offset * plane.normal - view.position
     elevation = float(np.arcsin(np.clip(-way @ plane.normal / np.linalg.norm(way), 0.0, 1.0)))
     return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others)

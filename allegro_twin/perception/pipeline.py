@@ -18,6 +18,8 @@ from allegro_twin.perception.verdict import Refused, place
 from allegro_twin.perception.view import View
 from allegro_twin.types import Array, Vector
 
+_LEVEL = 10
+"""Degrees below which a camera does not see a thing's top, and so not how deep it is."""
 _STEEP = 30
 """Degrees from which a camera sees enough of a thing's top, docs/perception.md."""
 
@@ -66,6 +68,9 @@ class Pipeline:
     def _doubt(self, solids: list[Solid], points: Array, sigma: float, elevation: float) -> Refused | None:
         limits, where = self.settings.object, place(points.mean(axis=0))
         most = max(limits.best, limits.error * sigma)
+        if elevation < np.radians(_LEVEL):
+            said = f"of the thing at {where} the top is not seen, from {np.degrees(elevation):.0f}° above it"
+            return Refused("unclear", f"{said}; raise the camera: from {_STEEP}° it tells how deep a thing is")
         if not solids or solids[0].error > most:
             off = f"{solids[0].error * 1e3:.1f} mm off a {solids[0].shape}, the best" if solids else "nothing fits"
             said = f"the thing at {where} is no ball, egg, cylinder or box: {off}, and {most * 1e3:.1f} mm are allowed"

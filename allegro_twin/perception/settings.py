@@ -50,7 +50,7 @@ class ObjectSettings(Settings):
     """A thing has at least so many of the thinned points."""
     error: Positive = 1.8
     """What fits no solid better than this is unclear: times the camera's own scatter there."""
-    best: Positive = 0.0012
+    best: Positive = 0.0015
     """Or than this, m, where depth scatters less."""
 
 

@@ -88,7 +88,7 @@ def test_the_right_imager_does_not_see_a_band_at_the_left() -> None:
 def test_half_of_the_pixels_beside_a_jump_in_depth_are_lost_and_no_others() -> None:
     exact = wall(1.0)
     exact[:, 300:] = 0.4
-    lost = np.isnan(told(exact, EXACT.model_copy(update={"edge": 0.5})))
+    lost = np.isnan(told(exact, EXACT.model_copy(update={"edge": 0.5, "grazing": (75.0, 85.0)})))
     assert lost[:, 299:301].mean() == pytest.approx(0.5, abs=0.05)
     assert not lost[:, :299].any()
     assert not lost[:, 301:].any()

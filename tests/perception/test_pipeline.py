@@ -74,6 +74,14 @@ def test_a_thing_on_the_table_is_named_and_placed_to_3_mm_and_5_degrees(name: st
     assert isinstance(target(found, SETTINGS.target), Target)
 
 
+def test_a_large_box_seen_from_near_is_no_cylinder_of_which_one_end_is_seen() -> None:
+    placed = put("cracker_box", "z", -0.782, 0.043, -0.079)
+    found = look(picture(placed, eye=(0.213, 0.131, 0.327), towards=(0.0, 0.0, 0.04)))
+    assert isinstance(found, Found), found
+    assert found.solid.shape == "box"
+    assert np.linalg.norm(found.solid.position - placed.position) < 0.004
+
+
 def test_the_same_picture_has_the_same_answer_and_may_be_told_in_doubles() -> None:
     frame = picture(put("rubiks_cube"))
     first, second = look(frame), look(frame)
@@ -123,7 +131,9 @@ def test_two_things_that_touch_are_unclear() -> None:
 
 def test_what_is_seen_too_flatly_says_from_where_to_look() -> None:
     answer = look(picture(put("wood_block"), eye=(-0.5, 0.05, 0.16)))
-    assert "look from 30° or more" in said(answer, "unclear")
+    assert "the top is not seen" in said(answer, "unclear")
+    two = look(picture(put("mug"), put("apple", x=0.02, y=0.07), eye=(-0.5, 0.05, 0.22)))
+    assert "look from 30° or more" in said(two, "unclear")
 
 
 def test_a_thing_out_of_the_workspace_is_named_with_its_place() -> None:

@@ -14,6 +14,10 @@ DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 """(36, 2), around."""
 _OUTERMOST = 3
 """The outline goes through the third point from outside: one may be a stray."""
+_WITHIN = 1.0
+"""So many pixels further out is the edge: half of the outermost, and half for those that were passed over or lost."""
+_TOLD = 0.002
+"""m."""
 _TOP = 0.99
 """The part of the points below which the top is looked for."""
 
@@ -26,12 +30,14 @@ class Sample:
     """(n, 3), m."""
     outline: Vector
     """Of all points near the top: how far out they reach in each of DIRECTIONS, (36,), m."""
+    trust: Vector
+    """In each of them: less than 1 where pixels lie further apart than what is to be told, (36,)."""
     top: float
     """Height of the highest level part, m."""
     sigma: float
     """The standard deviation of a point along its ray, m."""
     elevation: float
-    """By how much the camera looks down at it, rad."""
+    """By how much the camera looks down at its top, rad."""
 
     @property
     def middle(self) -> Vector:
@@ -40,8 +46,8 @@ class Sample:
 
 
 def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
-    """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray: it
-    reaches half of that further out than its middle, and on the table further along the ray than across."""
+    """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and
+    so on the table further along the ray than across it."""
     height = points[:, 2]
     band = max(0.003, 2.5 * sigma)
     place = int(_TOP * (len(height) - 1))
@@ -49,8 +55,9 @@ def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sampl
     reach = DIRECTIONS @ points[np.abs(height - top) < band, :2].T
     last = max(reach.shape[1] - _OUTERMOST, 0)
     outline = np.partition(reach, last, axis=1)[:, last]
-    outline += 0.5 * pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
-    return Sample(points, outline, top, sigma, elevation)
+    apart = pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
+    outline += _WITHIN * apart
+    return Sample(points, outline, np.minimum(1.0, _TOLD / apart), top, sigma, elevation)
 
 
 def thinned(seen: Sample, most: int, draws: np.random.Generator) -> Sample:

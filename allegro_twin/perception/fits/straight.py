@@ -28,7 +28,7 @@ def _upright(seen: Sample) -> Residuals:
     def residuals(p: Array) -> Array:
         x, y, r, h = p.T[..., None]
         side = np.sqrt((i - x) ** 2 + (j - y) ** 2) - r
-        rim = seen.outline - (x * DIRECTIONS[:, 0] + y * DIRECTIONS[:, 1] + r)
+        rim = seen.trust * (seen.outline - (x * DIRECTIONS[:, 0] + y * DIRECTIONS[:, 1] + r))
         return np.concatenate([np.maximum(side, k - h), rim], axis=1)
 
     return residuals
@@ -45,7 +45,8 @@ def _box(seen: Sample) -> Residuals:
         u, v = c * (i - x) + s * (j - y), c * (j - y) - s * (i - x)
         side = np.maximum(np.abs(u) - length / 2, np.abs(v) - width / 2)
         corner = np.abs(c * m + s * n) * length / 2 + np.abs(c * n - s * m) * width / 2
-        return np.concatenate([np.maximum(side, k - h), seen.outline - (x * m + y * n + corner)], axis=1)
+        rim = seen.trust * (seen.outline - (x * m + y * n + corner))
+        return np.concatenate([np.maximum(side, k - h), rim], axis=1)
 
     return residuals
 
