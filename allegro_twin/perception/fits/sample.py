@@ -36,8 +36,6 @@ class Sample:
     """Height of the highest level part, m."""
     sigma: float
     """The standard deviation of a point along its ray, m."""
-    elevation: float
-    """By how much the camera looks down at its top, rad."""
 
     @property
     def middle(self) -> Vector:
@@ -47,7 +45,7 @@ class Sample:
 
 def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
     """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and
-    so on the table further along the ray than across it."""
+    so on the table further along the ray than across it. `elevation`: by how much the camera looks down at its top, rad."""
     height = points[:, 2]
     band = max(0.003, 2.5 * sigma)
     place = int(_TOP * (len(height) - 1))
@@ -57,7 +55,7 @@ def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sampl
     outline = np.partition(reach, last, axis=1)[:, last]
     apart = pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
     outline += _WITHIN * apart
-    return Sample(points, outline, np.minimum(1.0, _TOLD / apart), top, sigma, elevation)
+    return Sample(points, outline, np.minimum(1.0, _TOLD / apart), top, sigma)
 
 
 def thinned(seen: Sample, most: int, draws: np.random.Generator) -> Sample:

@@ -12,13 +12,9 @@ from allegro_twin.types import Array, Vector
 _OUTLINE = 0.3
 """The outline counts for this part of the points."""
 _END = 0.05
-"""Each end and each side of what lies counts for this part of the points."""
+"""Each end of what lies counts for this part of the points."""
 _BEYOND = 0.008
 """This part of the points may lie beyond an end: noise."""
-_WHOLE = 0.93
-"""A side of which less than this part of the radius is seen says nothing: it is not known where it was lost."""
-_GRAZING = np.cos(np.radians(78.0))
-"""A surface is seen where the cosine between its normal and the ray is greater."""
 
 
 def _upright(seen: Sample) -> Residuals:
@@ -52,8 +48,7 @@ def _box(seen: Sample) -> Residuals:
 
 
 def _lying(seen: Sample) -> Residuals:
-    """x, y, θ, r, l: its axis goes along (cos θ, sin θ) at the height r; its ends are where the points end, and so
-    is a side that the camera sees as far as it reaches."""
+    """x, y, θ, r, l: its axis goes along (cos θ, sin θ) at the height r; its ends are where the points end."""
     i, j, k = seen.points.T
     last = len(i) - 1 - int(_BEYOND * len(i))
 
@@ -62,30 +57,11 @@ def _lying(seen: Sample) -> Residuals:
         c, s = np.cos(turn), np.sin(turn)
         u, v = c * (i - x) + s * (j - y), c * (j - y) - s * (i - x)
         side = np.sqrt(v**2 + (k - r) ** 2) - r
-        ends, part = _reach(u, last) - length / 2, _seen_sides(turn, seen.elevation)
-        sides = np.where(part > _WHOLE, _reach(v, last) - r * part, 0.0)
-        return np.concatenate([np.maximum(side, np.abs(u) - length / 2), ends, sides], axis=1)
+        order = np.partition(u, (len(i) - 1 - last, last), axis=1)
+        ends = np.stack([order[:, last], -order[:, len(i) - 1 - last]], axis=1) - length / 2
+        return np.concatenate([np.maximum(side, np.abs(u) - length / 2), ends], axis=1)
 
     return residuals
-
-
-def _reach(values: Array, last: int) -> Array:
-    """How far values (k, n) reach up and down but for the outermost, (k, 2)."""
-    first = values.shape[1] - 1 - last
-    order = np.partition(values, (first, last), axis=1)
-    return np.stack([order[:, last], -order[:, first]], axis=1)
-
-
-def _seen_sides(turn: Array, elevation: float) -> Array:
-    """Which part of its radius a lying cylinder is seen to reach, to the left of its axis and to the right, (k, 2).
-
-    At φ from the top its normal's cosine with the ray is sin e cos φ ± sin θ cos e sin φ, e the elevation; that is
-    R cos(φ ∓ ψ), and it is seen up to where it falls to that of grazing.
-    """
-    up, away = np.sin(elevation), np.sin(turn) * np.cos(elevation)
-    size, shift = np.hypot(up, away), np.arctan2(away, up)
-    widest = np.arccos(np.minimum(_GRAZING / np.maximum(size, _GRAZING), 1.0))
-    return np.asarray(np.sin(np.clip(widest + shift * np.array([1.0, -1.0]), 0.0, np.pi / 2)))
 
 
 def _upright_starts(seen: Sample) -> list[Vector]:
@@ -120,7 +96,7 @@ def _with_outline(seen: Sample) -> Vector:
 
 
 def _with_ends(seen: Sample) -> Vector:
-    return np.concatenate([np.ones(len(seen.points)), np.full(4, _END * len(seen.points))])
+    return np.concatenate([np.ones(len(seen.points)), np.full(2, _END * len(seen.points))])
 
 
 def _upright_of(p: Vector, error: float) -> Solid:
