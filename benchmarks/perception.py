@@ -32,6 +32,7 @@ from allegro_twin.sim.tabletop import standing, tabletop
 from allegro_twin.types import Array
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.
+_TIMES = 3  # A frame is looked at so often and the least time counts: others use the machine too.
 _VOXEL = 0.003  # m, of the baseline.
 Figure = tuple[str, float, float, str]
 
@@ -87,10 +88,11 @@ def picture(placed: Placement, settings: CameraSettings, seed: int) -> Frame:
 
 
 def _tried(pipeline: Pipeline, placed: Placement, frame: Frame) -> Trial:
-    thing, rows = placed.thing, frame.cloud
-    begin = time.perf_counter()
-    seen = pipeline.look(rows, frame.pose.position, frame.pose.rotation)
-    spent = 1e3 * (time.perf_counter() - begin)
+    thing, cloud, spent = placed.thing, frame.cloud, np.inf
+    for _ in range(_TIMES):
+        begin = time.perf_counter()
+        seen = pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
+        spent = min(spent, 1e3 * (time.perf_counter() - begin))
     if isinstance(seen, Refused):
         return Trial(thing, seen.reason, np.inf, np.nan if thing.shape == "sphere" else 180.0, np.nan, np.nan, spent)
     turn = matrix_from_quaternion(placed.quaternion)
@@ -181,7 +183,8 @@ def main() -> None:
     _table(done)
     _confusion(done)
     spent = [t.spent for t in done]
-    print(f"\nOne frame: median {np.median(spent):.1f} ms, 90 % {np.quantile(spent, 0.9):.1f} ms")
+    middle, most = np.median(spent), np.quantile(spent, 0.9)
+    print(f"\nOne frame, the least of {_TIMES} looks: median {middle:.1f} ms, 90 % {most:.1f} ms")
 
 
 if __name__ == "__main__":

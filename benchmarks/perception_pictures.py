@@ -15,10 +15,8 @@ from allegro_twin.camera.mount import CameraPose, Mount
 from allegro_twin.camera.settings import CameraSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.perception.cloud import voxel
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found, Pipeline
-from allegro_twin.perception.principal import principal_frame
 from allegro_twin.perception.settings import PerceptionSettings
 from allegro_twin.perception.target import Target, target
 from allegro_twin.sim.objects import Placement, named
@@ -27,7 +25,7 @@ from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]
 _AXES = ((220, 40, 40), (40, 160, 60), (40, 90, 220))
-_SOLID, _CENTROID = (255, 230, 60), (255, 120, 220)
+_SOLID = (255, 230, 60)
 _MOUNT = Mount(position=(-0.36, 0.05, 0.36), towards=(0.0, 0.0, 0.03))
 _SHOWN = (
     ("tomato_soup_can", "z"), ("cracker_box", "y"), ("mug", "x"),
@@ -53,7 +51,7 @@ def camera_picture() -> Picture:
 
 
 def perception_picture() -> Picture:
-    """Six things: the solid that was fitted, the target's frame above it, and where the report's centroid would be."""
+    """Six things: the solid that was fitted, its middle, and the target's frame: x red, y green, z blue."""
     settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
     tiles = [_tile(standing(named(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
     return np.concatenate([np.concatenate(tiles[:3], 1), np.concatenate(tiles[3:], 1)], 0)
@@ -71,8 +69,6 @@ def _tile(placed: Placement, settings: PerceptionSettings) -> Picture:
     draw, eye = ImageDraw.Draw(image), frame.pose
     for line in _wires(found.solid):
         draw.line([tuple(p) for p in _pixels(line, eye)], fill=_SOLID, width=2)
-    centroid = principal_frame((voxel(found.points, 0.003) - eye.position) @ eye.rotation).centroid
-    _dot(draw, _pixels(eye.world(centroid)[None], eye)[0], _CENTROID)
     _dot(draw, _pixels(found.solid.position[None], eye)[0], _SOLID)
     aim = target(found, settings.target)
     if isinstance(aim, Target):
@@ -91,7 +87,7 @@ def _wires(solid: Solid) -> list[Array]:
         square = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]])
         lines = [np.insert(square, k, side, axis=1) * half for k in (0, 1) for side in (-1.0, 1.0)]
     elif solid.shape == "cylinder":
-        lines = [(ring + [side, 0.0, 0.0]) * half for side in (-1.0, 0.0, 1.0)]
+        lines = [(ring + np.array([side, 0.0, 0.0])) * half for side in (-1.0, 0.0, 1.0)]
         lines += [np.array([[-1.0, *ring[k, 1:]], [1.0, *ring[k, 1:]]]) * half for k in range(0, 48, 6)]
     else:
         lines = [np.roll(ring, k, axis=1) * half for k in range(3)]
@@ -118,7 +114,9 @@ def _grey(depth: NDArray[np.float32]) -> Picture:
 def main() -> None:
     folder = Path(sys.argv[1])
     Image.fromarray(camera_picture()[::2, ::2]).save(folder / "camera_d435i.png", optimize=True)
-    Image.fromarray(perception_picture()).quantize(128).save(folder / "perception_solids.png", optimize=True)
+    Image.fromarray(perception_picture()).quantize(256, Image.Quantize.MAXCOVERAGE).save(
+        folder / "perception_solids.png", optimize=True
+    )
 
 
 if __name__ == "__main__":

@@ -44,8 +44,8 @@ class Sample:
 
 
 def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
-    """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and
-    so on the table further along the ray than across it. `elevation`: by how much the camera looks down at its top, rad."""
+    """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and so on
+    the table further along the ray than across it. `elevation`: by how much the camera looks down at the top, rad."""
     height = points[:, 2]
     band = max(0.003, 2.5 * sigma)
     place = int(_TOP * (len(height) - 1))

@@ -35,8 +35,8 @@ _CLEARLY = 0.93
 """It is a ball unless another's error is below this part of the ball's."""
 _STARTS = 2
 """Tried of those that a solid may have."""
-_CLOSE = 1.35
-"""A solid whose first error is within this factor of the least is fitted too."""
+_CLOSE = 1.25
+"""What has an error within this factor of the least is followed too."""
 _SIZES = (0.004, 1.0)
 """Edges that a thing on a table may have, m."""
 
@@ -72,7 +72,8 @@ def _tried(few: Sample, scale: float) -> list[tuple[Model, Fit]]:
 def _compared(model: Model, seen: Sample, scale: float, least: float) -> Fit | None:
     """The better of its fits, or None where none is worth more than a glance beside the `least` error so far."""
     glances = [_solved(model, seen, start, scale, _GLANCE) for start in _best_starts(model, seen, scale)]
-    fits = [_solved(model, seen, fit.parameters, scale, _FIRST) for fit in glances if fit.error <= _HOPELESS * least]
+    most = min(_HOPELESS * least, _CLOSE * min(fit.error for fit in glances))
+    fits = [_solved(model, seen, fit.parameters, scale, _FIRST) for fit in glances if fit.error <= most]
     return min(fits, key=lambda fit: fit.error, default=None)
 
 
