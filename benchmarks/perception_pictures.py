@@ -28,7 +28,7 @@ _AXES = ((220, 40, 40), (40, 160, 60), (40, 90, 220))
 _SOLID = (255, 230, 60)
 _MOUNT = Mount(position=(-0.36, 0.05, 0.36), towards=(0.0, 0.0, 0.03))
 _SHOWN = (
-    ("tomato_soup_can", "z"), ("cracker_box", "y"), ("mug", "x"),
+    ("tomato_soup_can", "z"), ("sugar_box", "y"), ("mug", "x"),
     ("foam_brick", "z"), ("pear", "z"), ("tennis_ball", "z"),
 )  # fmt: skip
 

@@ -100,6 +100,15 @@ def test_of_things_apart_the_largest_is_taken_and_the_others_are_counted() -> No
     assert found.others == 1
 
 
+def test_a_small_thing_that_is_seen_within_the_rows_and_columns_of_a_large_one_does_not_count() -> None:
+    box = put("cracker_box", "x", 0.785, x=0.0, y=0.0)
+    found = look(picture(box, put("golf_ball", x=-0.11, y=0.11)))
+    assert isinstance(found, Found), found
+    assert found.others == 1
+    assert np.linalg.norm(found.solid.position - box.position) < 0.003
+    assert (np.linalg.norm(found.points[:, :2] - [-0.11, 0.11], axis=1) > 0.025).all()
+
+
 def said(answer: Found | Refused, reason: str) -> str:
     assert isinstance(answer, Refused), answer
     assert answer.reason == reason
@@ -114,6 +123,8 @@ def test_a_camera_that_sees_no_table_says_so() -> None:
     high = SETTINGS.model_copy(update={"region": SETTINGS.region.model_copy(update={"lower": (-0.4, -0.4, 0.02)})})
     sentence = said(look(picture(put("cracker_box", "z", 0.0)), high), "no_plane")
     assert "turn the camera towards" in sentence
+    strict = SETTINGS.model_copy(update={"table": SETTINGS.table.model_copy(update={"part": 0.99})})
+    assert "99% make one" in said(look(picture(put("mug")), strict), "no_plane")
     gone = SETTINGS.model_copy(update={"region": SETTINGS.region.model_copy(update={"lower": (-0.4, -0.4, 0.4)})})
     assert "are in the region" in said(look(picture(put("mug")), gone), "no_plane")
 
