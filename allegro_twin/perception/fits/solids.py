@@ -33,8 +33,10 @@ _GOOD, _FLOOR = 1.05, 0.0004
 of round things add to it, m."""
 _CLEARLY = 0.93
 """It is a ball unless another's error is below this part of the ball's."""
-_STARTS = 2
-"""Tried of those that a solid may have."""
+_STARTS, _ALL = 2, 12
+"""Tried of those that a solid may have: at first, and where that leads nowhere."""
+_POOR = 1.4
+"""An error above so many times a good one leads nowhere."""
 _CLOSE = 1.25
 """What has an error within this factor of the least is followed too."""
 _SIZES = (0.004, 1.0)
@@ -44,8 +46,12 @@ _SIZES = (0.004, 1.0)
 def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
     scale = max(0.002, 1.5 * seen.sigma)
-    tried = _tried(thinned(seen, _FEW, draws), scale)
-    least, many = min((fit.error for _, fit in tried), default=0.0), thinned(seen, _MANY, draws)
+    few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
+    good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
+    tried = _tried(few, scale, good, _STARTS)
+    if min((fit.error for _, fit in tried), default=np.inf) > _POOR * good:
+        tried = _tried(few, scale, good, _ALL)
+    least = min((fit.error for _, fit in tried), default=0.0)
     ball = next((fit.error for model, fit in tried if model is SPHERE), np.inf)
     close = [(model, fit) for model, fit in tried if fit.error <= _CLOSE * least]
     if least > _CLEARLY * ball:
@@ -54,24 +60,23 @@ def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     return sorted(filter(_possible, found), key=lambda solid: solid.error)
 
 
-def _tried(few: Sample, scale: float) -> list[tuple[Model, Fit]]:
-    """One fit of each solid that it may be, until one is so good that the rest need not be looked at."""
-    good = _GOOD * np.hypot(few.sigma, _FLOOR)
+def _tried(few: Sample, scale: float, good: float, starts: int) -> list[tuple[Model, Fit]]:
+    """One fit of each solid that it may be, from so many starts, until one is so `good` that the rest are needless."""
     found: list[tuple[Model, Fit]] = []
     least = np.inf
     for model, needless in MODELS:
         if needless is not None and any(fit.error < good for other, fit in found if other in needless):
             continue
-        fit = _compared(model, few, scale, least)
+        fit = _compared(model, few, scale, least, starts)
         if fit is not None and _possible(model.solid(*fit)):
             found.append((model, fit))
             least = min(least, fit.error)
     return found
 
 
-def _compared(model: Model, seen: Sample, scale: float, least: float) -> Fit | None:
-    """The better of its fits, or None where none is worth more than a glance beside the `least` error so far."""
-    glances = [_solved(model, seen, start, scale, _GLANCE) for start in _best_starts(model, seen, scale)]
+def _compared(model: Model, seen: Sample, scale: float, least: float, starts: int) -> Fit | None:
+    """The best of its fits, or None where none is worth more than a glance beside the `least` error so far."""
+    glances = [_solved(model, seen, start, scale, _GLANCE) for start in _best_starts(model, seen, scale, starts)]
     most = min(_HOPELESS * least, _CLOSE * min(fit.error for fit in glances))
     fits = [_solved(model, seen, fit.parameters, scale, _FIRST) for fit in glances if fit.error <= most]
     return min(fits, key=lambda fit: fit.error, default=None)
@@ -81,13 +86,13 @@ def _solved(model: Model, seen: Sample, start: Vector, scale: float, steps: int)
     return solve(model.residuals(seen), start, model.counts(seen), scale, steps)
 
 
-def _best_starts(model: Model, seen: Sample, scale: float) -> list[Vector]:
-    """Those with the least loss."""
+def _best_starts(model: Model, seen: Sample, scale: float, most: int) -> list[Vector]:
+    """Those with the least loss, so many at most."""
     starts = model.starts(seen)
-    if len(starts) <= _STARTS:
+    if len(starts) <= most:
         return starts
     loss = np.log1p(np.square(model.residuals(seen)(np.stack(starts)) / scale)) @ model.counts(seen)
-    return [starts[k] for k in np.argsort(loss)[:_STARTS]]
+    return [starts[k] for k in np.argsort(loss)[:most]]
 
 
 def _possible(solid: Solid) -> bool:
