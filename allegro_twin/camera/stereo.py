@@ -6,6 +6,7 @@ Disparity is d = f·B/Z, pixels. docs/camera.md has every term with its source.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,11 +100,12 @@ def _edges(disparity: Image, part: float, draws: np.random.Generator) -> Mask:
 def _grazing(disparity: Image, lens: Intrinsics, limits: tuple[float, float], draws: np.random.Generator) -> Mask:
     """Where the surface is seen too flatly. On a plane disparity is linear in the pixel, so that with its gradient
     (a, b) and rays r = (x/f, y/f, 1) the normal is along (f·a, f·b, d - a·x - b·y), of which r has the part d."""
-    rays = lens.rays()
-    x, y = lens.fx * rays[0, :, 0], lens.fy * rays[:, 0, 1, None]
-    a, b = _slope(disparity), _slope(disparity.T).T
-    across = (lens.fx * a) ** 2 + (lens.fy * b) ** 2 + (disparity - a * x - b * y) ** 2
-    cosine2 = disparity**2 / np.maximum(across * np.square(rays).sum(axis=-1), _FLAT)
+    x, y, length2 = _pixels(lens)
+    a, b = _slope(disparity, 1), _slope(disparity, 0)
+    across = np.square(disparity - a * x - b * y)
+    across += np.square(np.float32(lens.fx) * a)
+    across += np.square(np.float32(lens.fy) * b)
+    cosine2 = np.square(disparity) / np.maximum(across * length2, _FLAT)
     first, last = np.cos(np.radians(limits))
     steep = cosine2 < np.float32(first**2)
     drawn = draws.random(np.count_nonzero(steep), dtype=np.float32)
@@ -111,10 +113,18 @@ def _grazing(disparity: Image, lens: Intrinsics, limits: tuple[float, float], dr
     return np.asarray(steep)
 
 
-def _slope(disparity: Image) -> Image:
-    """Along the rows, per pixel: to the neighbour that differs less, so that a jump beside a surface is no slope."""
-    change = np.diff(disparity, axis=1)
-    before, after = change[:, :-1], change[:, 1:]
-    slope = np.zeros_like(disparity)
-    slope[:, 1:-1] = np.where(np.abs(before) < np.abs(after), before, after)
+@cache
+def _pixels(lens: Intrinsics) -> tuple[Image, Image, Image]:
+    """Columns (1, w) and rows (h, 1) from the principal point, pixels, and the squared length of each ray (h, w)."""
+    rays = lens.rays()
+    x, y = np.float32(lens.fx) * rays[:1, :, 0], np.float32(lens.fy) * rays[:, :1, 1]
+    return x, y, np.square(rays).sum(axis=-1)
+
+
+def _slope(disparity: Image, axis: int) -> Image:
+    """Along an axis, a pixel: to the neighbour that differs less, so that a jump beside a surface is no slope."""
+    change, slope = np.diff(disparity, axis=axis), np.zeros_like(disparity)
+    inner = (slice(None),) * axis
+    before, after = change[(*inner, slice(None, -1))], change[(*inner, slice(1, None))]
+    slope[(*inner, slice(1, -1))] = np.where(np.abs(before) < np.abs(after), before, after)
     return slope
