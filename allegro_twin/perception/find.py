@@ -84,6 +84,7 @@ def largest(view: View, settings: PerceptionSettings, draws: np.random.Generator
         return Refused("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
     axes = plane.axes(view.rotation[:, 2])
     above = plane.height(world) > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * depths**2)
+    above[above] = view.foreign(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, settings)
     if isinstance(found, Refused):
@@ -147,10 +148,12 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     last = [int(ends.max() + 2) * stride for ends in (rows, columns)]
     near = view.cloud[first[0] : last[0] : step, first[1] : last[1] : step].reshape(-1, 3)
     near = near[np.isfinite(near).all(axis=1)]
-    points = view.world(near) @ axes.T.astype(near.dtype)
+    world = view.world(near)
+    points = world @ axes.T.astype(near.dtype)
     points[:, 2] -= plane.offset
     mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
+    mine[mine] = view.foreign(world[mine])
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)

@@ -45,14 +45,15 @@ class Pipeline:
         image_functions()  # SciPy is there, or this raises.
         self.settings, self._seed = settings, seed
 
-    def look(self, cloud: Points, position: Vector, rotation: Array) -> Found | Refused:
+    def look(self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None) -> Found | Refused:
         """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
 
-        `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. Raises
+        `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:
+        balls around what is the robot's own and is no thing, (k, 4), middle in the world and radius, m. Raises
         ConfigError for other shapes and a pose that is not finite.
         """
         draws = np.random.default_rng(self._seed)
-        view = View(cloud, position, rotation)
+        view = View(cloud, position, rotation, robot)
         cluster = largest(view, self.settings, draws)
         if isinstance(cluster, Refused):
             return cluster

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.perception.cloud import Points
+from allegro_twin.perception.cloud import Mask, Points
 from allegro_twin.types import Array, Vector
 
 _ROWS = 8  # One of so many is looked at for the focal length.
@@ -24,12 +24,16 @@ class View:
     """Of the camera in the world, (3,), m."""
     rotation: Array
     """Its axes in the world, columns of (3, 3)."""
+    robot: Array | None = None
+    """Balls around what is the robot's own: middle in the world and radius, (k, 4), m."""
 
     def __post_init__(self) -> None:
         if self.cloud.ndim != 3 or self.cloud.shape[2] != 3 or not np.issubdtype(self.cloud.dtype, np.floating):
             raise ConfigError(f"cloud: (rows, columns, 3) floats, not {self.cloud.shape} of {self.cloud.dtype}")
         if self.position.shape != (3,) or self.rotation.shape != (3, 3):
             raise ConfigError(f"camera pose: (3,) and (3, 3), not {self.position.shape} and {self.rotation.shape}")
+        if self.robot is not None and (self.robot.ndim != 2 or self.robot.shape[1] != 4):
+            raise ConfigError(f"robot: balls (k, 4), middle and radius, not {self.robot.shape}")
         if not (np.isfinite(self.position).all() and np.isfinite(self.rotation).all()):
             raise ConfigError("camera pose: not finite; give the pose in which the picture was taken")
 
@@ -38,6 +42,13 @@ class View:
         kind = points.dtype
         with np.errstate(invalid="ignore"):  # What is infinite becomes unknown.
             return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
+
+    def foreign(self, points: Points) -> Mask:
+        """Which points of the world, (n, 3), are not the robot's own, (n,)."""
+        if self.robot is None:
+            return np.ones(len(points), np.bool_)
+        away = np.linalg.norm(points[:, None] - self.robot[None, :, :3], axis=-1)
+        return np.asarray((away > self.robot[:, 3]).all(axis=1))
 
     @cached_property
     def focal(self) -> float:

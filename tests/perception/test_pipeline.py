@@ -109,6 +109,21 @@ def test_a_small_thing_that_is_seen_within_the_rows_and_columns_of_a_large_one_d
     assert (np.linalg.norm(found.points[:, :2] - [-0.11, 0.11], axis=1) > 0.025).all()
 
 
+def test_what_is_the_robots_own_is_no_thing() -> None:
+    finger = Placement(named("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
+    frame = picture(put("rubiks_cube"), finger)
+    near = Pipeline(SETTINGS)
+    seen = near.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+    assert isinstance(seen, Refused) or seen.others == 1
+    own = np.array([[*finger.position, 0.03], [0.0, 0.3, 0.3, 0.02]])
+    found = near.look(frame.cloud, frame.pose.position, frame.pose.rotation, own)
+    assert isinstance(found, Found), found
+    assert found.solid.shape == "box"
+    assert found.others == 0
+    with pytest.raises(ConfigError, match=r"balls \(k, 4\)"):
+        near.look(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
+
+
 def said(answer: Found | Refused, reason: str) -> str:
     assert isinstance(answer, Refused), answer
     assert answer.reason == reason
