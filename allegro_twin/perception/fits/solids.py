@@ -34,9 +34,7 @@ of round things add to it, m."""
 _CLEARLY = 0.93
 """It is a ball unless another's error is below this part of the ball's."""
 _STARTS, _ALL = 2, 12
-"""Tried of those that a solid may have: at first, and where that leads nowhere."""
-_POOR = 1.4
-"""An error above so many times a good one leads nowhere."""
+"""Tried of those that a solid may have: at first, and where that makes nothing good."""
 _CLOSE = 1.25
 """What has an error within this factor of the least is followed too."""
 _SIZES = (0.004, 1.0)
@@ -45,12 +43,18 @@ _SIZES = (0.004, 1.0)
 
 def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
-    scale = max(0.002, 1.5 * seen.sigma)
     few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
-    tried = _tried(few, scale, good, _STARTS)
-    if min((fit.error for _, fit in tried), default=np.inf) > _POOR * good:
-        tried = _tried(few, scale, good, _ALL)
+    found = _best(few, many, good, _STARTS)
+    if not found or found[0].error > good:
+        found = _best(few, many, good, _ALL) or found
+    return found
+
+
+def _best(few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
+    """Those whose error with few points is near the least, with many points."""
+    scale = max(0.002, 1.5 * few.sigma)
+    tried = _tried(few, scale, good, starts)
     least = min((fit.error for _, fit in tried), default=0.0)
     ball = next((fit.error for model, fit in tried if model is SPHERE), np.inf)
     close = [(model, fit) for model, fit in tried if fit.error <= _CLOSE * least]
