@@ -21,7 +21,7 @@ _SHARE = 11
 """Of the thinned points every so many is looked at for the plane."""
 _SCATTER = 3.5
 """A point of the table is this many standard deviations above it so rarely that it makes no thing."""
-_MOST = 2400
+_MOST = 1800
 """Points of a thing, about: a large thing is thinned to it."""
 _TOP = 0.9
 """What is higher than this part of a thing is its top."""
@@ -86,7 +86,7 @@ def largest(view: View, settings: PerceptionSettings, draws: np.random.Generator
     above = plane.height(world) > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * depths**2)
     above[above] = view.foreign(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
-    found = _gathered(pixels, world[above], axes, settings)
+    found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
     if isinstance(found, Refused):
         return found
     cut = _cut_off(found, thin.shape, settings)
@@ -106,12 +106,22 @@ def _empty(flat: Points, left: int, settings: PerceptionSettings) -> Refused:
     return Refused("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
 
 
-def _gathered(pixels: NDArray[np.int_], points: Points, axes: Array, settings: PerceptionSettings) -> _Found | Refused:
+def _cell(view: View, depths: Points, plane: Plane, settings: PerceptionSettings) -> float:
+    """Edge of the grid's cells, m: no less than what lies on the table between one looked at pixel and the next."""
+    if len(depths) == 0:
+        return settings.object.gap
+    across = settings.stride * float(np.quantile(depths, 0.9)) / view.focal
+    return max(settings.object.gap, 1.1 * across / max(float(-view.rotation[:, 2] @ plane.normal), 0.3))
+
+
+def _gathered(
+    pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
+) -> _Found | Refused:
     nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
     if len(points) == 0:
         return Refused("no_object", f"{nothing}; put a thing into the region")
     places = points @ axes[:2].T.astype(points.dtype)
-    grid, sizes = clusters(places, settings.object.gap)
+    grid, sizes = clusters(places, cell)
     label = int(np.argmax(sizes)) + 1
     if sizes[label - 1] < settings.object.least:
         return Refused("no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region")

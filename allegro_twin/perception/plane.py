@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.perception.cloud import Points
 from allegro_twin.types import Array
 
-_SAMPLE = 800  # Points by which the drawn planes are judged.
+_SAMPLE = 600  # Points by which the drawn planes are judged.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Plane:
 
 
 def find_plane(
-    points: Points, up: Array, draws: np.random.Generator, *, near: float, tilt: float, tries: int = 96
+    points: Points, up: Array, draws: np.random.Generator, *, near: float, tilt: float, tries: int = 64
 ) -> Plane | None:
     """The plane on which most points (n, 3) lie within `near`, m, its normal within `tilt`, rad, of `up` (3,).
 

@@ -22,7 +22,7 @@ MODELS = (
 )
 """In the order in which they are tried, each with those of which a good one makes it needless: nothing else has a
 level top and upright sides, and an egg may look like a ball."""
-_FEW, _MANY = 140, 500
+_FEW, _MANY = 120, 400
 """Points with which all solids are compared, and with which the best are fitted."""
 _GLANCE, _FIRST, _THEN = 3, 4, 12
 """Steps to see whether it can be that at all, then to compare, then to fit."""
