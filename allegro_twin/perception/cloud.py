@@ -23,6 +23,11 @@ def pass_through(points: Points, lower: Array, upper: Array) -> Mask:
     return inside
 
 
+def finite(points: Points) -> Mask:
+    """Which points (..., 3) are known, (...); by columns: a reduction over three costs several times more."""
+    return np.asarray(np.isfinite(points[..., 0]) & np.isfinite(points[..., 1]) & np.isfinite(points[..., 2]))
+
+
 def voxel(points: Points, edge: float) -> Array:
     """The mean of the points (n, 3) of each cube of `edge`, m, (k, 3). All must be known."""
     if len(points) == 0:
@@ -34,9 +39,3 @@ def voxel(points: Points, edge: float) -> Array:
     starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
     sums = np.add.reduceat(points[order].astype(np.float64), starts, axis=0)
     return np.asarray(sums / np.diff(starts, append=len(points))[:, None])
-
-
-def known(points: Points) -> Points:
-    """Those of an organised cloud (..., 3) that are, (n, 3)."""
-    flat = points.reshape(-1, 3)
-    return np.asarray(flat[~np.isnan(flat[:, 2])])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.perception.cloud import Mask, Points, pass_through
+from allegro_twin.perception.cloud import Mask, Points, finite, pass_through
 from allegro_twin.perception.clusters import Grid, clusters
 from allegro_twin.perception.plane import Plane, find_plane
 from allegro_twin.perception.settings import PerceptionSettings
@@ -157,7 +157,7 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     first = [max(int(ends.min() - 1) * stride, 0) for ends in (rows, columns)]
     last = [int(ends.max() + 2) * stride for ends in (rows, columns)]
     near = view.cloud[first[0] : last[0] : step, first[1] : last[1] : step].reshape(-1, 3)
-    near = near[np.isfinite(near).all(axis=1)]
+    near = near[finite(near)]
     world = view.world(near)
     points = world @ axes.T.astype(near.dtype)
     points[:, 2] -= plane.offset

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.perception.cloud import Mask, Points
+from allegro_twin.perception.cloud import Mask, Points, finite
 from allegro_twin.types import Array, Vector
 
-_ROWS = 8  # One of so many is looked at for the focal length.
+_ROWS = 24  # One of so many is looked at for the focal length.
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class View:
     def focal(self) -> float:
         """Of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without order."""
         rows = self.cloud[::_ROWS]
-        known = np.asarray(np.isfinite(rows).all(axis=-1))
+        known = finite(rows)
         row = int(np.argmax(np.count_nonzero(known, axis=1)))
         columns = np.flatnonzero(known[row])
         if len(columns) < 2:

@@ -7,7 +7,7 @@ from scipy.sparse import coo_matrix  # type: ignore[import-untyped]  # Its types
 from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
-from allegro_twin.perception.cloud import known, pass_through, voxel
+from allegro_twin.perception.cloud import finite, pass_through, voxel
 from allegro_twin.perception.clusters import clusters
 from allegro_twin.perception.fits.solver import solve
 from allegro_twin.perception.plane import find_plane
@@ -20,8 +20,8 @@ def test_a_region_keeps_what_is_in_it_and_nothing_unknown() -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.21, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.0, np.nan, 0.0]])
     kept = pass_through(points, np.full(3, -0.1), np.full(3, 0.2))
     assert kept.tolist() == [True, True, False, False, False]
-    assert len(known(points[None])) == 5
-    assert len(known(np.full((2, 2, 3), np.nan))) == 0
+    assert finite(points).tolist() == [True, True, True, False, False]
+    assert not finite(np.array([[0.0, 0.0, np.inf]])).any()
 
 
 def test_a_voxel_has_the_mean_of_its_points() -> None:

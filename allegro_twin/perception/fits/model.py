@@ -51,10 +51,11 @@ def level(turn: float) -> Array:
 
 
 def along(axis: Array) -> Array:
-    """Axes whose first is given, (3, 3)."""
-    other = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    second = other / np.linalg.norm(other)
-    return np.stack([axis, second, np.cross(axis, second)], axis=1)
+    """Axes whose first is given, level or upright, (3, 3). Plain numbers: `np.cross` costs as much as a fit's step."""
+    x, y, z = (float(value) for value in axis)
+    second = (-y, x, 0.0) if abs(z) < 0.5 else (1.0, 0.0, 0.0)
+    third = (-z * second[1], z * second[0], x * second[1] - y * second[0])
+    return np.array([axis, second, third]).T
 
 
 def main_direction(places: Array) -> float:
