@@ -116,3 +116,15 @@ def test_with_a_frame_before_an_axis_keeps_to_its_side_where_the_rule_would_flip
     for first, second in ((1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
         before = ruled._replace(axes=ruled.axes * [first, second, first * second])
         np.testing.assert_allclose(principal_frame(points, before).axes, before.axes)
+
+
+@pytest.mark.parametrize("size", [(0.05, 0.0331), (0.034, 0.027)])
+def test_no_way_of_lying_is_missed_for_want_of_a_start(size: tuple[float, float]) -> None:
+    for turn in np.linspace(0.0, np.pi, 48, endpoint=False):
+        solid = best(seen(*egg(*size, turn, 2500, draws()), draws()))
+        assert solid.shape == "ellipsoid", turn
+        assert angle(solid.axes[:, 0], turn) < 5.0, turn
+    for turn in np.linspace(0.0, np.pi, 24, endpoint=False):
+        solid = best(seen(*lying(*cylinder(0.051, 0.139, 3000, draws()), 0.051, turn), draws()))
+        assert solid.shape == "cylinder", turn
+        assert angle(solid.axes[:, 0], turn) < 3.0, turn

@@ -109,6 +109,14 @@ def test_a_small_thing_that_is_seen_within_the_rows_and_columns_of_a_large_one_d
     assert (np.linalg.norm(found.points[:, :2] - [-0.11, 0.11], axis=1) > 0.025).all()
 
 
+@pytest.mark.parametrize("name", ["pudding_box", "potted_meat_can"])
+def test_a_level_top_that_is_seen_flatly_does_not_fall_apart(name: str) -> None:
+    placed = put(name, "z", 0.0)
+    found = look(picture(placed, eye=(-0.5, 0.0, 0.24)))
+    assert isinstance(found, Found), found
+    assert np.linalg.norm(found.solid.position - placed.position) < 0.004
+
+
 def test_what_is_the_robots_own_is_no_thing() -> None:
     finger = Placement(named("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
     frame = picture(put("rubiks_cube"), finger)
