@@ -12,8 +12,9 @@ from allegro_twin.perception.fits.straight import BOX, LYING_CYLINDER, STANDING_
 from allegro_twin.types import Vector
 
 _UPRIGHT = (STANDING_CYLINDER, BOX)
-MODELS = (
-    (STANDING_CYLINDER, None),
+Models = tuple[tuple[Model, tuple[Model, ...]], ...]
+MODELS: Models = (
+    (STANDING_CYLINDER, ()),
     (BOX, (STANDING_CYLINDER,)),
     (SPHERE, _UPRIGHT),
     (LYING_EGG, _UPRIGHT),
@@ -22,6 +23,8 @@ MODELS = (
 )
 """In the order in which they are tried, each with those of which a good one makes it needless: nothing else has a
 level top and upright sides, and an egg may look like a ball."""
+_AGAIN: Models = ((LYING_EGG, ()), (LYING_CYLINDER, ()))
+"""Those that may have been looked for in the wrong places."""
 _FEW, _MANY = 120, 400
 """Points with which all solids are compared, and with which the best are fitted."""
 _GLANCE, _FIRST, _THEN = 3, 4, 12
@@ -33,7 +36,7 @@ _GOOD, _FLOOR = 1.05, 0.0004
 of round things add to it, m."""
 _CLEARLY = 0.93
 """It is a ball unless another's error is below this part of the ball's."""
-_STARTS, _ALL = 2, 12
+_STARTS, _MORE = 2, 6
 """Tried of those that a solid may have: at first, and where that makes nothing good."""
 _CLOSE = 1.25
 """What has an error within this factor of the least is followed too."""
@@ -45,16 +48,16 @@ def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     """The solids that may be it, the best first; none where none converges to a size that a thing can have."""
     few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
-    found = _best(few, many, good, _STARTS)
+    found = _best(MODELS, few, many, good, _STARTS)
     if not found or found[0].error > good:
-        found = _best(few, many, good, _ALL) or found
+        found = sorted(found + _best(_AGAIN, few, many, good, _MORE), key=lambda solid: solid.error)
     return found
 
 
-def _best(few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
-    """Those whose error with few points is near the least, with many points."""
+def _best(models: Models, few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
+    """Those of them whose error with few points is near the least, with many points."""
     scale = max(0.002, 1.5 * few.sigma)
-    tried = _tried(few, scale, good, starts)
+    tried = _tried(models, few, scale, good, starts)
     least = min((fit.error for _, fit in tried), default=0.0)
     ball = next((fit.error for model, fit in tried if model is SPHERE), np.inf)
     close = [(model, fit) for model, fit in tried if fit.error <= _CLOSE * least]
@@ -64,12 +67,12 @@ def _best(few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
     return sorted(filter(_possible, found), key=lambda solid: solid.error)
 
 
-def _tried(few: Sample, scale: float, good: float, starts: int) -> list[tuple[Model, Fit]]:
+def _tried(models: Models, few: Sample, scale: float, good: float, starts: int) -> list[tuple[Model, Fit]]:
     """One fit of each solid that it may be, from so many starts, until one is so `good` that the rest are needless."""
     found: list[tuple[Model, Fit]] = []
     least = np.inf
-    for model, needless in MODELS:
-        if needless is not None and any(fit.error < good for other, fit in found if other in needless):
+    for model, needless in models:
+        if any(fit.error < good for other, fit in found if other in needless):
             continue
         fit = _compared(model, few, scale, least, starts)
         if fit is not None and _possible(model.solid(*fit)):
