@@ -35,7 +35,7 @@ _GOOD, _FLOOR = 1.05, 0.0004
 """A solid is good when its error is below so many of the camera's scatter, and of what steps in depth and the drawing
 of round things add to it, m."""
 _CLEARLY = 0.93
-"""It is a ball unless another's error is below this part of the ball's."""
+"""It is a ball, or what was found first, unless another's error is below this part of it."""
 _STARTS, _MORE = 2, 6
 """Tried of those that a solid may have: at first, and where that makes nothing good."""
 _CLOSE = 1.25
@@ -49,9 +49,11 @@ def fitted(seen: Sample, draws: np.random.Generator) -> list[Solid]:
     few, many = thinned(seen, _FEW, draws), thinned(seen, _MANY, draws)
     good = _GOOD * float(np.hypot(seen.sigma, _FLOOR))
     found = _best(MODELS, few, many, good, _STARTS)
-    if not found or found[0].error > good:
-        found = sorted(found + _best(_AGAIN, few, many, good, _MORE), key=lambda solid: solid.error)
-    return found
+    if found and found[0].error <= good:
+        return found
+    least = found[0].error if found else np.inf
+    better = [solid for solid in _best(_AGAIN, few, many, good, _MORE) if solid.error < _CLEARLY * least]
+    return better + found
 
 
 def _best(models: Models, few: Sample, many: Sample, good: float, starts: int) -> list[Solid]:
