@@ -16,13 +16,13 @@ Models = tuple[tuple[Model, tuple[Model, ...]], ...]
 MODELS: Models = (
     (STANDING_CYLINDER, ()),
     (BOX, (STANDING_CYLINDER,)),
-    (SPHERE, _UPRIGHT),
+    (SPHERE, ()),
     (LYING_EGG, _UPRIGHT),
     (STANDING_EGG, _UPRIGHT),
     (LYING_CYLINDER, (*_UPRIGHT, SPHERE)),
 )
 """In the order in which they are tried, each with those of which a good one makes it needless: nothing else has a
-level top and upright sides, and an egg may look like a ball."""
+level top and upright sides. An egg may look like a ball, and a small ball far away like a can."""
 _AGAIN: Models = ((LYING_EGG, ()), (LYING_CYLINDER, ()))
 """Those that may have been looked for in the wrong places."""
 _FEW, _MANY = 120, 400
@@ -31,7 +31,7 @@ _GLANCE, _FIRST, _THEN = 3, 4, 12
 """Steps to see whether it can be that at all, then to compare, then to fit."""
 _HOPELESS = 2.5
 """So many times the least error after a glance is given up."""
-_GOOD, _FLOOR = 1.05, 0.0004
+_GOOD, _FLOOR = 0.95, 0.0004
 """A solid is good when its error is below so many of the camera's scatter, and of what steps in depth and the drawing
 of round things add to it, m."""
 _CLEARLY = 0.93
