@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.look.lens import Lens
 from allegro_twin.look.marks import Mark, add
 
 _GEOMS = 10_000  # As many as mujoco.Renderer has room for.
@@ -21,25 +22,30 @@ _THREAD = threading.local()
 
 
 class Screen:
-    """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered; for one thread."""
+    """What is drawn of one model. Raises what MuJoCo raises where nothing can be rendered; for one thread.
 
-    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+    Not `sites`: without the marks that only programs see.
+    """
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int, *, sites: bool = True) -> None:
         self._model, self._size = model, (height, width)
         self._scene, self._shown = mujoco.MjvScene(model, _GEOMS), mujoco.MjvOption()
+        if not sites:
+            self._shown.sitegroup[:] = 0
         self._area = mujoco.MjrRect(0, 0, width, height)
         self._context = _context()
         self._context.make_current()
         self._drawing: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
-    def draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera, marks: Sequence[Mark] = ()) -> NDArray[np.uint8]:
+    def draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens, marks: Sequence[Mark] = ()) -> NDArray[np.uint8]:
         """Rows, columns, RGB."""
         picture = np.empty((*self._size, 3), np.uint8)
         self._draw(data, eye, marks)
         mujoco.mjr_readPixels(picture, None, self._area, self._drawing)
         return np.ascontiguousarray(picture[::-1])
 
-    def draw_depth(self, data: mujoco.MjData, eye: mujoco.MjvCamera) -> NDArray[np.float32]:
+    def draw_depth(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens) -> NDArray[np.float32]:
         """Rows, columns, m. In the colours of segments, for MuJoCo measures depth more finely without light."""
         nearness = np.empty(self._size, np.float32)
         flags = self._scene.flags.copy()
@@ -59,11 +65,14 @@ class Screen:
             self._drawing.free()
             self._drawing = None
 
-    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera, marks: Sequence[Mark] = ()) -> None:
+    def _draw(self, data: mujoco.MjData, eye: mujoco.MjvCamera | Lens, marks: Sequence[Mark] = ()) -> None:
         self._context.make_current()
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
         every = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(self._model, data, self._shown, None, eye, every, self._scene)
+        own = eye.eye() if isinstance(eye, Lens) else eye
+        mujoco.mjv_updateScene(self._model, data, self._shown, None, own, every, self._scene)
+        if isinstance(eye, Lens):
+            eye.onto(self._scene.camera)
         add(self._scene, self._model, marks)
         mujoco.mjr_render(self._area, self._scene, self._drawing)
 

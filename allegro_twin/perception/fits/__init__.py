@@ -1,0 +1,1 @@
+"""Solids that could stand on the table, each fitted to the same points."""

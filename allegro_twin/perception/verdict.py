@@ -1,0 +1,38 @@
+"""Why there is nothing to grasp: one word for a program, one sentence for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+Reason = Literal[
+    "stale", "empty", "no_plane", "no_object", "cut_off", "unclear", "outside", "in_table", "jump", "unsteady"
+]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """What was seen is nothing that an arm should move for."""
+
+    reason: Reason
+    sentence: str
+    """What, with its values, and what to do."""
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def stale(taken: float, now: float, most: float) -> Refused | None:
+    """Whether a picture is too old to act on: taken at one time, looked at at another, s of one clock."""
+    if now - taken <= most:
+        return None
+    said = (
+        f"camera: the newest picture is {now - taken:.2f} s old, more than {most} s: it is frozen, or its cable is out"
+    )
+    return Refused("stale", f"{said}; stand still and switch it off and on")
+
+
+def place(values: Iterable[float]) -> str:
+    """A place for a sentence."""
+    return "(" + ", ".join(f"{value:.3f}" for value in values) + ")"
