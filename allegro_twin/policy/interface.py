@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.memory import Course, Memory
+from allegro_twin.policy.numbers import Numbers
 from allegro_twin.policy.script import Scripts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -33,23 +34,6 @@ Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
 SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
-
-
-class _Numbers(NamedTuple):
-    middle: Vector
-    rest: Vector
-    lower: Vector
-    upper: Vector
-    span: Vector
-    kp: Vector
-    kd: Vector
-    limit: Vector
-    scale: Vector
-    """What the numbers of an observation are divided by, (frame,)."""
-    parts: Vector
-    """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
-    scripts: Pair | None
-    """Set-points and their rates, (s, t, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +86,13 @@ class Interface:
         return self.half if self.scripts is None else np.full_like(self.half, self.reach)
 
     @cached_property
-    def _numbers(self) -> _Numbers:
+    def _numbers(self) -> Numbers:
         """What is reckoned with at every decision, lying where the arrays do."""
         parts = [self.half, np.full_like(self.half, SPEED), self.spec.actuation.torque_limit * np.ones_like(self.half)]
         scale = np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
         scripts = None if self.scripts is None else (self.scripts.position, self.scripts.velocity)
         place, spec = self.xp.asarray, self.spec
-        return _Numbers(
+        return Numbers(
             middle=place(self.middle),
             rest=place(np.zeros_like(self.middle)),
             lower=place(spec.lower),
