@@ -11,7 +11,7 @@ from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.given import Given
 from allegro_twin.gym.randomise import Randomise, preset
 from allegro_twin.policy.interface import Mode
-from allegro_twin.sim.warp import Device
+from allegro_twin.sim.warp_model import Device
 from allegro_twin.spec import Side
 
 Positive = Annotated[float, Field(gt=0)]

@@ -7,9 +7,8 @@ nothing is copied to the host and back.
 from __future__ import annotations
 
 import copy
-import dataclasses
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,11 +17,10 @@ from numpy.typing import NDArray
 from allegro_twin.arrays import host, tensors
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch import Rows, Snapshot, Worlds
+from allegro_twin.sim.warp_model import Device, device_named, fields_of, libraries, on_device
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-Device: TypeAlias = Literal["cpu", "warp", "warp:cpu"]
-"""MuJoCo on all processors; MuJoCo Warp on an NVIDIA GPU; and the same kernels on one processor, for tests."""
 _STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
           "mocap_pos", "mocap_quat")  # fmt: skip
 """What an episode begins with, and all that decides how it goes on."""
@@ -30,7 +28,6 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 """What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
-_IDLE = {"dof_length"}  # Only sleeping reads it, and no scene lets anything sleep.
 _PICTURED = {"bvh_aabb"}
 """What the device has no use for, and MuJoCo's own model of a simulation has."""
 
@@ -48,8 +45,8 @@ class WarpWorlds(Worlds):
         contacts: int = 64,
         constraints: int = 256,
     ) -> None:
-        self._wp, self._mjw = _libraries()
-        self._device = _device(self._wp, device)
+        self._wp, self._mjw = libraries()
+        self._device = device_named(self._wp, device)
         self.xp = tensors(self._wp.device_to_torch(self._device))
         self._room = {"nconmax": contacts, "njmax": constraints}
         self._graphs: dict[Any, Any] = {}
@@ -141,9 +138,9 @@ class WarpWorlds(Worlds):
         return into
 
     def _make(self, threads: int) -> None:
-        self._fields = _fields(self._mjw.Model, self.model)
+        self._fields = fields_of(self._mjw.Model, self.model)
         with self._wp.ScopedDevice(self._device):
-            self._m = _on_device(self._mjw, self.model, {})
+            self._m = on_device(self._mjw, self.model, {})
             self._d = self._mjw.make_data(self.model, nworld=self.n, **self._room)
             self._own = {name: self._wp.to_torch(getattr(self._d, name)) for name in _STATE}
             self._overflow = self._wp.to_torch(self._d.overflow)
@@ -186,7 +183,7 @@ class WarpWorlds(Worlds):
             return
         kept: dict[str, Any] = {name: self.xp.copy(own) for name, own in self._rows.items()}
         with self._wp.ScopedDevice(self._device):
-            self._m = _on_device(self._mjw, self.model, dict.fromkeys({*kept, *fields} - _PICTURED, self.n))
+            self._m = on_device(self._mjw, self.model, dict.fromkeys({*kept, *fields} - _PICTURED, self.n))
         self._graphs.clear()
         for name in (*kept, *fields):
             nominal = getattr(self.model, name)
@@ -220,45 +217,3 @@ class WarpWorlds(Worlds):
 
 def _same(first: mujoco.MjModel, other: mujoco.MjModel, name: str) -> bool:
     return np.array_equal(getattr(first, name), getattr(other, name))
-
-
-def _libraries() -> tuple[Any, Any]:
-    try:
-        import warp
-
-        warp.config.log_level = warp.LOG_WARNING
-        import mujoco_warp
-        import torch  # noqa: F401
-    except ImportError as error:
-        raise ConfigError(f"device 'warp' needs MuJoCo Warp: pip install 'allegro-twin[warp]' ({error})") from error
-    return warp, mujoco_warp
-
-
-def _device(wp: Any, device: str) -> Any:
-    if device == "warp:cpu":
-        return wp.get_device("cpu")
-    if not wp.get_cuda_device_count():
-        raise ConfigError("device 'warp' needs an NVIDIA GPU, and Warp finds none; 'cpu' is MuJoCo on all processors, "
-                          "'warp:cpu' Warp's kernels on one, slowly")  # fmt: skip
-    return wp.get_preferred_device()
-
-
-def _on_device(mjw: Any, model: mujoco.MjModel, sizes: dict[str, int]) -> Any:
-    """Raises ConfigError for what MuJoCo Warp has not."""
-    model = copy.copy(model)
-    # MuJoCo Warp never resets a simulation that diverges, so it does not know the flag that forbids it.
-    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    # Boxes then meet boxes as in MuJoCo, in up to 8 points; its general collider finds 4 (the manual's parity guide).
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
-    try:
-        there = mjw.put_model(model, batch_sizes=sizes)
-    except NotImplementedError as error:
-        raise ConfigError(f"MuJoCo Warp cannot simulate this scene: {error}") from error
-    there.opt.warn_overflow = False  # It prints; `check` raises.
-    return there
-
-
-def _fields(theirs: Any, model: mujoco.MjModel) -> set[str]:
-    """What simulations can have to themselves of MuJoCo's model."""
-    known = {field.name: getattr(field.type, "shape", ()) for field in dataclasses.fields(theirs)}
-    return {name for name, shape in known.items() if shape[:1] == ("*",) and hasattr(model, name)} - _IDLE

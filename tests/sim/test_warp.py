@@ -129,10 +129,13 @@ def test_every_stage_of_a_forward_pass_agrees(task: str, kwargs: dict[str, Any])
 
 
 def of_rounding(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """What rounding forces and inertias to single precision may do to accelerations: 8 ε |M⁻¹| (|M| |q̈| + |f|)."""
+    """What rounding forces and inertias to single precision may do to accelerations:
+    8 ε |M⁻¹| (|M| |q̈| + |f| + |J|ᵀ|λ|).
+    Fingertips that press an object from all sides cancel in its forces, and do not in their rounding."""
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    force = np.abs(data.qfrc_smooth) + np.abs(data.qfrc_constraint)
+    jacobian = np.abs(data.efc_J.reshape(-1, model.nv))
+    force = np.abs(data.qfrc_smooth) + jacobian.T @ np.abs(data.efc_force)
     bound = np.abs(np.linalg.inv(mass)) @ (np.abs(mass) @ np.abs(data.qacc) + force)
     return np.asarray(8.0 * float(np.finfo(np.float32).eps) * bound)
 
