@@ -62,13 +62,13 @@ def main() -> None:
         run(sweep, store, Local(1), lambda done, total: print(f"{done} of {total}", flush=True))
     table = [row for part in store.tables() for row in part.to_pylist()]
     for kind in kinds:
-        rows = [row for row in table if row["kind"] == kind and not row["error"]]
+        rows = [row for row in table if row.get("kind") == kind and not row.get("error")]
         print(f"{kind}: {len(rows)} hands, seeds {sorted(row['seed'] for row in rows)}")
         for bar in figures(rows, kind) if rows else ():
             print(f"{bar.what:<64}{bar.figure:>10.2f} {bar.unit:<6}{bar.bar:>8.2f}")
     for row in table:
-        if row["error"]:
-            print(f"{row['kind']} {row['seed']} not computed: {row['error']}")
+        if row.get("error"):
+            print(f"not computed: {row['error']}")
 
 
 def item(seed: int, kind: str, masses: str) -> dict[str, Any]:
