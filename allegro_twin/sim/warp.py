@@ -133,6 +133,7 @@ class WarpWorlds(Worlds):
         for field, own in self._rows.items():
             theirs = getattr(model, field)
             theirs[...] = host(own[row]).reshape(theirs.shape)
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # Of what follows from these, the device has not all.
         into = Snapshot(model, self._data(row), self.spec)
         mujoco.mj_forward(into.model, into.data)
         return into
