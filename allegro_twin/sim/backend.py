@@ -14,8 +14,9 @@ from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
+from allegro_twin.sim.lengths import Lengths
 from allegro_twin.sim.posed import Posed, moved_by
-from allegro_twin.sim.servos import Servos
+from allegro_twin.sim.servos import ONE, Servos
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -55,7 +56,8 @@ class SimBackend:
         self._substeps = substeps(period, model.opt.timestep)
         self._spec, self._period, self.model, self.data = spec, period, model, mujoco.MjData(model)
         self._motors = span([model.actuator(name).id for name in spec.joints])
-        self._servos = None if "torque" in spec.commands else Servos(spec, model, period)
+        self._servos = None if "torque" in spec.commands else Servos(spec, [model], period)
+        self._lengths = Lengths(spec, model)
         joints = list(moved_by(spec, model).values())
         self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
         self._dof = span([model.jnt_dofadr[joint] for joint in joints])
@@ -87,9 +89,11 @@ class SimBackend:
         self._pose(self._posture, self.data.qpos)
         if self._wrist:
             self.data.ctrl[self._wrist] = self.drive[0]
+        if self._servos is not None:
+            self._servos.limp(ONE)
         mujoco.mj_forward(self.model, self.data)
         if self._servos is not None:
-            self._servos.reset(self.data)
+            self._servos.reset(ONE, self._moved()[0][None])
         if self._train is not None:
             self._train.reset()
         self._tick = 0
@@ -97,7 +101,8 @@ class SimBackend:
 
     def write(self, command: Command) -> None:
         if self._servos is not None:
-            self._servos.command(position_of(command, self._spec))
+            wanted = position_of(command, self._spec)
+            self._servos.command(ONE, wanted.position[None], wanted.effort, wanted.duration or 0.0)
             return
         torque = torque_of(command, self._spec)
         if self._train is None:
@@ -110,7 +115,7 @@ class SimBackend:
             rows = self.pushing.force[self._tick : self._tick + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         if self._servos is not None:
-            self._servos.drive(self.data)
+            self.data.ctrl[self._motors] = self._servos.told(ONE)[0]
         first = self._tick * self._substeps
         rows = self.drive[first : first + self._substeps]
         if len(rows) or self._train is not None:
@@ -138,7 +143,7 @@ class SimBackend:
 
     def close(self) -> None:
         if self._servos is not None:
-            self._servos.release()
+            self._servos.limp(ONE)
         else:
             self.data.ctrl[self._motors] = 0.0
 
@@ -153,14 +158,22 @@ class SimBackend:
         with self._servos.able():
             return {"engine": ENGINE, "model": _hash(self.model)}
 
+    def _moved(self) -> tuple[Array, Array]:
+        """Position and velocity of what is driven, (n,) each."""
+        data = self.data
+        if self._servos is None:
+            return data.qpos[self._qpos].copy(), data.qvel[self._dof].copy()
+        if self._lengths.sums:
+            return self._lengths.position(data.qpos), self._lengths.velocity(data.qvel)
+        return self._lengths.look(self.model, data)
+
     def _state(self) -> HandState:
         data = self.data
-        position = data.qpos[self._qpos].copy() if self._servos is None else self._servos.position(data)
+        position, velocity = self._moved()
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {_unstable(data)}")
         if self._train is not None:
             position = self._train.reported(position, data)
-        velocity = data.qvel[self._dof].copy() if self._servos is None else self._servos.velocity(data)
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._palm].reshape(3, 3)
         for array in (position, velocity, torque, gravity):

@@ -13,6 +13,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.sim import drivetrain, objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt, located, mounted, read
 from allegro_twin.sim.physics import Physics
+from allegro_twin.sim.servos import bound
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -85,9 +86,12 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
         presenter.add(scene, stage.things[0])
     stage.physics.contacts(scene)
     try:
-        return scene.compile()
+        model = scene.compile()
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
+    if "torque" not in spec.commands:
+        bound(model, spec)
+    return model
 
 
 def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
