@@ -103,10 +103,17 @@ class HandSpec:
     """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
     drive: Drive | None = None
     """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
+    card: str = ""
+    """The path of the card that describes it, where no name does."""
 
     @property
     def name(self) -> str:
         return f"{self.model}_{self.side}"
+
+    @property
+    def called(self) -> str:
+        """What files call this model of hand: its name, or its card's path."""
+        return self.card or self.model
 
     @property
     def readable(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from allegro_twin.control.controllers import Gains
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import rounded
+from allegro_twin.sim.lengths import Lengths
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -20,8 +21,10 @@ SHARE = 0.9
 
 
 def resting(trial: Trial, data: Any) -> Mapping[str, float]:
-    """Joint positions by name, rad: what a batch of trials measures for `eased`."""
-    return {joint: float(data.joint(joint).qpos[0]) for joint in trial.backend.spec.joints}
+    """Positions of what is driven by name, rad: what a batch of trials measures for `eased`."""
+    spec, lengths = trial.backend.spec, Lengths(trial.backend.spec, trial.backend.model)
+    at = lengths.position(data.qpos) if lengths.sums else lengths.look(trial.backend.model, data)[0]
+    return dict(zip(spec.joints, at.tolist(), strict=True))
 
 
 def eased(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:

@@ -9,7 +9,7 @@ from allegro_twin.plan.poses import closing_of
 from allegro_twin.spec import HandSpec
 
 FEWEST = 3
-"""Joints that a template closes."""
+"""Joints that a template closes; all, of a hand with fewer."""
 
 
 def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
@@ -18,7 +18,7 @@ def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
     library = Library()
     listed = library.list(kind="grasp", taxonomy=taxonomy, hand=spec)
     found = [library.grasp(each.name, spec) for each in listed]
-    closing = [grasp for grasp in found if grasp.grip is None and (closing_of(grasp) != 0.0).sum() >= FEWEST]
+    closing = [grasp for grasp in found if grasp.grip is None and (closing_of(grasp) != 0.0).sum() >= min(FEWEST, spec.n_joints)]
     if not closing:
         raise ConfigError(f"the library has no grasp of type {taxonomy!r} that closes the fingers of {spec.name}")
     return closing
