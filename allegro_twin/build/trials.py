@@ -16,12 +16,12 @@ from allegro_twin.build.simulated import object_of
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.control.controllers import PD, Follow, Gravity
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Report
 from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
 from allegro_twin.evaluate.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario
 from allegro_twin.evaluate.together import Measure, Verdict, together
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.grasping import Timed, performer
 from allegro_twin.library.entries import HAND

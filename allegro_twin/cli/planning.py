@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 Thing = Annotated[
     str, typer.Argument(metavar="OBJECT", help="A name of the catalogue, or a mesh.", autocompletion=complete.objects)
 ]
-Hand = Annotated[
-    str, typer.Option(help="The model of hand, or a card's path.", autocompletion=complete.models)
-]
+Hand = Annotated[str, typer.Option(help="The model of hand, or a card's path.", autocompletion=complete.models)]
 
 
 def register(app: typer.Typer) -> None:

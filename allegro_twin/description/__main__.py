@@ -9,6 +9,7 @@ from pathlib import Path
 from allegro_twin.description import facts, mesh, tendons
 from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.mjcf import mjcf
+from allegro_twin.description.tendon_urdf import tendon_urdf
 from allegro_twin.description.text import mesh_name
 from allegro_twin.description.urdf import urdf
 from allegro_twin.files.assets import data_root
@@ -26,7 +27,9 @@ def files() -> dict[Path, str]:
         for visual in (v for link in hand.links for v in link.visuals if v.kind == "rounded"):
             made[Path("meshes") / f"{mesh_name(visual)}.obj"] = mesh.obj(*mesh.rounded_box(visual.size, visual.radius))
     for path in tendons.tables():
-        made[Path("mjcf") / f"{path.stem}_right.xml"] = tendons.tendon_mjcf(path)
+        text = tendons.tendon_mjcf(path)
+        made[Path("mjcf") / f"{path.stem}_right.xml"] = text
+        made[Path("urdf") / f"{path.stem}_right.urdf"] = tendon_urdf(text)
     return made
 
 

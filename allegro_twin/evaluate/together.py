@@ -97,7 +97,9 @@ class _Group:
         sims.begin(self._drive[:, 0])
         states = [self._state(row, 0) for row in range(self.n)]
         self._told = (
-            Torques(controllers, states, limits) if sims.servos is None else Goals(controllers, states, limits, self.spec)
+            Torques(controllers, states, limits)
+            if sims.servos is None
+            else Goals(controllers, states, limits, self.spec)
         )
         self._scratch = backends[0].data
         self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
@@ -122,8 +124,7 @@ class _Group:
             alive = self._going_on(alive, tick, stopped)
             if not len(alive):
                 break
-            told = self._told(alive, tick * self.period, self.sims, lambda row, at=tick: self._state(row, at))
-            self._advance(alive, told, tick)
+            self._advance(alive, tick)
             tick += 1
             wrong = self._wrong(alive)
             if len(wrong):
@@ -150,7 +151,8 @@ class _Group:
             rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
         return rows
 
-    def _advance(self, rows: Rows, told: Array, tick: int) -> None:
+    def _advance(self, rows: Rows, tick: int) -> None:
+        told = self._told(rows, tick * self.period, self.sims, lambda row: self._state(row, tick))
         first = tick * self.steps
         self.sims.push[rows, self._bodies[rows], :3] = self._push[rows, tick]
         self.sims.advance(rows, told, self._drive[rows, first : first + self.steps], self.steps)

@@ -22,9 +22,7 @@ from allegro_twin.types import Array, HandState
 class Torques:
     """What each of many controllers may ask for, bit for bit as if it were alone behind the guard."""
 
-    def __init__(
-        self, controllers: Sequence[Controller[Any]], states: Sequence[HandState], limits: Limits
-    ) -> None:
+    def __init__(self, controllers: Sequence[Controller[Any]], states: Sequence[HandState], limits: Limits) -> None:
         self._controllers, self._limits = controllers, limits
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
         self._gravity: Gravity | None = next((each.gravity for each in controllers if isinstance(each, PD)), None)

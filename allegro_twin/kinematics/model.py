@@ -114,10 +114,14 @@ class HandModel:
 
 
 def _from_urdf(spec: HandSpec, urdf: Path | None) -> pin.Model:
+    """A joint that the spec does not know stays at zero."""
     path = urdf or data_root() / "models" / "urdf" / f"{spec.name}.urdf"
     if not path.is_file():
         raise ConfigError(f"hand {spec.name}: no URDF at {path}")
-    return pin.buildModelFromUrdf(str(path))
+    model = pin.buildModelFromUrdf(str(path))
+    known = {*spec.joints, *(each.name for each in spec.followers)}
+    others = [number for number, name in enumerate(model.names) if number and name not in known]
+    return pin.buildReducedModel(model, others, pin.neutral(model)) if others else model
 
 
 def _is_link(frame: pin.Frame) -> bool:

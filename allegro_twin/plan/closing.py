@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.sim.workbench import Meetings, Workbench
+from allegro_twin.sim.workbench import Indices, Meetings, Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -44,7 +44,7 @@ def closed(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tupl
     return replace(candidate, close=_last(candidate, of, at)), bench.touch()
 
 
-def _last(candidate: Candidate, of: Vector, at: Vector) -> Vector:
+def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
     """Where the motors are whose joints are `at`, (joints,): with that joint which has gone furthest."""
     close = candidate.preshape.copy()
     for motor in np.unique(of):

@@ -17,9 +17,9 @@ from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.closing import COARSE, FINE
+from allegro_twin.plan.fingers import Performer
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.prove import Planned, Prover, pushed
-from allegro_twin.plan.fingers import Performer
 from allegro_twin.plan.quick import Outcome, squeezed, tried
 from allegro_twin.plan.region import Region
 from allegro_twin.plan.surface import Random

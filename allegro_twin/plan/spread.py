@@ -39,8 +39,8 @@ def side_by_side(
     processor. `kind`: of their templates; `progress`: how many have ended. Raises HandError when one of them fails."""
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
-        "hand": search.spec.called, "side": search.spec.side, "kind": kind, "n": n, "seconds": seconds, "effort": asdict(search.effort),
-        "region": None if search.region is None else asdict(search.region),
+        "hand": search.spec.called, "side": search.spec.side, "kind": kind, "n": n, "seconds": seconds,
+        "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip
     items = [{"seed": search.seed + number} for number in range(seeds)]
     table = run(Sweep(SEARCH, items, shared, unit=1), engine=engine, progress=progress).to_pylist()

@@ -18,7 +18,8 @@ def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
     library = Library()
     listed = library.list(kind="grasp", taxonomy=taxonomy, hand=spec)
     found = [library.grasp(each.name, spec) for each in listed]
-    closing = [grasp for grasp in found if grasp.grip is None and (closing_of(grasp) != 0.0).sum() >= min(FEWEST, spec.n_joints)]
+    fewest = min(FEWEST, spec.n_joints)
+    closing = [grasp for grasp in found if grasp.grip is None and (closing_of(grasp) != 0.0).sum() >= fewest]
     if not closing:
         raise ConfigError(f"the library has no grasp of type {taxonomy!r} that closes the fingers of {spec.name}")
     return closing

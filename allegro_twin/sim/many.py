@@ -67,16 +67,22 @@ class Simulations:
     @property
     def position(self) -> Array:
         """Of the joints, (n, joints), rad; live for a hand that takes torques."""
-        if self._live is not None:
-            return self._qpos[:, self._live[0]]
-        return self._lengths.position(self._qpos) if self._lengths.sums else self._looked()[0]
+        found: Array = (
+            self._qpos[:, self._live[0]] if self._live is not None
+            else self._lengths.position(self._qpos) if self._lengths.sums
+            else self._looked()[0]
+        )  # fmt: skip
+        return found
 
     @property
     def velocity(self) -> Array:
         """(n, joints), rad/s; live for a hand that takes torques."""
-        if self._live is not None:
-            return self._qvel[:, self._live[1]]
-        return self._lengths.velocity(self._qvel) if self._lengths.sums else self._looked()[1]
+        found: Array = (
+            self._qvel[:, self._live[1]] if self._live is not None
+            else self._lengths.velocity(self._qvel) if self._lengths.sums
+            else self._looked()[1]
+        )  # fmt: skip
+        return found
 
     def place(self, postures: Array) -> None:
         """Put every hand into a posture, (n, joints), rad: with what follows."""

@@ -59,7 +59,8 @@ class Servos:
     def told(self, rows: Rows) -> Array:
         """Before a period: what they are told so that they are where they should be at its end, (rows, n)."""
         self._passed[rows] += 1
-        return self._offset[rows] + self._slope[rows] * self._now(rows)
+        told: Array = self._offset[rows] + self._slope[rows] * self._now(rows)
+        return told
 
     @contextmanager
     def able(self) -> Iterator[None]:

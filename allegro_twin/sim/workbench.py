@@ -109,8 +109,7 @@ class Workbench:
         """The joints that carry something of the hand that touches something else, (joints,)."""
         first, second, foreign = self._pairs()
         hand = np.where(self.part[first] >= 0, first, second)[foreign]
-        found: NDArray[np.bool_] = self._carry[hand].any(axis=0)
-        return found
+        return np.asarray(self._carry[hand].any(axis=0))
 
     def meets_table(self) -> bool:
         """Whether the hand touches what stands still."""

@@ -13,9 +13,8 @@ NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
 
 
 def metrics_of(trial: Trial, data: Any) -> dict[str, float]:
-    """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. Raises ConfigError
-    without SciPy. `least_torque` is NaN for a hand with joints that nobody drives: springs, and what holds such a joint,
-    decide there, too."""
+    """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
+    for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
     touch = touching(model, data, spec, trial.scenario.objects[0].name)
     columns = None if spec.followers else jacobians(model, data, spec, touch)
