@@ -34,6 +34,12 @@ class Lengths:
         """(..., nv) → (..., n), rad/s or m/s."""
         return self._summed(qvel, self._dof)
 
+    def jacobian(self, nv: int) -> Array:
+        """Of the positions by all speeds of a model, (n, nv)."""
+        found = np.zeros((len(self._coefficients), nv))
+        found[:, self._dof] = self._coefficients
+        return found
+
     def look(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
         """Position and velocity, (n,) each, of tendons that run through space: the kinematics of `data` become those
         of its positions."""
