@@ -121,8 +121,8 @@ def hand_of(item: Mapping[str, Any]) -> str:
 def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of a sweep. `shared`: `serial`, `gains`, `threads`, `metrics` (true: those of the contacts at the end of
     the first phase that checks; NaN where there is a draw). An item: `scenario` (a name or a path), and where they
-    differ from its own `hand`, `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them, `row`,
-    `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
+    differ from its own `hand`, `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them,
+    `row`, `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
     groups: dict[tuple[str, Side, str, float], list[tuple[int, Case]]] = {}
     serial = shared.get("serial", "")
@@ -163,7 +163,7 @@ def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool 
     named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
     row: dict[str, Any] = {
         "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
-        "hand": case.scenario.hand, "side": side, "protocol": f"{named} {case.ruled.version}",
+        "hand": case.scenario.model, "side": side, "protocol": f"{named} {case.ruled.version}",
         "held": all(verdict.held for verdict in verdicts),
         "reason": worst.stopped if worst.report is None else worst.report.reason,
     } | _numbers(worst.report)  # fmt: skip

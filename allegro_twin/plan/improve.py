@@ -110,7 +110,7 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     )  # fmt: skip
     change = scale * JOINT * random.normal(size=spec.n_joints)
     told = (grasp.squeeze - grasp.close) * np.exp(scale * SQUEEZE * random.normal())
-    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp) != 0.0)
+    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp, spec) != 0.0)
     close = rounded(grasp.close + change, spec)
     better = replace(
         grasp, preshape=rounded(grasp.preshape + change, spec), close=close, squeeze=rounded(close + told, spec)

@@ -48,14 +48,14 @@ def guesses(on: Surface, axes: Array, templates: Sequence[Grasp], spec: HandSpec
     position = on.points - np.einsum("kij,kj->ki", rotation, offset)
     chosen = random.integers(len(templates), size=count)
     preshape = np.stack([_opened(templates[number], spec, random) for number in chosen])
-    closing = np.stack([closing_of(templates[number]) for number in chosen])
+    closing = np.stack([closing_of(templates[number], spec) for number in chosen])
     return Guesses(position, rotation, preshape, closing, [templates[number].name for number in chosen])
 
 
-def closing_of(grasp: Grasp) -> Array:
-    """Which way each joint moves from pre-shape to squeeze; 0 where it moves by less than 0.1."""
+def closing_of(grasp: Grasp, spec: HandSpec) -> Array:
+    """Which way each motor goes from pre-shape to squeeze; 0 where what it moves turns by less than 0.1 rad."""
     travel = grasp.squeeze - grasp.preshape
-    closing: Array = np.where(np.abs(travel) > 0.1, np.sign(travel), 0.0)
+    closing: Array = np.where(np.abs(travel) > 0.1 * units(spec), np.sign(travel), 0.0)
     return closing
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
-from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
+from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance, torsion_of
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.fingers import OVER, Performer, fingers_of
 from allegro_twin.plan.surface import Random
@@ -97,7 +97,7 @@ class _Run:
             touch, centre = self.bench.touch(self.bench.scratch), self.bench.scratch.xipos[self.bench.body].copy()
             if not len(touch.points):
                 self.where[row] = "empty"
-            elif imbalance(gripped(touch, centre, self.friction)) > UNBALANCED:
+            elif imbalance(gripped(touch, centre, self.friction, torsion_of(self.bench))) > UNBALANCED:
                 self.where[row] = "unbalanced"
         self._drop()
 

@@ -77,6 +77,7 @@ def compile_scene(spec: HandSpec, stage: Stage) -> mujoco.MjModel:
             geom.friction = friction
     palm = scene.body("palm_link")
     palm.pos, palm.quat = stage.position, stage.quaternion
+    palm.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # A file may say it otherwise, which would count.
     if stage.wrist:
         wrist.add(scene, palm, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
