@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
+from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import rounded
@@ -18,6 +19,13 @@ from allegro_twin.types import Vector
 
 SHARE = 0.9
 """Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+
+
+def check_loop(spec: HandSpec) -> None:
+    """Raises ConfigError for a hand that closes its own loop where nobody says how stiff that is: no squeeze could be
+    reckoned with."""
+    if "torque" not in spec.commands and spec.actuation.stiffness is None:
+        raise ConfigError(f"{spec.name}: its card says no `stiffness` of what is driven; `hand new` writes it")
 
 
 def resting(trial: Trial, data: Any) -> Mapping[str, float]:

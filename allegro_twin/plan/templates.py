@@ -9,6 +9,7 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.entries import Taxonomy
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
+from allegro_twin.plan.ease import check_loop
 from allegro_twin.plan.poses import closing_of
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec
@@ -26,7 +27,8 @@ _MORE = (13, "Precision Sphere")
 
 def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
     """All of the library that close on something, or those of a type of the taxonomy; for a hand of which it has none
-    at all, one that its kinematics make. Raises ConfigError where there is none."""
+    at all, one that its kinematics make. Raises ConfigError where there is none, and for a hand that cannot plan."""
+    check_loop(spec)
     library = Library()
     listed = library.list(kind="grasp", taxonomy=taxonomy, hand=spec)
     found = [library.grasp(each.name, spec) for each in listed]

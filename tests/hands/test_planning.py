@@ -110,6 +110,9 @@ def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_finge
     (only,) = templates(spec)
     assert (only.preshape > only.close).all()
     assert (only.close > only.squeeze).all()
+    loose = replace(spec, actuation=replace(spec.actuation, stiffness=None))
+    with pytest.raises(ConfigError, match="gripper_right: its card says no `stiffness` of what is driven"):
+        templates(loose)
     with pytest.raises(ConfigError, match="gripper_right has fewer than two fingertips: name them in its card"):
         gathering(replace(spec, fingers=spec.fingers[:1]))
     with pytest.raises(ConfigError, match="soft_right: no motor brings its fingertips together"):
