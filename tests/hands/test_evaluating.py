@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from allegro_twin.build.portraits import staged
 from allegro_twin.build.rig import limits_of
 from allegro_twin.build.trials import Bench, Case, case_of, judged
 from allegro_twin.config import LimitSettings
-from allegro_twin.control.controllers import Send
+from allegro_twin.control.controllers import Follow, Send
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Report
@@ -30,7 +31,7 @@ from allegro_twin.safety import Guard
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.types import PositionCommand
 from tests.conftest import MakeSim
-from tests.hands.models import hand
+from tests.hands.models import hand, made
 
 BRIEF = Protocol.model_validate({
     "version": 1, "period": 0.004, "physics": {"timestep": 0.002}, "reference": "squeeze",
@@ -96,6 +97,24 @@ def test_efforts_and_durations_side_by_side_are_those_of_a_hand_alone(name: str)
     assert found[0].report.peak_torque != found[1].report.peak_torque
 
 
+def test_a_controllers_effort_and_the_guards_ceiling_hold_side_by_side_too() -> None:
+    bench = Bench(load_spec("model_o"), period=0.004)
+    case, limits = brief(bench, OTHERS["model_o"]), replace(bench.limits, torque=0.8 * bench.limits.torque)
+    efforts = [None, 0.3 * bench.limits.torque, bench.limits.torque]
+    trials = [bench.trial(case) for _ in efforts]
+    found = together(trials, [Follow(t.reference, e) for t, e in zip(trials, efforts, strict=True)], limits)
+    peaks = [verdict.report.peak_torque for verdict in found if verdict.report is not None]
+    assert peaks[0] == peaks[2] == pytest.approx(0.8)
+    assert peaks[1] == pytest.approx(0.3)
+
+
+def test_no_motor_gives_more_than_its_card_says_whatever_its_file_lets_it(tmp_path: Path) -> None:
+    card = made("gripper", tmp_path)
+    card.write_text(card.read_text().replace("effort: 20.0", "effort: 5.0"))
+    sim = Bench(load_spec(str(card)), period=0.004).trial(_gripping(tmp_path, str(card))).backend
+    assert sim.model.actuator("left").forcerange.tolist() == [-5.0, 5.0]
+
+
 @pytest.mark.parametrize("name", ["model_o", "leap"])
 def test_strong_and_weak_motors_are_both_drawn_for_a_hand_that_closes_its_own_loop(name: str) -> None:
     spec = load_spec(name)
@@ -137,20 +156,21 @@ def test_a_hand_by_its_card_is_side_by_side_what_it_is_alone(tmp_path: Path) -> 
     """One motor on a slide, and a linkage."""
     spec = hand("gripper", tmp_path)
     bench = Bench(spec, period=0.004)
-    case = case_of({"scenario": "lemon", "grasp": str(_grip(tmp_path, spec.model))}, spec)
-    case = Case(case.scenario, case.grasp, None, BRIEF, case.folder)
+    case = _gripping(tmp_path, str(tmp_path / "gripper.yaml"))
     trial = bench.trial(case)
     (verdict,) = bench.verdicts([case])
     same(alone(trial, bench.controller(trial)), verdict.report)
 
 
-def _grip(folder: Path, model: str) -> Path:
-    path = folder / "grip.yaml"
+def _gripping(folder: Path, card: str) -> Case:
+    """A lemon, which it squeezes."""
+    path, spec = folder / "grip.yaml", load_spec(card)
     path.write_text(
-        f"hand: {model}\ntaxonomy: {{number: 31, name: Ring, type: power, opposition: pad}}\n"
+        f"hand: {spec.model}\ntaxonomy: {{number: 31, name: Ring, type: power, opposition: pad}}\n"
         "preshape: {left: [0.03]}\nclose: {left: [0.0]}\nsqueeze: {left: [-0.02]}\n"
     )
-    return path
+    case = case_of({"scenario": "lemon", "grasp": str(path)}, spec)
+    return Case(case.scenario, case.grasp, None, BRIEF, case.folder)
 
 
 def test_a_table_of_several_hands_has_a_rate_for_each(tmp_path: Path) -> None:

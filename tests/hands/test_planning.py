@@ -103,6 +103,8 @@ def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
     }  # fmt: skip
     (row,) = searched(shared, [{"seed": 0}])
     assert row["found"] == "[]"
+    with pytest.raises(ConfigError, match="no_such_hand"):
+        searched(shared | {"hand": "no_such_hand"}, [{"seed": 0}])
 
 
 def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_fingertips_together(tmp_path: Path) -> None:
