@@ -14,13 +14,19 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.evaluate.timeline import stage
+from allegro_twin.evaluate.uncertainty import Uncertainty
+from allegro_twin.library.gains import load_gains
 from allegro_twin.plan.closing import FINE, closed, units
+from allegro_twin.plan.fingers import Performer
 from allegro_twin.plan.keep import written
 from allegro_twin.plan.propose import Proposer
+from allegro_twin.plan.prove import AS_IT_IS, Planned, Prover
+from allegro_twin.plan.quick import tried
 from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.spread import searched
 from allegro_twin.plan.templates import gathering, templates
 from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.statics import hand_model
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from tests.conftest import MakeSim
@@ -121,16 +127,33 @@ def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_finge
         gathering(hand("soft", tmp_path / "soft"))
 
 
-def test_a_gripper_by_its_card_plans_and_its_files_find_the_card(
+def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its_files_find_the_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     card = made("gripper", tmp_path / "mine")
     spec = load_spec("mine/gripper.yaml")
-    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, 100.0)
-    (path,) = written([planned], "lemon", tmp_path / "plans", spec)
+    search, bench, random = search_of(spec, "lemon"), bench_of(spec, "lemon"), np.random.default_rng(0)
+    proposer = Proposer(bench, search.templates, 0.8, (0.0, np.pi / 2, np.pi), random)
+    proposed = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(4), strict=False)]
+    performer = Performer(load_gains("default", spec), hand_model(spec).gravity_torque)
+    passed = [each.candidate for each in tried(bench, proposed, performer, 0.8, random) if each.passed]
+    assert passed
+    prover = Prover(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
+    (path,) = written([Planned(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec)
     assert "hand: ../mine/gripper.yaml" in path.read_text()
     assert Path(hand_of({"scenario": path})).resolve() == card.resolve()
+
+
+@pytest.mark.long
+def test_a_gripper_by_its_card_plans_and_what_is_written_is_judged_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made("gripper", tmp_path / "mine")
+    spec = load_spec("mine/gripper.yaml")
+    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, 100.0)
+    (path,) = written([planned], "lemon", tmp_path / "plans", spec)
     again = load_spec(hand_of({"scenario": path}))
     (verdict,) = Bench(again).verdicts([case_of({"scenario": path}, again)])
     assert verdict.report is not None

@@ -27,6 +27,7 @@ from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
 from tests.hands.models import HANDS, SOFT, hand
 
+PUSHED = 1.3  # s.
 OPEN = {"model_o": np.array([0.0, 0.6, 0.6, 0.6]), "qb_softhand": np.array([0.2])}
 
 
@@ -35,11 +36,11 @@ def middle(spec: HandSpec) -> Vector:
 
 
 def moving(sim: SimBackend, finger: str = "", newtons: float = -0.5) -> Iterator[Sample]:
-    """4 s to and fro about an open posture; a fingertip is pushed along the palm's x from 2 s on."""
+    """2 s to and fro about an open posture; a fingertip is pushed along the palm's x from PUSHED on."""
     spec, span = sim.spec, sim.spec.upper - sim.spec.lower
-    moves = Moves([Waypoint(middle(spec) + d * span * (middle(spec) != 0.0), seconds=1.0) for d in (0.04, -0.04, 0.03)])
-    for sample in until(4.0, run(sim, Follow(moves))):
-        if finger and sample.state.t >= 2.0:
+    moves = Moves([Waypoint(middle(spec) + d * span * (middle(spec) != 0.0), seconds=0.6) for d in (0.04, -0.04, 0.03)])
+    for sample in until(2.2, run(sim, Follow(moves))):
+        if finger and sample.state.t >= PUSHED:
             body = int(sim.model.site(spec.finger(finger).tip).bodyid[0])
             sim.data.xfrc_applied[body, 0] = newtons
         yield sample
@@ -74,13 +75,13 @@ def test_the_disturbance_of_a_servo_is_the_torque_from_outside(make_sim: MakeSim
 
     def led(samples: Iterator[Sample]) -> Iterator[Sample]:
         for sample in samples:
-            if sample.state.t >= 2.0:
+            if sample.state.t >= PUSHED:
                 sim.push(push)
             yield sample
 
     each = make_loop_mirror(spec, 0.003)
     t, disturbance, _ = estimates(each, led(moving(sim)))
-    np.testing.assert_allclose(disturbance[t > 2.5].mean(axis=0), push, atol=2e-3)
+    np.testing.assert_allclose(disturbance[t > 1.7].mean(axis=0), push, atol=2e-3)
     assert each.contacts == ("middle",)
 
 
@@ -88,7 +89,7 @@ def test_a_push_on_a_tendon_finger_is_felt_by_the_motor_that_pulls_it(make_sim: 
     spec = load_spec("model_o")
     sim = make_sim(spec, posture=middle(spec))
     t, disturbance, _ = estimates(make_loop_mirror(spec, 0.003), moving(sim, "thumb"))
-    felt = np.abs(disturbance[t > 2.5].mean(axis=0))
+    felt = np.abs(disturbance[t > 1.7].mean(axis=0))
     assert felt[spec.joints.index("thumb")] > 0.02
     assert np.delete(felt, spec.joints.index("thumb")).max() < 1e-3
 
