@@ -158,6 +158,15 @@ class HandSpec:
             axis=-1,
         ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
 
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Names of all that moves: what is driven, then what follows."""
+        return self.joints + tuple(each.name for each in self.followers)
+
+    def moved(self, position: Array) -> Array:
+        """Where all that moves is, by `moving`, (..., n) → (..., n + followers): an estimate of what follows."""
+        return np.concatenate([position, self.followed(position)], axis=-1) if self.followers else position
+
     def vector(self, values: ArrayLike, what: str) -> Vector:
         """One value per joint, read-only, shape (n,); a single number stands for all. Raises ConfigError."""
         array = np.asarray(values, dtype=np.float64)
