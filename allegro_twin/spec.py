@@ -107,6 +107,8 @@ class HandSpec:
     """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
     drive: Drive | None = None
     """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
+    card: str = ""
+    """The path of the card that describes it, where no name does."""
 
     @property
     def name(self) -> str:
@@ -121,6 +123,11 @@ class HandSpec:
     def rest(self) -> Vector:
         """Where a simulation begins by default, (n,), rad: the nearest to zero inside the limits."""
         return np.minimum(np.maximum(self.lower, 0.0), self.upper)
+
+    @property
+    def called(self) -> str:
+        """What files call this model of hand: its name, or its card's path."""
+        return self.card or self.model
 
     @property
     def readable(self) -> tuple[str, ...]:
@@ -164,6 +171,15 @@ class HandSpec:
             ],
             axis=-1,
         ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Names of all that moves: what is driven, then what follows."""
+        return self.joints + tuple(each.name for each in self.followers)
+
+    def moved(self, position: Array) -> Array:
+        """Where all that moves is, by `moving`, (..., n) → (..., n + followers): an estimate of what follows."""
+        return np.concatenate([position, self.followed(position)], axis=-1) if self.followers else position
 
     def vector(self, values: ArrayLike, what: str) -> Vector:
         """One value per joint, read-only, shape (n,); a single number stands for all. Raises ConfigError."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from allegro_twin.build.foreign import grasps_in
-from allegro_twin.build.trials import Case, case_of
+from allegro_twin.build.trials import Case, case_of, hand_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
@@ -52,7 +52,11 @@ class Target:
     item: dict[str, Any]
     """Of `build.trials.judged`, without a draw."""
     case: Case
-    side: Side
+    spec: HandSpec
+
+    @property
+    def side(self) -> Side:
+        return self.spec.side
 
 
 class Campaign(NamedTuple):
@@ -101,7 +105,8 @@ def _targets(path: Path, asked: Asked) -> Iterator[Target]:
     named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
     for side in asked.sides or (scenario.side,):
         item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
-        yield Target(path.stem, item, case_of(item, load_spec(side=side)), side)
+        spec = load_spec(hand_of(item), side)
+        yield Target(path.stem, item, case_of(item, spec), spec)
 
 
 def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
@@ -117,7 +122,7 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
     for row in range(len(grasps_in(path, spec))):
         item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
         item |= {} if asked.object is None else {"object": asked.object}
-        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), side)
+        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), spec)
 
 
 def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
@@ -161,8 +166,3 @@ def _plain(grasp: Grasp) -> str:
 def _hash(content: str | bytes) -> str:
     data = content.encode() if isinstance(content, str) else content
     return sha256(data).hexdigest()[:_DIGITS]
-
-
-def spec_of(target: Target) -> HandSpec:
-    """The hand of a target."""
-    return load_spec(side=target.side)

@@ -55,9 +55,7 @@ def make_mirror(
 ) -> Mirror:
     """Of the hand in a file, or of the nominal one; `used`: with what the host makes rad and N·m of counts. Raises
     ConfigError."""
-    for name in stop:
-        if name not in STOPS:
-            raise ConfigError(f"--stop-on: {unknown('event', name, STOPS)}")
+    _known(stop)
     wiring = load_wiring(spec.model, hand)
     if wiring.version not in (None, version):
         raise ConfigError(f"{hand} is of a {wiring.version} hand, what it is to mirror of a {version} one")
@@ -68,41 +66,86 @@ def make_mirror(
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop)
 
 
+def make_loop_mirror(
+    spec: HandSpec, period: float, calm: Calm | None = None, stop: Collection[str] = (), gravity: Vector | None = None
+) -> Mirror:
+    """Of a hand that closes its own loop: what is driven is compared with what the same loop does in simulation.
+    `gravity`: in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
+    from allegro_twin.sim.loop_observer import LoopObserver
+
+    _known(stop)
+    return Mirror(spec, LoopObserver(spec, period), np.ones(spec.n_joints), calm, stop, gravity)
+
+
+def down(rig: Rig) -> Vector | None:
+    """Gravity in the palm of a virtual hand that stands still, (3,), m/s²; None: the hand says it, or nobody does."""
+    if rig.servos is None or rig.sim is None or rig.trial is not None:
+        return None
+    turn = rig.sim.data.body("palm_link").xmat.reshape(3, 3)
+    return np.asarray(rig.sim.model.opt.gravity @ turn)
+
+
+def _known(stop: Collection[str]) -> None:
+    for name in stop:
+        if name not in STOPS:
+            raise ConfigError(f"--stop-on: {unknown('event', name, STOPS)}")
+
+
 def beside(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> Mirror:
-    """Of a hand on its bus, which sees what `listen` tells. Raises ConfigError for any other hand."""
+    """Of a hand on its bus or line, which sees what `listen` tells. Raises ConfigError for any other hand."""
+    if rig.servos is not None:
+        if (gravity := down(rig)) is None:
+            raise ConfigError(f"{rig.spec.name} does not report where down is: allegro-twin mirror takes --gravity")
+        made = make_loop_mirror(rig.spec, rig.backend.period, gravity=gravity)
+        listen(made.see)
+        return made
     if rig.wire is None:
         raise ConfigError("a simulated hand is its own twin: a mirror is for hands on a bus")
     table = rig.wire.calibration
     used = calibration_of(table)
     made = make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
-    listen(lambda sample: made.see(sample.state))
+    listen(made.see)
     return made
 
 
-def mirrored(path: Path, hand: str, free: Path | None) -> Mirrored:
-    """Play a recording past its mirror. `free`: a recording of the same hand that touched nothing. Raises HandError."""
+def mirrored(path: Path, hand: str, free: Path | None, gravity: Vector | None = None) -> Mirrored:
+    """Play a recording past its mirror. `free`: a recording of the same hand that touched nothing; `gravity`: in the
+    palm frame, m/s², where neither hand nor recording says it. Raises HandError."""
     recording = load(path)
-    spec, calm = recording.spec, Calm.usual(recording.spec) if free is None else limits(free, hand)
-    t, disturbance, off, each = _seen(recording, hand, calm)
+    spec, calm = recording.spec, Calm.usual(recording.spec) if free is None else limits(free, hand, gravity)
+    t, disturbance, off, each = _seen(recording, hand, calm, gravity)
     return Mirrored(t, disturbance, off, calm.above, tuple(contacts(t, disturbance, calm.above, spec)), each.anomaly)
 
 
-def limits(free: Path, hand: str) -> Calm:
+def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     """What a free motion does not reach. Raises HandError."""
     recording = load(free)
-    _, disturbance, _, each = _seen(recording, hand, None)
+    _, disturbance, _, each = _seen(recording, hand, None, gravity)
     gains = np.array(each.diagnosis.gains).reshape(-1, len(recording.spec.fingers))
     return Calm.of(disturbance, gains, recording.period, recording.spec)
 
 
-def _seen(recording: Recording, hand: str, calm: Calm | None) -> tuple[Vector, Array, Array, Mirror]:
+def _mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:
     spec, table = recording.spec, recording.meta.get("calibration")
+    if "torque" not in spec.commands:
+        whole = load_spec(hand or spec.model, spec.side)
+        if whole.joints != spec.joints:
+            raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
+        if gravity is None and "gravity" in recording.meta:
+            gravity = np.array(recording.meta["gravity"], dtype=np.float64)
+        return make_loop_mirror(whole, recording.period, calm, gravity=gravity)
     if table is None:
         raise ConfigError(
             f"{recording.path} does not say with which torque constant its counts became N·m: record it through the "
             "hand's bus"
         )
-    each = make_mirror(spec, hand or spec.serial, table["version"], calibration_of(table), recording.period, calm)
+    return make_mirror(spec, hand or spec.serial, table["version"], calibration_of(table), recording.period, calm)
+
+
+def _seen(
+    recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None
+) -> tuple[Vector, Array, Array, Mirror]:
+    each = _mirror_of(recording, hand, calm, gravity)
     t, disturbance, off = [], [], []
     for sample in each.watched(_samples(recording)):
         latest = each.latest()

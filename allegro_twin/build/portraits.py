@@ -8,10 +8,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.build.campaign import Target, spec_of
+from allegro_twin.build.campaign import Target
 from allegro_twin.build.rig import Rig, limits_of
 from allegro_twin.build.trials import AXES, PERIOD, Bench
 from allegro_twin.config.run import LimitSettings
+from allegro_twin.library.gains import ruled
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
@@ -40,8 +41,8 @@ def staged(target: Target, row: Row | None = None) -> Rig:
     """The trial without a draw, ready to be performed: where it has six directions the one with the least margin in
     the target's row of results, without one the first. Raises ConfigError."""
     case = target.case.directions()[0 if row is None else _hardest(row)]
-    spec, rules = spec_of(target), case.ruled
-    bench = Bench(spec, rules.gains or "default", rules.period or PERIOD)
+    spec, rules = target.spec, case.ruled
+    bench = Bench(spec, ruled(rules.gains, spec), rules.period or PERIOD)
     trial = bench.trial(case)
     hand = Guard(trial.backend, limits_of(LimitSettings(), spec))
     return Rig(spec, hand, bench.controller(trial), trial.seconds, trial, trial.backend)

@@ -58,8 +58,8 @@ def make_trial(
     from allegro_twin.library.named import load_grasp
 
     settings, path = load_scenario(scenario)
-    if settings.hand != spec.model and grasp is None:
-        raise ConfigError(f"{path} is for the hand {settings.hand}; this one is {spec.model}: name another grasp, too")
+    if settings.model != spec.model and grasp is None:
+        raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
     if thing is not None:
         others = settings.objects[1:]
         settings = settings.model_copy(update={"objects": (object_of(thing), *others)})

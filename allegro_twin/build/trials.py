@@ -14,8 +14,9 @@ from allegro_twin.build.foreign import foreign
 from allegro_twin.build.rig import limits_of
 from allegro_twin.build.simulated import object_of
 from allegro_twin.config.run import LimitSettings
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, Follow, Gravity
 from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.held import Report
 from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
 from allegro_twin.evaluate.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario
@@ -23,7 +24,8 @@ from allegro_twin.evaluate.together import Measure, Verdict, together
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.grasping import Timed, performer
-from allegro_twin.library.gains import load_gains
+from allegro_twin.library.entries import HAND
+from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim.statics import hand_model
@@ -66,7 +68,7 @@ class Case:
 
 
 class Bench:
-    """Makes trials of one hand, under PD at one set of gains or as their grasp controls force."""
+    """Makes trials of one hand: under PD at one set of gains, as their grasp controls force, or in its own loop."""
 
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
         self.spec, self.period, self._threads = spec, period, threads
@@ -93,7 +95,11 @@ class Bench:
         )  # fmt: skip
 
     def controller(self, trial: Trial) -> Any:
-        """What performs a trial's grasp."""
+        """What performs a trial's grasp. Raises ConfigError for one that this hand cannot perform."""
+        if "torque" not in self.spec.commands:
+            if trial.grasp.grip is not None:
+                raise ConfigError(f"grasp {trial.grasp.name} controls force by torques; {self.spec.name} takes none")
+            return Follow(trial.reference)
         if trial.grasp.grip is None:
             return PD(trial.reference, self.gains, self._gravity)
         timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
@@ -101,24 +107,33 @@ class Bench:
 
 
 @lru_cache(maxsize=8)
-def _bench(side: Side, serial: str, gains: str, period: float, threads: int) -> Bench:
-    return Bench(load_spec(side=side, serial=serial), gains, period, threads)
+def _bench(hand: str, side: Side, serial: str, gains: str, period: float, threads: int) -> Bench:
+    return Bench(load_spec(hand, side, serial), gains, period, threads)
+
+
+def hand_of(item: Mapping[str, Any]) -> str:
+    """The model of hand that an item is of: its `hand`, its scenario's, or, of a file, that of such files."""
+    if "hand" in item:
+        return str(item["hand"])
+    return HAND if "file" in item else load_scenario(item["scenario"])[0].hand
 
 
 def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A unit of a sweep. `shared`: `serial`, `gains`, `threads`, `metrics` (true: those of the contacts at the end of
     the first phase that checks; NaN where there is a draw). An item: `scenario` (a name or a path), and where they
-    differ from its own `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them, `row`,
-    `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
+    differ from its own `hand`, `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them,
+    `row`, `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
-    groups: dict[tuple[Side, str, float], list[tuple[int, Case]]] = {}
+    groups: dict[tuple[str, Side, str, float], list[tuple[int, Case]]] = {}
+    serial = shared.get("serial", "")
     for index, item in enumerate(items):
-        side = item.get("side", "right")
-        case = case_of(item, load_spec(side=side, serial=shared.get("serial", "")))
-        gains = case.ruled.gains or shared.get("gains", "default")
-        groups.setdefault((side, gains, case.ruled.period or PERIOD), []).append((index, case))
-    for (side, gains, period), members in groups.items():
-        bench = _bench(side, shared.get("serial", ""), gains, period, shared.get("threads", 0))
+        hand, side = hand_of(item), item.get("side", "right")
+        spec = load_spec(hand, side, serial)
+        case = case_of(item, spec)
+        gains = ruled(case.ruled.gains or shared.get("gains"), spec)
+        groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
+    for (hand, side, gains, period), members in groups.items():
+        bench = _bench(hand, side, serial, gains, period, shared.get("threads", 0))
         split = [case.directions() for _, case in members]
         measure = _nominal if shared.get("metrics") else None
         verdicts = bench.verdicts([case for cases in split for case in cases], measure)
@@ -148,7 +163,7 @@ def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool 
     named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
     row: dict[str, Any] = {
         "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
-        "side": side, "protocol": f"{named} {case.ruled.version}",
+        "hand": case.scenario.model, "side": side, "protocol": f"{named} {case.ruled.version}",
         "held": all(verdict.held for verdict in verdicts),
         "reason": worst.stopped if worst.report is None else worst.report.reason,
     } | _numbers(worst.report)  # fmt: skip

@@ -25,6 +25,13 @@ def hands() -> list[str]:
     return _stems("conf/hands")
 
 
+def models() -> list[str]:
+    """Of hands."""
+    from allegro_twin.description.hands import is_model
+
+    return [name for name in hands() if is_model(name)]
+
+
 def protocols() -> list[str]:
     return _stems("conf/protocols")
 

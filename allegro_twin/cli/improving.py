@@ -64,7 +64,8 @@ def _begun(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenari
     from allegro_twin.evaluate.scenario import load_scenario
     from allegro_twin.library.named import load_grasp
 
-    spec, (settings, path) = load_spec(), load_scenario(scenario)
+    settings, path = load_scenario(scenario)
+    spec = load_spec(settings.hand)
     if thing is not None:
         settings = settings.model_copy(update={"objects": (object_of(thing), *settings.objects[1:])})
     begun = load_grasp(grasp or settings.grasp, spec)

@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from allegro_twin.build.mirroring import Mirrored
     from allegro_twin.build.rig import Rig
     from allegro_twin.config import RunConfig
+    from allegro_twin.mirror.diagnosis import Calm
     from allegro_twin.mirror.mirror import Mirror
     from allegro_twin.spec import HandSpec
-    from allegro_twin.types import Sample
+    from allegro_twin.types import Sample, Vector
 
 
 class Wanted(NamedTuple):
@@ -31,6 +32,8 @@ class Wanted(NamedTuple):
     rrd: Path | None = None
     live: str | None = None
     """`native` or `web`."""
+    gravity: Vector | None = None
+    """In the palm frame, m/s², where the hand does not report it."""
 
 
 def live(
@@ -38,22 +41,17 @@ def live(
 ) -> Mirrored:
     """Run a config's hand with its mirror beside it. Raises HandError; HandFault for what is to stop it."""
     from allegro_twin.build.assemble import assemble
-    from allegro_twin.build.mirroring import Mirrored, limits, make_mirror
-    from allegro_twin.build.wired import codec_of
-    from allegro_twin.config import CanSettings
+    from allegro_twin.build.mirroring import Mirrored
+    from allegro_twin.config import CanSettings, DynamixelSettings
     from allegro_twin.loop import run, to_the_end, until
-    from allegro_twin.mirror.diagnosis import Calm
     from allegro_twin.mirror.events import contacts
 
-    if not isinstance(config.backend, CanSettings):
+    if not isinstance(config.backend, CanSettings | DynamixelSettings):
         raise ConfigError(
-            f"a {config.backend.kind} hand is its own twin: `mirror` is for hands on a bus, and recordings"
+            f"a {config.backend.kind} hand is its own twin: `mirror` is for hands on a bus or a line, and recordings"
         )
-    codec, rig = codec_of(config, config.backend), assemble(config)
-    calm = Calm.usual(rig.spec) if wanted.free is None else limits(wanted.free, hand or rig.spec.serial)
-    each = make_mirror(
-        rig.spec, hand or rig.spec.serial, codec.version, codec.calibration, config.period, calm, wanted.stop
-    )
+    rig = assemble(config)
+    each, calm = _mirror(config, rig, hand, wanted)
     rows = []
     with closing(rig.backend), ExitStack() as stack:
         samples = each.watched(to_the_end(run(rig.backend, rig.controller)))
@@ -70,12 +68,37 @@ def live(
     return Mirrored(t, disturbance, off, calm.above, touches, each.anomaly)
 
 
+def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> tuple[Mirror, Calm]:
+    """And from where on a push is a touch. Raises HandError."""
+    from allegro_twin.build.mirroring import limits, make_loop_mirror, make_mirror
+    from allegro_twin.build.wired import codec_of
+    from allegro_twin.config import CanSettings
+    from allegro_twin.mirror.diagnosis import Calm
+
+    gravity = _down(rig, wanted)
+    file = hand or rig.spec.serial
+    calm = Calm.usual(rig.spec) if wanted.free is None else limits(wanted.free, file, gravity)
+    if not isinstance(config.backend, CanSettings):
+        return make_loop_mirror(rig.spec, config.period, calm, wanted.stop, gravity), calm
+    codec = codec_of(config, config.backend)
+    made = make_mirror(rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop)
+    return made, calm
+
+
+def _down(rig: Rig, wanted: Wanted) -> Vector | None:
+    from allegro_twin.build.mirroring import down
+
+    return down(rig) if wanted.gravity is None else wanted.gravity
+
+
 def _kept(samples: Iterator[Sample], config: RunConfig, rig: Rig, mirror: Mirror, wanted: Wanted) -> Iterator[Sample]:
     from allegro_twin.replay.recorder import recorded
 
-    if wanted.record is None or rig.wire is None:
+    if wanted.record is None or rig.there is None:
         return samples
-    meta: dict[str, object] = {"calibration": rig.wire.calibration, "config": config.model_dump(mode="json")}
+    meta: dict[str, object] = {"calibration": rig.there.calibration, "config": config.model_dump(mode="json")}
+    gravity = _down(rig, wanted)
+    meta |= {} if gravity is None else {"gravity": gravity.tolist()}
     meta |= rig.sim.meta() if rig.sim is not None else {}
     return recorded(samples, wanted.record, rig.spec, config.period, meta=meta, extras=mirror.latest)
 
@@ -106,6 +129,17 @@ def _drawn(
             viewer.spawn()
         samples = drawn(paced(samples) if not rig.live else samples, mirror, viewer, health)
     return samples
+
+
+def vector(text: str) -> Vector:
+    """From `0,0,-9.81`, m/s². Raises ConfigError."""
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise ConfigError(f"--gravity {text}: three numbers with commas between, as 0,0,-9.81") from error
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ConfigError(f"--gravity {text}: three numbers with commas between, as 0,0,-9.81")
+    return values
 
 
 def table(found: Mirrored, joints: tuple[str, ...]) -> Table:

@@ -10,6 +10,7 @@ import typer
 from allegro_twin.cli import complete, options
 from allegro_twin.cli.evaluating import Engines
 from allegro_twin.errors import ConfigError
+from allegro_twin.library.entries import HAND
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.scenario import Scenario
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 Thing = Annotated[
     str, typer.Argument(metavar="OBJECT", help="A name of the catalogue, or a mesh.", autocompletion=complete.objects)
 ]
+Hand = Annotated[str, typer.Option(help="The model of hand, or a card's path.", autocompletion=complete.models)]
 
 
 def register(app: typer.Typer) -> None:
@@ -35,6 +37,7 @@ def plan(
         typer.Argument(metavar="OBJECT", help="A name of the catalogue, or a mesh.", autocompletion=complete.objects),
     ],
     n: Annotated[int, typer.Option("--n", min=1, max=100, help="How many grasps that are apart from each other.")] = 5,
+    hand: Hand = HAND,
     kind: Annotated[str | None, typer.Option("--type", help="Only from this type of the GRASP taxonomy.")] = None,
     out: Annotated[
         Path | None, typer.Option(help="Where to write; plans/OBJECT otherwise.", callback=options.folder)
@@ -70,8 +73,8 @@ def plan(
     from allegro_twin.plan.search import Search
     from allegro_twin.plan.templates import templates
 
-    chosen, spec = engine_of(engine.value, address, None), load_spec()
-    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol})
+    chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
+    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol, "hand": hand})
     load_protocol(protocol)
     search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
     name = scenario.objects[0].name
@@ -121,6 +124,7 @@ def _spread(search: Search, kind: str | None, n: int, seconds: float, seeds: int
 
 def new(
     thing: Thing,
+    hand: Hand = HAND,
     out: Annotated[Path, typer.Option(help="Where to write.", callback=options.folder)] = Path("mine"),
     up: Annotated[Literal["x", "y", "z"], typer.Option(help="Which of the object's axes points at the sky.")] = "z",
     scale: Annotated[float, typer.Option(help="Of a mesh: its file's unit in m.", callback=options.positive)] = 1.0,
@@ -139,7 +143,7 @@ def new(
     from allegro_twin.plan.begin import first_guess
     from allegro_twin.plan.keep import write
 
-    spec, scenario = load_spec(), scenario_of(thing, up, scale, mass, friction)
+    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
     path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")

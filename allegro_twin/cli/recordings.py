@@ -53,10 +53,14 @@ def record(targets: Sequence[Target], rows: Sequence[dict[str, Any]], wanted: Re
 def _made(target: Target, row: Mapping[str, Any], path: Path) -> bool:
     """Whether there is one: a trial in which the guard stops the hand has none."""
     from allegro_twin.build.portraits import staged
-    from allegro_twin.config import RunConfig
+    from allegro_twin.build.simulated import following
+    from allegro_twin.config import HandSettings, RunConfig
     from allegro_twin.session import Outputs, perform
 
-    config = RunConfig.model_validate({"backend": {"kind": "sim"}, "controller": {"kind": "pd"}})
+    hand = HandSettings(model=target.spec.model, side=target.side)
+    config = RunConfig.model_validate(
+        {"hand": hand.model_dump(), "backend": {"kind": "sim"}, "controller": following(hand)}
+    )
     try:
         perform(staged(target, row), config, Outputs(rrd=path))
     except HandFault as error:

@@ -156,12 +156,16 @@ def mirror(
     ] = None,
     view: Annotated[bool, typer.Option(help="Watch a run live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch a run live in the browser.")] = False,
+    gravity: Annotated[
+        str | None, typer.Option(help="In the palm's frame, m/s², of a hand that does not report it: 0,0,-9.81.")
+    ] = None,
 ) -> None:
     """Run the model beside a hand: what it expects, what pushes the fingers, and what is wrong with them; a recording
     plays past it faster."""
     from allegro_twin.cli import console, identifying, mirroring
 
     identifying.check_scipy()
+    down = None if gravity is None else mirroring.vector(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.build.mirroring import mirrored
         from allegro_twin.replay.recording import load
@@ -170,7 +174,7 @@ def mirror(
             raise ConfigError(
                 f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
             )
-        found, spec = mirrored(Path(target), hand or "", free), load(Path(target)).spec
+        found, spec = mirrored(Path(target), hand or "", free, down), load(Path(target)).spec
     else:
         from allegro_twin.build.wired import spec_of
         from allegro_twin.config import load_config
@@ -179,7 +183,7 @@ def mirror(
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
             stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
-            wanted = mirroring.Wanted(free, stop, record, rrd, "web" if web else "native" if view else None)
+            wanted = mirroring.Wanted(free, stop, record, rrd, "web" if web else "native" if view else None, down)
             found = mirroring.live(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )

@@ -88,7 +88,7 @@ def told(
     if errors:
         said = f"{len(errors)} of {len(trials.rows)} trials could not be made; the first: {errors[0]}"
         console.errors.print(f"[yellow]{escape(said)}[/]", soft_wrap=True)
-    for column in ("object", "grasp"):
+    for column in ("object", "grasp", "hand"):
         groups = rates(rows, column)
         if len(groups) < len(rows):
             said = "; ".join(f"{each.name} {each}" for each in groups)

@@ -11,6 +11,7 @@ from allegro_twin.description.arm_mjcf import arm_mjcf
 from allegro_twin.description.arm_urdf import arm_urdf
 from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.mjcf import mjcf
+from allegro_twin.description.tendon_urdf import tendon_urdf
 from allegro_twin.description.text import mesh_name
 from allegro_twin.description.urdf import urdf
 from allegro_twin.files.assets import data_root
@@ -28,7 +29,9 @@ def files() -> dict[Path, str]:
         for visual in (v for link in hand.links for v in link.visuals if v.kind == "rounded"):
             made[Path("meshes") / f"{mesh_name(visual)}.obj"] = mesh.obj(*mesh.rounded_box(visual.size, visual.radius))
     for path in tendons.tables():
-        made[Path("mjcf") / f"{path.stem}_right.xml"] = tendons.tendon_mjcf(path)
+        text = tendons.tendon_mjcf(path)
+        made[Path("mjcf") / f"{path.stem}_right.xml"] = text
+        made[Path("urdf") / f"{path.stem}_right.urdf"] = tendon_urdf(text)
     for model in arms.names():
         arm, spec = arms.load(model), arms.load_arm(model)
         made[Path("mjcf") / f"{model}.xml"] = arm_mjcf(arm, spec)

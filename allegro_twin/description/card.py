@@ -30,6 +30,8 @@ class DrivenCard(Settings):
     upper: float
     effort: Annotated[float, Field(gt=0.0)]
     """The most that the motor gives, N·m; N on a slide or a tendon."""
+    stiffness: Annotated[float, Field(gt=0.0)] | None = None
+    """Of the loop that it closes, effort per unit of position; None: not said, or it takes torques."""
 
     @model_validator(mode="after")
     def _ordered(self) -> DrivenCard:
@@ -132,7 +134,9 @@ def spec_of(path: Path, model: str, side: Side) -> HandSpec:
 def _actuation(card: HandCard) -> Actuation:
     """What the MJCF has of friction and inertia stays there: nobody asks the spec for it."""
     nothing = frozen(np.zeros(len(card.driven)))
-    return Actuation(frozen([each.effort for each in card.driven]), nothing, nothing, nothing)
+    stiff = [each.stiffness for each in card.driven if each.stiffness is not None]
+    effort = frozen([each.effort for each in card.driven])
+    return Actuation(effort, nothing, nothing, nothing, frozen(stiff) if len(stiff) == len(card.driven) else None)
 
 
 def _apart(card: HandCard) -> bool:

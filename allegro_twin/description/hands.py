@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +93,8 @@ def _by_card(model: str, side: Side, serial: str) -> HandSpec:
     path = find(model, "hand", "conf/hands")
     if serial:
         raise ConfigError(f"{path} is the hand's only file: leave out hand.serial ({serial})")
-    return spec_of(path, Path(model).stem, side)
+    found = spec_of(path, Path(model).stem, side)
+    return replace(found, card=str(path)) if Path(model).suffix == ".yaml" else found
 
 
 def side_of(serial: str) -> Side | None:

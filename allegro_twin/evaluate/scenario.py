@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
+from allegro_twin.library.entries import HAND
 from allegro_twin.sim.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
 
@@ -188,20 +189,25 @@ class Scenario(Settings):
     """None: the objects lie on the table."""
     grasp: str
     """Name in the grasp library, or a file; a relative path is the scenario's own."""
-    hand: str = "allegro"
-    """The model of hand whose grasp and palm these are."""
+    hand: str = HAND
+    """The model of hand whose grasp and palm these are, or its card; a relative path is the scenario's own."""
     side: Side = "right"
     wrist: Wrist
     protocol: str = "table_pick"
+
+    @property
+    def model(self) -> str:
+        """The name of that model."""
+        return Path(self.hand).stem
 
 
 def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
     """A scenario by path or name, and the file it came from."""
     path = find(name, "scenario", "scenarios", below=True)
     scenario = load(Scenario, path)
-    if scenario.grasp.endswith(".yaml"):
-        scenario = scenario.model_copy(update={"grasp": str(path.parent / scenario.grasp)})
-    return scenario, path
+    named = {"grasp": scenario.grasp, "hand": scenario.hand}
+    own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
+    return scenario.model_copy(update=own), path
 
 
 def in_direction(protocol: Protocol, axis: int, sign: float) -> Protocol:

@@ -8,11 +8,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from allegro_twin.evaluate.goals import Goals
 from allegro_twin.evaluate.held import Observations, Report, moved
 from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
-from allegro_twin.safety import Limits, clamp, violation
+from allegro_twin.safety import Limits, violation
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.many import Rows, Simulations, layout
 from allegro_twin.sim.probe import Probe
@@ -82,7 +83,7 @@ class _Group:
         self.trials, self.limits, self.n = trials, limits, len(trials)
         self.spec, self.period = backends[0].spec, backends[0].period
         self.steps = substeps(self.period, backends[0].model.opt.timestep)
-        self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads)
+        self.sims = sims = Simulations(self.spec, [backend.model for backend in backends], threads, self.period)
         self.periods = np.array([round(trial.seconds / self.period) for trial in trials])
         most = int(self.periods.max()) + 1
         self._drive = _lasting([backend.drive for backend in backends], most * self.steps)
@@ -92,9 +93,14 @@ class _Group:
                 self._push[row, : len(backend.pushing.force)] = backend.pushing.force
         self._bodies = np.array([t.backend.model.body(t.scenario.objects[0].name).id for t in trials])
         self._palm = backends[0].model.body("palm_link").id
-        sims.position[:] = [backend.posture for backend in backends]
+        sims.place(np.array([backend.posture for backend in backends]))
         sims.begin(self._drive[:, 0])
-        self._torques = Torques(controllers, [self._state(row, 0) for row in range(self.n)])
+        states = [self._state(row, 0) for row in range(self.n)]
+        self._told = (
+            Torques(controllers, states, limits)
+            if sims.servos is None
+            else Goals(controllers, states, limits, self.spec)
+        )
         self._scratch = backends[0].data
         self._probes = [Probe(b.model, self._scratch, self.spec, t.scenario.objects[0].name)
                         for b, t in zip(backends, trials, strict=True)]  # fmt: skip
@@ -118,8 +124,7 @@ class _Group:
             alive = self._going_on(alive, tick, stopped)
             if not len(alive):
                 break
-            torque = self._clamped(alive, tick)
-            self._advance(alive, torque, tick)
+            self._advance(alive, tick)
             tick += 1
             wrong = self._wrong(alive)
             if len(wrong):
@@ -146,16 +151,11 @@ class _Group:
             rows = np.array([row for row in rows if not stopped[row]], dtype=np.int64)
         return rows
 
-    def _clamped(self, rows: Rows, tick: int) -> Array:
-        sims = self.sims
-        torque = self._torques(rows, tick * self.period, sims, lambda row: self._state(row, tick))
-        state = _States(sims.position[rows], np.full((len(rows), self.spec.n_joints), np.nan))
-        return clamp(torque, state, self.limits)  # type: ignore[arg-type]  # It reads no more of a state than this.
-
-    def _advance(self, rows: Rows, torque: Array, tick: int) -> None:
+    def _advance(self, rows: Rows, tick: int) -> None:
+        told = self._told(rows, tick * self.period, self.sims, lambda row: self._state(row, tick))
         first = tick * self.steps
         self.sims.push[rows, self._bodies[rows], :3] = self._push[rows, tick]
-        self.sims.advance(rows, torque, self._drive[rows, first : first + self.steps], self.steps)
+        self.sims.advance(rows, told, self._drive[rows, first : first + self.steps], self.steps)
 
     def _wrong(self, rows: Rows) -> Rows:
         """Of some rows those that may have to stop."""
@@ -220,14 +220,6 @@ class _Group:
             t, self.palm[row, :count], self.thing[row, :count], column("contact_force"),
             column("on_table")[:, 0], column("contacts")[:, 0], column("penetration")[:, 0], self.torque[row, :count],
         )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _States:
-    """What the guard reads of many states."""
-
-    position: Array
-    temperature: Array
 
 
 def _lasting(drives: Sequence[Array], steps: int) -> Array:

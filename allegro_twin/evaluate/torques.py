@@ -1,8 +1,9 @@
-"""Controllers side by side: PD along trajectories as arrays, any other one by one."""
+"""Controllers of torques side by side: PD along trajectories as arrays, any other one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,16 @@ from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.side_by_side import Trajectories
 from allegro_twin.control.trajectory import Trajectory
 from allegro_twin.loop import Controller
+from allegro_twin.safety import Limits, clamp
 from allegro_twin.sim.many import Rows, Simulations
 from allegro_twin.types import Array, HandState
 
 
 class Torques:
-    """What each of many controllers asks for, bit for bit as if it were alone."""
+    """What each of many controllers may ask for, bit for bit as if it were alone behind the guard."""
 
-    def __init__(self, controllers: Sequence[Controller[Any]], states: Sequence[HandState]) -> None:
-        self._controllers = controllers
+    def __init__(self, controllers: Sequence[Controller[Any]], states: Sequence[HandState], limits: Limits) -> None:
+        self._controllers, self._limits = controllers, limits
         self._memory = [each.start(state) for each, state in zip(controllers, states, strict=True)]
         self._gravity: Gravity | None = next((each.gravity for each in controllers if isinstance(each, PD)), None)
         self._place = np.full(len(controllers), -1)
@@ -45,7 +47,8 @@ class Torques:
             row = int(rows[place])
             command, self._memory[row] = self._controllers[row](state_of(row), self._memory[row])
             torque[place] = torque_of(command, sims.spec)
-        return torque
+        seen = _States(sims.position[rows], np.full((len(rows), sims.spec.n_joints), np.nan))
+        return clamp(torque, seen, self._limits)  # type: ignore[arg-type]  # It reads no more of a state than this.
 
     def _pd(self, rows: Rows, t: float, sims: Simulations) -> Array:
         places, position, feed = self._place[rows], sims.position[rows], np.zeros(1)
@@ -55,3 +58,11 @@ class Torques:
             feed = self._gravity.torque_of(position, down)
         rate = target.velocity - sims.velocity[rows]
         return laws.pd(target.position - position, rate, self._kp[places], self._kd[places], feed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _States:
+    """What the guard reads of many states."""
+
+    position: Array
+    temperature: Array

@@ -56,12 +56,13 @@ class HandModel:
     def fingertip_force(self, position: Vector, torque_limit: Vector) -> dict[str, float]:
         """How hard each fingertip can press with its pad at a posture, N.
 
-        Along the tip's x axis n (out of the pad) a force f needs τ = Jᵀ n f, so f = min over joints of limit / |Jᵀ n|.
+        Along the tip's x axis n (out of the pad) a force f needs τ = Jᵀ n f, so f = min over joints of limit / |Jᵀ n|;
+        infinite where no joint moves the tip along it.
         """
         forces = {}
         for name, jacobian in self._jacobians(position, pin.LOCAL).items():
             lever = np.abs(jacobian[0])
-            forces[name] = float((torque_limit[lever > 1e-6] / lever[lever > 1e-6]).min())
+            forces[name] = float((torque_limit[lever > 1e-6] / lever[lever > 1e-6]).min(initial=np.inf))
         return forces
 
     def jacobian(self, position: Vector, palm: Array | None = None) -> dict[str, Array]:
@@ -113,10 +114,14 @@ class HandModel:
 
 
 def _from_urdf(spec: HandSpec, urdf: Path | None) -> pin.Model:
+    """A joint that the spec does not know stays at zero."""
     path = urdf or data_root() / "models" / "urdf" / f"{spec.name}.urdf"
     if not path.is_file():
         raise ConfigError(f"hand {spec.name}: no URDF at {path}")
-    return pin.buildModelFromUrdf(str(path))
+    model = pin.buildModelFromUrdf(str(path))
+    known = {*spec.joints, *(each.name for each in spec.followers)}
+    others = [number for number, name in enumerate(model.names) if number and name not in known]
+    return pin.buildReducedModel(model, others, pin.neutral(model)) if others else model
 
 
 def _is_link(frame: pin.Frame) -> bool:

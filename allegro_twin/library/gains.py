@@ -19,6 +19,11 @@ def gains_names(spec: HandSpec) -> tuple[str, ...]:
     return tuple(read_yaml(data_root() / "conf" / "gains" / f"{spec.model}.yaml"))
 
 
+def ruled(asked: str | None, spec: HandSpec) -> str:
+    """The name of the gains that a protocol asks for; a hand that closes its own loop keeps its own."""
+    return asked if asked is not None and "torque" in spec.commands else "default"
+
+
 def load_gains(name: str, spec: HandSpec) -> Gains:
     """Gains by name from conf/gains/<model>.yaml; those of its own loop, `default`, for a hand that takes positions.
     Raises ConfigError for an unknown name or a wrong count."""

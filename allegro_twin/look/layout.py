@@ -59,7 +59,7 @@ def _plot(finger: str, kinds: tuple[str, ...]) -> rrb.TimeSeriesView:
 def _eye(spec: HandSpec, scenery: Scenery, start: str) -> rrb.EyeControls3D:
     """The same views as the camera's."""
     palm = matrix_from_quaternion(np.array(scenery.palm[3:]))
-    target, place = seen(start, spec.side, *Skeleton(scenery.bodies).tips(spec), palm)
+    target, place = seen(start, spec.side, *Skeleton(scenery.bodies, spec).tips(), palm)
     middle = np.array(scenery.palm[:3]) + palm @ target.middle
     # Rerun's field of view is wider than MuJoCo's.
     return rrb.EyeControls3D(

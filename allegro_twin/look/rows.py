@@ -48,7 +48,7 @@ class Rows:
     """Collects moments and sends them together."""
 
     def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
-        self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies)
+        self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies, spec)
         self._object = next(iter(scene.objects), None)
         self._scene = scene
         self._wanted: Vector | None = None

@@ -39,15 +39,16 @@ def bodies_of(spec: HandSpec) -> tuple[Body, ...]:
 
 
 class Skeleton:
-    """Forward kinematics of bodies, for many moments at once."""
+    """Forward kinematics of a hand's bodies, for many moments at once; joints that follow are where they would be
+    free."""
 
-    def __init__(self, bodies: Sequence[Body]) -> None:
-        self.bodies = tuple(bodies)
+    def __init__(self, bodies: Sequence[Body], spec: HandSpec) -> None:
+        self.bodies, self._spec = tuple(bodies), spec
         self._turns = [matrix_from_quaternion(np.array(body.quaternion)) for body in bodies]
 
     def places(self, position: Array) -> list[tuple[Array, Array]]:
         """For joint positions (k, n), rad, each body's place (k, 3), m, and rotation (k, 3, 3) in the palm's frame."""
-        moments = len(position)
+        position, moments = self._spec.moved(position), len(position)
         found: list[tuple[Array, Array]] = []
         for body, turn in zip(self.bodies, self._turns, strict=True):
             place = np.tile(np.array(body.position), (moments, 1))
@@ -64,9 +65,13 @@ class Skeleton:
             found.append((place, rotation))
         return found
 
-    def tips(self, spec: HandSpec) -> tuple[Array, Array]:
+    def tips(self) -> tuple[Array, Array]:
         """Where the last links of the fingers are, straight and half bent, (f, 3), m each: what a view is found by."""
+        spec = self._spec
         last = {finger.joints[-1] for finger in spec.fingers}
+        if spec.followers:  # A motor is in the palm: the ends are what carries nothing further that moves.
+            carrying = {body.parent for body in self.bodies if body.joint >= 0}
+            last = {body.joint for k, body in enumerate(self.bodies) if k not in carrying and body.joint >= 0}
         rows = np.stack([np.clip(np.zeros(spec.n_joints), spec.lower, spec.upper), (spec.lower + spec.upper) / 2])
         places = [p for body, (p, _) in zip(self.bodies, self.places(rows), strict=True) if body.joint in last]
         straight, bent = np.stack(places, axis=1)

@@ -25,7 +25,7 @@ class Frame(NamedTuple):
     axis: Vector | None
     """Unit, (3,), in the child's frame; None: it does not move."""
     joint: int
-    """Its number in the spec's order; -1: none."""
+    """Its number in `spec.moving`; -1: none."""
 
 
 def description(spec: HandSpec) -> str:
@@ -45,13 +45,14 @@ class Frames:
         self.fixed = [frame for frame in frames if frame.axis is None]
         children = {frame.child for frame in frames}
         self.root = next(frame.parent for frame in frames if frame.parent not in children)
+        self._spec = spec
         self._index = np.array([frame.joint for frame in self.moving])
         self._axis = np.array([frame.axis for frame in self.moving])
         self._turn = np.array([frame.turn for frame in self.moving])
 
     def at(self, words: Vocabulary, stamp: int, position: Vector) -> Message:
         """TFMessage of every joint at a posture, (n,), rad."""
-        half = position[self._index, None] / 2.0
+        half = self._spec.moved(position)[self._index, None] / 2.0
         turns = _times(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         return _message(words, stamp, self.moving, turns)
 
@@ -65,10 +66,11 @@ def _frame(joint: ElementTree.Element, spec: HandSpec) -> Frame:
         found = joint.find(name)
         return "" if found is None else found.get(key, "")
 
-    fixed = joint.get("type") == "fixed"
+    name = str(joint.get("name"))
+    fixed = joint.get("type") == "fixed" or name not in spec.moving
     xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
     axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
-    index = -1 if fixed else spec.joint(str(joint.get("name")))
+    index = -1 if fixed else spec.moving.index(name)
     return Frame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
 
 

@@ -26,8 +26,8 @@ CLEAR = 0.03
 """What the next likely name must lack of the squares that the likeliest takes away."""
 RARE = 3e5
 """Looks in which a free finger reaches its threshold once: 20 hours."""
-DEFAULT = 0.02
-"""N·m, where no free motion says what a touch is."""
+DEFAULT, PART = 0.02, 0.03
+"""N·m, and of a motor's limit, where no free motion says what a touch is."""
 BLOCK, FEWEST = 20, 4
 """Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
 
@@ -42,8 +42,11 @@ class Calm(NamedTuple):
 
     @staticmethod
     def usual(spec: HandSpec) -> Calm:
-        """Where no free motion was seen."""
-        return Calm(np.full(spec.n_joints, DEFAULT), np.full(len(spec.fingers), np.inf))
+        """Where no free motion was seen; of a hand that closes its own loop a share of what its motors give."""
+        above = np.full(spec.n_joints, DEFAULT)
+        if "torque" not in spec.commands:
+            above = np.maximum(above, PART * spec.actuation.torque_limit)
+        return Calm(above, np.full(len(spec.fingers), np.inf))
 
     @staticmethod
     def of(disturbance: Array, gains: Array, period: float, spec: HandSpec) -> Calm:

@@ -6,10 +6,12 @@ from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 
+from allegro_twin.backend import limp_of, position_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.anomalies import NAMES, Anomaly, words
 from allegro_twin.mirror.diagnosis import Calm, Diagnosis
 from allegro_twin.mirror.events import PERIODS, SETTLED, pushed
+from allegro_twin.sim.loop_observer import LoopObserver
 from allegro_twin.sim.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
@@ -19,18 +21,22 @@ STOPS = ("contact", *NAMES)
 
 
 class Mirror:
-    """Keeps up with samples. `torque_constant`: with which the host's counts became N·m, (n,)."""
+    """Keeps up with samples: with the torques that a hand reports, or, where it closes its own loop, with what it is
+    told. `torque_constant`: with which the host's counts became N·m, (n,); of the former alone."""
 
     def __init__(
         self,
         spec: HandSpec,
-        observer: Observer,
+        observer: Observer | LoopObserver,
         torque_constant: Vector,
         calm: Calm | None = None,
         stop: Collection[str] = (),
+        gravity: Vector | None = None,
     ) -> None:
-        """`calm`: what free motions do not reach; `stop`: of STOPS, what leaves the hand limp."""
+        """`calm`: what free motions do not reach; `stop`: of STOPS, what leaves the hand limp; `gravity`: in the palm
+        frame, (3,), m/s², where the hand does not report it."""
         self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
+        self._gravity, self._told = gravity, limp_of(spec)
         self._calm = calm or Calm.usual(spec)
         self._estimate: Estimate | None = None
         self._begun: float | None = None
@@ -42,7 +48,7 @@ class Mirror:
         return self._spec
 
     @property
-    def observer(self) -> Observer:
+    def observer(self) -> Observer | LoopObserver:
         """The simulation beside the hand."""
         return self._observer
 
@@ -70,18 +76,31 @@ class Mirror:
         """A stage that passes the samples on. Raises ConfigError for a hand that does not say where down is, HandFault
         for what is to stop it."""
         for sample in samples:
-            self.see(sample.state)
+            self.see(sample)
             yield sample
 
-    def see(self, state: HandState) -> None:
-        """The next state. Raises as `watched`."""
+    def see(self, sample: Sample) -> None:
+        """The next sample. Raises as `watched`."""
+        state = sample.state
         if self._begun is None:
             self._begin(state)
-            return
+        else:
+            self._estimate, torque = self._expected(state)
+            if state.t > self._begun + SETTLED:
+                self._judge(state, self._estimate, torque)
+        self._told = sample.command
+
+    def _expected(self, state: HandState) -> tuple[Estimate, Vector]:
+        """Of the period that ended with a state, and what the motors gave in it by the model, (n,), N·m."""
+        observer, down = self._observer, self._down(state)
+        if isinstance(observer, LoopObserver):
+            told = position_of(self._told, self._spec)
+            return observer.step(told, down, state.position), observer.torque
         duty = state.torque / self._constant
-        self._estimate = self._observer.step(duty, state.gravity, state.position)
-        if state.t > self._begun + SETTLED:
-            self._judge(state, self._estimate, duty)
+        return observer.step(duty, down, state.position), duty * observer.torque_constant
+
+    def _down(self, state: HandState) -> Vector:
+        return state.gravity if self._gravity is None else self._gravity
 
     def latest(self) -> dict[str, Array]:
         """Further columns of a recording. `event`: 1 for every finger that is touched, then which anomaly, counted from
@@ -95,16 +114,16 @@ class Mirror:
         }
 
     def _begin(self, state: HandState) -> None:
-        if not np.isfinite(state.gravity).all():
-            raise ConfigError("the mirror must know where down is: `backend.gravity`, or the hand's IMU")
+        if not np.isfinite(self._down(state)).all():
+            raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         self._begun = state.t
         self._observer.reset(state.position)
 
-    def _judge(self, state: HandState, estimate: Estimate, duty: Vector) -> None:
+    def _judge(self, state: HandState, estimate: Estimate, torque: Vector) -> None:
         over = pushed(estimate.disturbance, self._calm.above, self._spec) > 1.0
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
-        torque, off = duty * self._observer.torque_constant, state.position - estimate.predicted
+        off = state.position - estimate.predicted
         diagnosis.add(state, estimate, torque, off, self._observer.pull() if diagnosis.due else None)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self._calm.above))

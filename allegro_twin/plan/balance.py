@@ -6,7 +6,7 @@ import numpy as np
 
 from allegro_twin.evaluate.metrics.contacts import Contacts, contacts, wrenches
 from allegro_twin.evaluate.metrics.nearest import nearest
-from allegro_twin.sim.workbench import Meetings
+from allegro_twin.sim.workbench import Meetings, Workbench
 from allegro_twin.types import Array
 
 LEVER = 0.04
@@ -15,9 +15,14 @@ UNBALANCED = 0.25
 """More of every newton than this is left over: the fingers would push the object away."""
 
 
-def gripped(touch: Meetings, centre: Array, friction: float) -> Contacts:
-    """What a workbench has found, as contacts of which metrics are taken."""
-    return contacts(touch.points, touch.normals, friction, centre=centre, length=LEVER)
+def gripped(touch: Meetings, centre: Array, friction: float, torsion: float = 0.0) -> Contacts:
+    """What a workbench has found, as contacts of which metrics are taken; `torsion`: of each, m."""
+    return contacts(touch.points, touch.normals, friction, torsion, centre=centre, length=LEVER)
+
+
+def torsion_of(bench: Workbench) -> float:
+    """Counted for a hand of two fingers alone, m: about the line between them nothing else resists."""
+    return float(bench.model.geom_friction[:, 1].max()) if len(bench.spec.fingers) == 2 else 0.0
 
 
 def imbalance(held: Contacts) -> float:

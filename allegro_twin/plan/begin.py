@@ -14,8 +14,8 @@ from allegro_twin.evaluate.timeline import stage
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import grasp_of, scenario_of
+from allegro_twin.plan.fingers import OVER
 from allegro_twin.plan.propose import Proposer
-from allegro_twin.plan.quick import OVER
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
 from allegro_twin.spec import HandSpec

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.sim.workbench import Meetings, Workbench
+from allegro_twin.sim.workbench import Indices, Meetings, Workbench
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
 
 COARSE, FINE = 0.17, 0.04
 """rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
@@ -15,19 +17,37 @@ FURTHEST = 1.6
 """rad that a joint closes."""
 
 
+def units(spec: HandSpec) -> Vector:
+    """How far each motor goes while what it moves turns by a radian, (n,): 1 where it turns joints itself; less where a
+    tendon or a linkage moves its fastest follower by more, and where its whole way is short, on a slide say."""
+    found = np.ones(spec.n_joints)
+    span = spec.upper - spec.lower
+    for each in spec.followers:
+        steepest = np.abs(np.diff(each.positions)).max() * (len(each.positions) - 1) / span[each.driven]
+        found[each.driven] = min(found[each.driven], 1.0 / max(steepest, 1e-9), span[each.driven] / FURTHEST)
+    return found
+
+
 def closed(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, Meetings]:
-    """The candidate with its fingers closed, and where it touches the object."""
-    spec = bench.spec
-    posture = candidate.preshape.copy()
-    moving = candidate.closing.copy()
-    for _ in range(round(FURTHEST / step)):
-        posture = np.clip(posture + step * moving, spec.lower, spec.upper)
-        bench.place(candidate.position, candidate.rotation, posture)
-        parts, links = bench.meets()
-        for part, link in zip(parts.tolist(), links.tolist(), strict=True):
-            if link >= 0:
-                moving[list(spec.fingers[part].joints[: link + 1])] = 0.0
-        moving[(posture <= spec.lower) | (posture >= spec.upper)] = 0.0
+    """The candidate with its fingers closed, each motor where the last joint that it moves has stopped, and where the
+    hand touches the object."""
+    spec, of = bench.spec, bench.motors
+    by, lower, upper = units(spec)[of], spec.lower[of], spec.upper[of]
+    at, moving = candidate.preshape[of].copy(), candidate.closing[of].copy()
+    furthest = np.where(np.isin(of, [each.driven for each in spec.followers]), (upper - lower) / by, FURTHEST)
+    for _ in range(round(float(furthest.max()) / step)):
+        at = np.clip(at + step * by * moving, lower, upper)
+        bench.place_each(candidate.position, candidate.rotation, at)
+        moving[bench.stopped() | (at <= lower) | (at >= upper)] = 0.0
         if not moving.any():
             break
-    return replace(candidate, close=posture), bench.touch()
+    return replace(candidate, close=_last(candidate, of, at)), bench.touch()
+
+
+def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
+    """Where the motors are whose joints are `at`, (joints,): with that joint which has gone furthest."""
+    close = candidate.preshape.copy()
+    for motor in np.unique(of):
+        mine = at[of == motor]
+        close[motor] = mine[np.argmax(candidate.closing[motor] * mine)]
+    return close

@@ -15,7 +15,7 @@ from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import rounded, row
-from allegro_twin.plan.ease import eased, resting
+from allegro_twin.plan.ease import check_loop, eased, resting
 from allegro_twin.plan.poses import closing_of
 from allegro_twin.plan.versions import Try, Version, Where, score, tries
 from allegro_twin.spec import HandSpec
@@ -60,7 +60,8 @@ class Improvement:
     """How many processes the engine has."""
 
     def run(self, tell: Callable[[int, float], None] = lambda round_, share: None) -> Improved:
-        """Search, and compare. `tell`: the round and the best share of draws held in it."""
+        """Search, and compare. `tell`: the round and the best share of draws held in it. Raises HandError."""
+        check_loop(self.spec)
         first = Version(self.scenario, self.grasp)
         random, scale = np.random.default_rng(self.seed), 1.0
         elite = [(float(self._score([first])[0]), first)]
@@ -110,7 +111,7 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     )  # fmt: skip
     change = scale * JOINT * random.normal(size=spec.n_joints)
     told = (grasp.squeeze - grasp.close) * np.exp(scale * SQUEEZE * random.normal())
-    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp) != 0.0)
+    told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp, spec) != 0.0)
     close = rounded(grasp.close + change, spec)
     better = replace(
         grasp, preshape=rounded(grasp.preshape + change, spec), close=close, squeeze=rounded(close + told, spec)

@@ -60,6 +60,8 @@ def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> di
     """What a file says of a scenario, and no default."""
     content = scenario.model_dump(mode="json", exclude_defaults=True)
     content["objects"] = [_object(thing, folder) for thing in scenario.objects]
+    if scenario.hand.endswith(".yaml"):
+        content["hand"] = os.path.relpath(scenario.hand, folder)
     content |= {"description": description, "friction": scenario.friction, "grasp": grasp}
     return {key: content[key] for key in ("description", "objects", *content) if key in content}
 

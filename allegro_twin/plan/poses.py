@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.plan.closing import units
 from allegro_twin.plan.surface import Random, Surface
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -47,22 +48,23 @@ def guesses(on: Surface, axes: Array, templates: Sequence[Grasp], spec: HandSpec
     position = on.points - np.einsum("kij,kj->ki", rotation, offset)
     chosen = random.integers(len(templates), size=count)
     preshape = np.stack([_opened(templates[number], spec, random) for number in chosen])
-    closing = np.stack([closing_of(templates[number]) for number in chosen])
+    closing = np.stack([closing_of(templates[number], spec) for number in chosen])
     return Guesses(position, rotation, preshape, closing, [templates[number].name for number in chosen])
 
 
-def closing_of(grasp: Grasp) -> Array:
-    """Which way each joint moves from pre-shape to squeeze; 0 where it moves by less than 0.1 rad."""
+def closing_of(grasp: Grasp, spec: HandSpec) -> Array:
+    """Which way each motor goes from pre-shape to squeeze; 0 where what it moves turns by less than 0.1 rad."""
     travel = grasp.squeeze - grasp.preshape
-    closing: Array = np.where(np.abs(travel) > 0.1, np.sign(travel), 0.0)
+    closing: Array = np.where(np.abs(travel) > 0.1 * units(spec), np.sign(travel), 0.0)
     return closing
 
 
 def _opened(grasp: Grasp, spec: HandSpec, random: Random) -> Array:
     """A pre-shape of the library, more or less open than it is."""
     part = random.uniform(-0.4, 0.7)
-    posture = grasp.preshape + part * (grasp.close - grasp.preshape) + random.normal(0.0, NOISE, spec.n_joints)
-    inside: Array = np.clip(posture, spec.lower + 0.01, spec.upper - 0.01)
+    noise, edge = random.normal(0.0, NOISE, spec.n_joints) * units(spec), 0.01 * units(spec)
+    posture = grasp.preshape + part * (grasp.close - grasp.preshape) + noise
+    inside: Array = np.clip(posture, spec.lower + edge, spec.upper - edge)
     return inside
 
 

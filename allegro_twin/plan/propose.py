@@ -11,9 +11,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.metrics.carrying import least_normal_force
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
+from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance, torsion_of
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.closing import COARSE, closed
+from allegro_twin.plan.closing import COARSE, closed, units
 from allegro_twin.plan.poses import NOISE, Guesses, guesses
 from allegro_twin.plan.region import SHARE, Region, in_frame_of
 from allegro_twin.plan.surface import Random, Surface, placed_surface
@@ -102,7 +102,8 @@ class Proposer:
 
 def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> Guesses:
     turn = matrix_from_quaternion(quaternion_from_vector(TURN * random.normal(size=3)))
-    preshape = np.clip(candidate.preshape + NOISE * random.normal(size=spec.n_joints), spec.lower, spec.upper)
+    noise = NOISE * random.normal(size=spec.n_joints) * units(spec)
+    preshape = np.clip(candidate.preshape + noise, spec.lower, spec.upper)
     position = candidate.position + METRES * random.normal(size=3)
     return Guesses(
         position[None], (turn @ candidate.rotation)[None], preshape[None], candidate.closing[None], [candidate.template]
@@ -151,7 +152,7 @@ def promise(
     fingers = set(touch.part.tolist())
     if len(fingers) < 2 or bench.meets_table() or not fingers & {palm, palm - 1}:
         return None  # A finger alone, or fingers without anything against them.
-    held = gripped(touch, centre, friction)
+    held = gripped(touch, centre, friction, torsion_of(bench))
     if imbalance(held) > UNBALANCED:
         return None
     force = float(least_normal_force(held, loads(candidate.rotation, bench.mass, turns)).max())

@@ -14,7 +14,7 @@ from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.together import Measure
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
-from allegro_twin.library.gains import load_gains
+from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.confirm import grasp_of, scenario_of
@@ -191,7 +191,8 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
     """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
-    runner = Bench(prover.spec, protocol.gains or "default", protocol.period or PERIOD, prover.threads)
+    gains = ruled(protocol.gains, prover.spec)
+    runner = Bench(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
         Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
     ]

@@ -4,15 +4,17 @@ then they squeeze, lift and turn it, fast and coarsely, many candidates side by 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gains, GravityTorque
+from allegro_twin.control.controllers import Gains
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
-from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance
+from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance, torsion_of
 from allegro_twin.plan.candidate import Candidate
+from allegro_twin.plan.fingers import OVER, Performer, fingers_of
 from allegro_twin.plan.surface import Random
 from allegro_twin.sim import wrist
 from allegro_twin.sim.many import Rows, Simulations
@@ -24,14 +26,10 @@ STEPS = 2
 """Physics steps in a control period."""
 OPEN = 0.2
 """rad, by which fingers begin before the posture in which geometry has them touch."""
-CLOSING, SETTLING, LIFTING, TURNING = 0.45, 0.25, 0.4, 1.1
+SETTLING, LIFTING, TURNING = 0.25, 0.4, 1.1
 """s."""
-CAP = 0.45
-"""Of their torque limit that fingers close with."""
 LIGHT, STRONG = 0.35, 1.0
 """Of it that they squeeze with, at least and at most; drawn."""
-OVER = 1.15
-"""A position grasp is told to go so much further than the torque needs: contacts give."""
 HEIGHT = 0.06
 """m, of the lift."""
 DRIFT, ROTATION = 0.012, 18.0
@@ -49,18 +47,10 @@ class Outcome(NamedTuple):
     """How far it came: 0 closing, 1 to 2 during the lift, 2 to 3 during the turn."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Performer:
-    """What moves the fingers."""
-
-    gains: Gains
-    gravity: GravityTorque
-
-
 def tried(
     bench: Workbench, candidates: Sequence[Candidate], performer: Performer, friction: float, random: Random
 ) -> list[Outcome]:
-    """All of them, side by side, in order. The workbench's model is stepped as it is."""
+    """All of them, side by side, in order."""
     run = _Run(bench, list(candidates), performer, friction, random)
     run.close()
     run.squeeze()
@@ -79,37 +69,35 @@ class _Run:
         self, bench: Workbench, candidates: list[Candidate], performer: Performer, friction: float, random: Random
     ) -> None:
         self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
-        self.gains, self.gravity = performer.gains, performer.gravity
-        n = len(candidates)
+        self.gains, n = performer.gains, len(candidates)
         self.where, self.reached = ["passed"] * n, np.zeros(n)
         self.alive: Rows = np.arange(n)
-        self.sims = Simulations(bench.spec, [bench.model] * n)
+        self.period = STEPS * float(bench.model.opt.timestep)
+        # A copy, for a hand that closes its own loop has what its motors may give in there.
+        self.sims = Simulations(bench.spec, [copy(bench.model)] * n, period=self.period)
         self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
-        self.target = np.array([_opened(c) for c in candidates])
+        self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
-        self.sims.position[:] = self.target
+        close = np.array([c.close for c in candidates])
+        self.fingers = fingers_of(self.sims, performer, self.target, self.closing, close)
+        self.sims.place(self.target)
         for axis, name in enumerate(wrist.JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
         self._table = wrist.commands([], bench.model.opt.timestep, wrist.load(bench.model))
         self.place = np.zeros(6)
         self.sims.begin(self.base + self._table[0])
         self.palm = bench.model.body("palm_link").id
-        self.period = STEPS * float(bench.model.opt.timestep)
 
     def close(self) -> None:
-        """Torque on the joints that close, the others stay."""
-        limit, held = self.bench.spec.actuation.torque_limit, self.target.copy()
-        for k in range(round(CLOSING / self.period)):
-            ramp = min(1.0, (k + 1) * self.period / 0.1)
-            push = ramp * CAP * limit * self.closing - self.gains.kd * self.sims.velocity
-            stay = self.gains.kp * (held - self.sims.position) - self.gains.kd * self.sims.velocity
-            self._step(np.where(self.closing != 0.0, push, stay))
+        """The joints that close press, the others stay."""
+        for k in range(round(self.fingers.seconds / self.period)):
+            self._step(self.fingers.press(self.alive, (k + 1) * self.period))
         for row in self.alive.tolist():
             self.sims.look(row, self.bench.scratch)
             touch, centre = self.bench.touch(self.bench.scratch), self.bench.scratch.xipos[self.bench.body].copy()
             if not len(touch.points):
                 self.where[row] = "empty"
-            elif imbalance(gripped(touch, centre, self.friction)) > UNBALANCED:
+            elif imbalance(gripped(touch, centre, self.friction, torsion_of(self.bench))) > UNBALANCED:
                 self.where[row] = "unbalanced"
         self._drop()
 
@@ -125,7 +113,7 @@ class _Run:
         for k in range(periods):
             part = min(1.0, 2.0 * (k + 1) / periods)
             self.target = rest + part * (wanted - rest)
-            self._step(self._pd())
+            self._step(self.fingers.go(self.alive, self.target))
         for row in self.alive.tolist():
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
         self.began = self._in_palm()
@@ -137,7 +125,7 @@ class _Run:
         begun = np.ceil(self.reached)
         for k in range(len(table) // STEPS):
             self.reached[self.alive] = begun[self.alive] + (k + 1) * STEPS / len(table)
-            self._step(self._pd(), self.place + table[k * STEPS : (k + 1) * STEPS])
+            self._step(self.fingers.go(self.alive, self.target), self.place + table[k * STEPS : (k + 1) * STEPS])
             if k % 25 == 24:
                 self._judge(name)
         self.place = self.place + sum(segment.move for segment in segments)
@@ -163,21 +151,13 @@ class _Run:
         turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(sims.body_quaternion[:, body]))
         return np.einsum("kji,kj->ki", palm, away), turn
 
-    def _pd(self) -> Array:
-        sims = self.sims
-        torque: Array = self.gains.kp * (self.target - sims.position) - self.gains.kd * sims.velocity
-        return torque
-
-    def _step(self, torque: Array, moved: Array | None = None) -> None:
+    def _step(self, told: Array, moved: Array | None = None) -> None:
         rows, sims = self.alive, self.sims
         if not len(rows):
             return
-        wanted, down = torque[rows], sims.gravity
-        for place, row in enumerate(rows.tolist()):
-            wanted[place] += self.gravity(sims.position[row], down[row])
         steady = np.repeat((self.place + self._table[0])[None], STEPS, axis=0)
         drive = self.base[rows][:, None] + (steady if moved is None else moved)
-        sims.advance(rows, wanted, drive, STEPS)
+        sims.advance(rows, told, drive, STEPS)
         bad = ~np.isfinite(sims.position[rows]).all(axis=1)
         for row in rows[bad].tolist():
             self.where[row] = "diverged"
@@ -195,8 +175,11 @@ def squeezed(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Ar
     return further
 
 
-def _opened(candidate: Candidate) -> Array:
-    """A little before the fingers touch, but no more open than the pre-shape."""
+def _opened(candidate: Candidate, spec: HandSpec) -> Array:
+    """A little before the fingers touch, but no more open than the pre-shape; as that, where one motor moves several
+    joints, of which the first may touch long before the last."""
+    if spec.followers:
+        return candidate.preshape
     back = candidate.close - OPEN * candidate.closing
     ahead = candidate.closing * (back - candidate.preshape) > 0.0
     posture: Array = np.where(ahead, back, candidate.preshape)

@@ -13,13 +13,14 @@ import numpy as np
 from allegro_twin.evaluate.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.evaluate.uncertainty import Uncertainty
-from allegro_twin.library.gains import load_gains
+from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.closing import COARSE, FINE
+from allegro_twin.plan.fingers import Performer
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.prove import Planned, Prover, pushed
-from allegro_twin.plan.quick import Outcome, Performer, squeezed, tried
+from allegro_twin.plan.quick import Outcome, squeezed, tried
 from allegro_twin.plan.region import Region
 from allegro_twin.plan.surface import Random
 from allegro_twin.plan.symmetry import symmetry
@@ -106,7 +107,7 @@ class Search:
 
     def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
         """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
-        gains = load_gains(protocol.gains or "default", self.spec)
+        gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
         further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
         return [
             replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
@@ -119,7 +120,7 @@ class Search:
         return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
 
     def _performer(self, protocol: Protocol) -> Performer:
-        return Performer(load_gains(protocol.gains or "default", self.spec), hand_model(self.spec).gravity_torque)
+        return Performer(load_gains(ruled(protocol.gains, self.spec), self.spec), hand_model(self.spec).gravity_torque)
 
     def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:
         """The best of each place, none of which is where something good was found."""

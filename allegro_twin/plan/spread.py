@@ -39,8 +39,8 @@ def side_by_side(
     processor. `kind`: of their templates; `progress`: how many have ended. Raises HandError when one of them fails."""
     shared = {
         "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
-        "side": search.spec.side, "kind": kind, "n": n, "seconds": seconds, "effort": asdict(search.effort),
-        "region": None if search.region is None else asdict(search.region),
+        "hand": search.spec.called, "side": search.spec.side, "kind": kind, "n": n, "seconds": seconds,
+        "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
     }  # fmt: skip
     items = [{"seed": search.seed + number} for number in range(seeds)]
     table = run(Sweep(SEARCH, items, shared, unit=1), engine=engine, progress=progress).to_pylist()
@@ -55,7 +55,7 @@ def side_by_side(
 
 def searched(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
     """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON."""
-    spec, asked = load_spec(side=shared["side"]), shared["region"]
+    spec, asked = load_spec(shared["hand"], shared["side"]), shared["region"]
     rows = []
     for item in items:
         search = Search(

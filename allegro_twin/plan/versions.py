@@ -58,7 +58,7 @@ def tries(
 ) -> list[list[Try]]:
     """A row for each version, an element for each draw. Raises HandError."""
     items = [{"version": plain(version, spec), "draw": asdict(draw)} for version in versions for draw in draws]
-    shared = {"side": spec.side, "serial": spec.serial, "protocol": protocol,
+    shared = {"hand": spec.called, "side": spec.side, "serial": spec.serial, "protocol": protocol,
               "folder": str(where.folder.resolve()), "threads": int(where.at_once > 1)}  # fmt: skip
     unit = len(items) if where.at_once == 1 else max(1, min(UNIT, len(items) // where.at_once))
     rows = iter(run(Sweep(TRIED, items, shared, unit), engine=where.engine).to_pylist())
@@ -67,7 +67,7 @@ def tries(
 
 def tried(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Units of the sweep: a row with the fields of `Try` for each item's version under its draw."""
-    spec, rules = load_spec(side=shared["side"], serial=shared["serial"]), load_protocol(shared["protocol"])
+    spec, rules = load_spec(shared["hand"], shared["side"], shared["serial"]), load_protocol(shared["protocol"])
     bench = Bench(spec, period=rules.period or PERIOD, threads=shared["threads"])
     return [each._asdict() for each in _made(bench, items, rules, Path(shared["folder"]))]
 

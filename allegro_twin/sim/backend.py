@@ -14,8 +14,9 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim import wrist
 from allegro_twin.sim.drivetrain import Drivetrain
 from allegro_twin.sim.holding import Holding, feels
+from allegro_twin.sim.lengths import Lengths
 from allegro_twin.sim.posed import Posed, moved_by
-from allegro_twin.sim.servos import Servos
+from allegro_twin.sim.servos import ONE, Servos
 from allegro_twin.sim.world import World
 from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
@@ -63,7 +64,8 @@ class SimBackend:
         self.substeps = substeps(period, model.opt.timestep)
         self._spec, self._period = spec, period
         self._motors = span([model.actuator(name).id for name in spec.joints])
-        self._servos = None if "torque" in spec.commands else Servos(spec, model, period)
+        self._servos = None if "torque" in spec.commands else Servos(spec, [model], period)
+        self._lengths = Lengths(spec, model)
         joints = list(moved_by(spec, model).values())
         self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
         self._dof = span([model.jnt_dofadr[joint] for joint in joints])
@@ -106,13 +108,15 @@ class SimBackend:
         self._session = self.world.session
         mujoco.mj_forward(self.model, self.data)
         if self._servos is not None:
-            self._servos.reset(self.data)
+            self._servos.reset(ONE, self._moved()[0][None])
         return self._state()
 
     def lay(self) -> None:
         """Its part of a state at reset."""
         self._pose(self._posture, self.data.qpos)
         self.data.ctrl[self._motors] = 0.0
+        if self._servos is not None:
+            self._servos.limp(ONE)
         if self._wrist:
             self.data.ctrl[self._wrist] = self.drive[0]
         if self._train is not None:
@@ -124,7 +128,8 @@ class SimBackend:
     def write(self, command: Command) -> None:
         self._present()
         if self._servos is not None:
-            self._servos.command(position_of(command, self._spec))
+            wanted = position_of(command, self._spec)
+            self._servos.command(ONE, wanted.position[None], wanted.effort, wanted.duration or 0.0)
             return
         torque = torque_of(command, self._spec)
         if self._holding is not None:
@@ -147,7 +152,7 @@ class SimBackend:
             rows = self.pushing.force[now : now + 1]
             self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
         if self._servos is not None:
-            self._servos.drive(self.data)
+            self.data.ctrl[self._motors] = self._servos.told(ONE)[0]
         if self._holding is not None:
             torque = self._holding.torque(self.data)
             if torque is not None:
@@ -173,7 +178,7 @@ class SimBackend:
 
     def close(self) -> None:
         if self._servos is not None:
-            self._servos.release()
+            self._servos.limp(ONE)
         else:
             self.data.ctrl[self._motors] = 0.0
 
@@ -192,14 +197,22 @@ class SimBackend:
         if self._session != self.world.session:
             raise HandFault(f"the scene of {self._spec.name} was begun anew by another; reset it, too")
 
+    def _moved(self) -> tuple[Array, Array]:
+        """Position and velocity of what is driven, (n,) each."""
+        data = self.data
+        if self._servos is None:
+            return data.qpos[self._qpos].copy(), data.qvel[self._dof].copy()
+        if self._lengths.sums:
+            return self._lengths.position(data.qpos), self._lengths.velocity(data.qvel)
+        return self._lengths.look(self.model, data)
+
     def _state(self) -> HandState:
         data = self.data
-        position = data.qpos[self._qpos].copy() if self._servos is None else self._servos.position(data)
+        position, velocity = self._moved()
         if not math.isfinite(position.sum()):
             raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {self.world.warned()}")
         if self._train is not None:
             position = self._train.reported(position, data)
-        velocity = data.qvel[self._dof].copy() if self._servos is None else self._servos.velocity(data)
         torque = data.actuator_force[self._motors].copy()
         gravity = self.model.opt.gravity @ data.xmat[self._root].reshape(3, 3)
         wrench = NO_WRENCH if self._feels is None else -data.sensordata[self._feels]

@@ -180,15 +180,16 @@ def _followers(model: mujoco.MjModel, motors: list[Motor], moves: Array) -> tupl
 
 
 def _axes(model: mujoco.MjModel, palm: int, ways: list[Array]) -> dict[str, list[float]]:
-    """Guessed: fingers point from the palm to the tips, and the palm looks where the tips go when all motors close."""
+    """Guessed: fingers point from the palm to the tips, and the palm looks where the tips go when all motors close;
+    along the fingers where they close on each other, as a gripper's do."""
     tips = np.concatenate([way[:1] for way in ways]).reshape(-1, 3)
     if not len(tips):
         return {"facing": [1.0, 0.0, 0.0], "fingers": [0.0, 0.0, 1.0]}
     along = _nearest_axis(tips.mean(axis=0))
     closing = np.sum([(way[-1] - way[0]).mean(axis=0) for way in ways], axis=0)
     closing = closing - along * (closing @ along)
-    if np.linalg.norm(closing) < 1e-3:  # Fingers that close on each other.
-        closing = np.roll(along, 1)
+    if np.linalg.norm(closing) < 1e-3:
+        return {"facing": along.tolist(), "fingers": np.roll(along, 1).tolist()}
     return {"facing": _nearest_axis(closing).tolist(), "fingers": along.tolist()}
 
 

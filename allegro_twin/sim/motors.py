@@ -49,7 +49,8 @@ class Motor:
 
     def row(self) -> dict[str, Any]:
         numbers = {"lower": round(self.lower, 6), "upper": round(self.upper, 6), "effort": round(self.effort, 6)}
-        return {"name": self.name, "actuator": self.actuator} | numbers
+        loop = {} if self.torque else {"stiffness": round(-float(self._bias[1]), 6)}
+        return {"name": self.name, "actuator": self.actuator} | numbers | loop
 
 
 def _span(model: mujoco.MjModel, number: int, target: int, on_tendon: bool, where: str) -> tuple[float, float]:

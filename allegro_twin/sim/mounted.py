@@ -39,6 +39,7 @@ def hang(arm: mujoco.MjSpec, spec: ArmSpec, hand: mujoco.MjSpec, mount: Mount) -
     flange.add_site(name=CAMERA, pos=mount.camera_position, quat=mount.camera_quaternion, size=[0.004, 0, 0], group=4)
     palm = hand.body("palm_link")
     palm.pos, palm.quat = [0, 0, 0], [1, 0, 0, 0]
+    palm.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # As in `compile_scene`.
     frame = flange.add_frame(pos=mount.position, quat=mount.quaternion)
     warned = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)  # As in `compile_scene`.

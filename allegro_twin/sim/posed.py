@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 
 class Posed:
@@ -16,12 +17,25 @@ class Posed:
         self._driven = list(driven)
         self._places = [int(model.jnt_qposadr[joint]) for joint in driven.values()]
         self._followers = [int(model.joint(each.name).qposadr[0]) for each in spec.followers]
+        self.joints = [*driven.values(), *(int(model.joint(each.name).id) for each in spec.followers)]
+        """All that move, by their number in the model: those that motors turn, then those that follow."""
+        self.motors = np.array([*driven, *(each.driven for each in spec.followers)], dtype=np.int64)
+        """Of each of them the motor that moves it."""
 
     def __call__(self, posture: Array, qpos: Array) -> None:
         """Write a posture, (n,), rad, into a state."""
         qpos[self._places] = posture[self._driven]
         if self._followers:
             qpos[self._followers] = self._spec.followed(posture)
+
+    def each(self, motors: Vector, qpos: Array) -> None:
+        """Write where `joints` are if each had a motor to itself, at `motors`, (joints,), rad: what has met something
+        stays behind its neighbours."""
+        direct, spec = len(self._driven), self._spec
+        qpos[self._places] = motors[:direct]
+        for place, each, at in zip(self._followers, spec.followers, motors[direct:], strict=True):
+            part = (at - spec.lower[each.driven]) / (spec.upper[each.driven] - spec.lower[each.driven])
+            qpos[place] = np.interp(part, np.linspace(0.0, 1.0, len(each.positions)), each.positions)
 
 
 def moved_by(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:

@@ -15,6 +15,7 @@ from allegro_twin.sim import drivetrain, objects, presenter, wrist
 from allegro_twin.sim.foreign import adopt, located, mounted, read
 from allegro_twin.sim.mounted import Mounted, hang, pedestal, tell
 from allegro_twin.sim.physics import Physics
+from allegro_twin.sim.servos import bound
 from allegro_twin.spec import ArmSpec, HandSpec
 from allegro_twin.types import Array
 
@@ -84,6 +85,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
             geom.friction = friction
     root = scene.body(spec.root)
     root.pos, root.quat = stage.position, stage.quaternion
+    root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # A file may say it otherwise, which would count.
     if stage.wrist:
         wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
@@ -95,9 +97,13 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
     try:
         with catch_warnings():
             filterwarnings("ignore", message="Attaching a spec with an empty prefix")  # Nobody saves it.
-            return scene.compile()
+            model = scene.compile()
     except ValueError as error:
         raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
+    for each in (spec,) if mounted is None else (spec, mounted.hand):
+        if "torque" not in each.commands:
+            bound(model, each)
+    return model
 
 
 def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:

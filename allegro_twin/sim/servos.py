@@ -1,95 +1,97 @@
-"""The actuators of a hand in its simulation: what they are told, where they are, and what they give."""
+"""The actuators of a hand in its simulations: what they are told, where they go, and how much they may give."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, PositionCommand, Vector
+from allegro_twin.types import Array
+
+Rows: TypeAlias = NDArray[np.int64]
+ONE: Rows = np.zeros(1, dtype=np.int64)
+"""The row of a simulation alone."""
 
 
 class Servos:
     """Motors whose firmware closes the loop: an actuator with a spring to where it is told to go, on a joint or on a
-    tendon. Positions are those of the actuator, its length in MuJoCo's words: rad, or m.
+    tendon. Positions are those of the actuator, its length in MuJoCo's words: rad, or m. One simulation, or many side
+    by side, a row each.
 
     Until the first command of a session, and after one without effort, they give nothing.
     """
 
-    def __init__(self, spec: HandSpec, model: mujoco.MjModel, period: float) -> None:
-        self._model, self._period = model, period
-        self._ids = np.array([model.actuator(name).id for name in spec.joints])
-        bias, gain = model.actuator_biasprm[self._ids], model.actuator_gainprm[self._ids, 0]
+    def __init__(self, spec: HandSpec, models: Sequence[mujoco.MjModel], period: float) -> None:
+        self._models, self._period, n = list(models), period, len(models)
+        self._ids = ids = np.array([models[0].actuator(name).id for name in spec.joints])
+        bias = np.array([model.actuator_biasprm[ids] for model in models])
+        gain = np.array([model.actuator_gainprm[ids, 0] for model in models])
         # Force = gain u + b0 + b1 l + b2 dl/dt is zero at rest where u = - (b0 + b1 l) / gain.
-        self._offset, self._slope = -bias[:, 0] / gain, -bias[:, 1] / gain
+        self._offset, self._slope = -bias[..., 0] / gain, -bias[..., 1] / gain
         self._limit = spec.actuation.torque_limit
-        limited = model.actuator_forcelimited[self._ids].astype(bool)[:, None]
-        own = np.where(limited, model.actuator_forcerange[self._ids], self._limit[:, None] * [-1.0, 1.0])
-        self._range = np.clip(own, -self._limit[:, None], self._limit[:, None])
-        model.actuator_forcelimited[self._ids] = True
-        self._tendons = bool((model.actuator_trntype[self._ids] == mujoco.mjtTrn.mjTRN_TENDON).any())
-        joints, self._gear = model.actuator_trnid[self._ids, 0], model.actuator_gear[self._ids, 0].copy()
-        places = ([], []) if self._tendons else (model.jnt_qposadr[joints], model.jnt_dofadr[joints])
-        self._qpos, self._dof = (np.array(place, dtype=int) for place in places)
-        self._wish = np.zeros(len(self._ids))
-        self._from, self._ticks, self._passed = self._wish, 0, 0
+        self._range = np.array([model.actuator_forcerange[ids] for model in models])
+        self._share = np.ones((n, len(ids)))
+        self._wish, self._from = np.zeros((2, n, len(ids)))
+        self._ticks, self._passed = np.zeros((2, n), dtype=np.int64)
 
-    def reset(self, data: mujoco.MjData) -> None:
-        """Limp, where they are."""
-        self._let(np.zeros(len(self._ids)))
-        self._wish = self._from = self.position(data)
-        self._ticks = 0
+    def reset(self, rows: Rows, position: Array) -> None:
+        """Where they are, (rows, n), limp already."""
+        self._wish[rows] = self._from[rows] = position
+        self._ticks[rows] = 0
 
-    def command(self, command: PositionCommand) -> None:
-        """From the next period on."""
-        effort = self._limit if command.effort is None else np.minimum(command.effort, self._limit)
-        self._let(effort / self._limit)
-        self._from = self._wish if self._ticks == 0 else self._now()
-        self._wish, self._passed = command.position, 0
-        self._ticks = 0 if command.duration is None else round(command.duration / self._period)
+    def limp(self, rows: Rows) -> bool:
+        """Nothing is given from now on; whether that is news to a model."""
+        return self._let(rows, np.zeros((len(rows), len(self._ids))))
 
-    def drive(self, data: mujoco.MjData) -> None:
-        """Before a period: where to be at its end."""
-        self._passed += 1
-        data.ctrl[self._ids] = self._offset + self._slope * self._now()
+    def command(self, rows: Rows, position: Array, effort: Array | None, duration: Array | float) -> bool:
+        """From the next period on, (rows, n); durations (rows,), s. Whether a model has changed."""
+        self._from[rows] = self._now(rows)
+        self._wish[rows], self._passed[rows] = position, 0
+        self._ticks[rows] = np.rint(np.asarray(duration) / self._period)
+        most = np.tile(self._limit, (len(rows), 1)) if effort is None else np.minimum(effort, self._limit)
+        return self._let(rows, most / self._limit)
 
-    def release(self) -> None:
-        """Limp, for good."""
-        self._let(np.zeros(len(self._ids)))
+    def told(self, rows: Rows) -> Array:
+        """Before a period: what they are told so that they are where they should be at its end, (rows, n)."""
+        self._passed[rows] += 1
+        told: Array = self._offset[rows] + self._slope[rows] * self._now(rows)
+        return told
 
     @contextmanager
     def able(self) -> Iterator[None]:
-        """With all that they can give, for who asks what the model is."""
-        now = self._model.actuator_forcerange[self._ids].copy()
-        self._let(np.ones(len(self._ids)))
+        """With all that they can give, for who asks what the models are."""
+        rows, now = np.arange(len(self._models)), self._share.copy()
+        self._let(rows, np.ones_like(now))
         yield
-        self._model.actuator_forcerange[self._ids] = now
+        self._let(rows, now)
 
-    def position(self, data: mujoco.MjData) -> Array:
-        """(n,), rad or m."""
-        if self._tendons:
-            # A step leaves lengths as they were before it moved the joints.
-            for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
-                stage(self._model, data)
-            return np.array(data.actuator_length[self._ids])
-        return np.array(data.qpos[self._qpos] * self._gear)
-
-    def velocity(self, data: mujoco.MjData) -> Array:
-        """(n,), rad/s or m/s."""
-        if self._tendons:
-            mujoco.mj_fwdVelocity(self._model, data)
-            return np.array(data.actuator_velocity[self._ids])
-        return np.array(data.qvel[self._dof] * self._gear)
-
-    def _now(self) -> Vector:
+    def _now(self, rows: Rows) -> Array:
         """Where the way of a timed command has led; its end for any other."""
-        if self._passed >= self._ticks:
-            return self._wish
-        return self._from + (self._wish - self._from) * (self._passed / self._ticks)
+        begin, wish = self._from[rows], self._wish[rows]
+        ticks, passed = self._ticks[rows], self._passed[rows]
+        if not ticks.any():
+            return wish
+        part = passed / np.maximum(ticks, 1)
+        return np.where((passed >= ticks)[:, None], wish, begin + (wish - begin) * part[:, None])
 
-    def _let(self, share: Vector) -> None:
-        """What share of its force each motor may give."""
-        self._model.actuator_forcerange[self._ids] = self._range * share[:, None]
+    def _let(self, rows: Rows, share: Array) -> bool:
+        """What share of its force each motor may give, (rows, n)."""
+        news = rows[(share != self._share[rows]).any(axis=1)]
+        self._share[rows] = share
+        for row in news.tolist():
+            self._models[row].actuator_forcerange[self._ids] = self._range[row] * self._share[row, :, None]
+        return len(news) > 0
+
+
+def bound(model: mujoco.MjModel, spec: HandSpec) -> None:
+    """Give no motor of a compiled scene more force than its hand says, whatever its file lets it have."""
+    ids, limit = np.array([model.actuator(name).id for name in spec.joints]), spec.actuation.torque_limit[:, None]
+    limited = model.actuator_forcelimited[ids].astype(bool)[:, None]
+    own = np.where(limited, model.actuator_forcerange[ids], limit * [-1.0, 1.0])
+    model.actuator_forcerange[ids] = np.clip(own, -limit, limit)
+    model.actuator_forcelimited[ids] = True

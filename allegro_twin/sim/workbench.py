@@ -45,11 +45,12 @@ class Workbench:
         self.name = self.thing.thing.name
         self.body = int(model.body(self.name).id)
         self._posed = Posed(spec, model)
+        self.motors = self._posed.motors
+        """Of every joint that moves the motor that moves it, (joints,)."""
         self._wrist = [int(model.joint(name).qposadr[0]) for name in wrist.JOINTS]
         self.part = parts_of(model, spec)[model.geom_bodyid]
         """Which part of the hand each geom belongs to; -1: none."""
-        self.link = _links(model, spec)
-        """How far along its finger each geom is: the place of the last joint that moves it; -1: no finger's."""
+        self._carry = _carrying(model, self._posed.joints)
         self._of_object = model.geom_bodyid == self.body
         self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
 
@@ -72,8 +73,13 @@ class Workbench:
     def place(self, position: Array, rotation: Array, posture: Vector) -> None:
         """Put the palm somewhere, the fingers in a posture (n,), rad, and find what touches."""
         self._move(position, rotation, posture)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_collision(self.model, self.data)
+        self._collide()
+
+    def place_each(self, position: Array, rotation: Array, motors: Vector) -> None:
+        """The same with every joint where its motor would have it at `motors`, (joints,), rad."""
+        self._posed.each(motors, self.data.qpos)
+        self._carried_to(position, rotation)
+        self._collide()
 
     def lowest(self, position: Array, rotation: Array, posture: Vector) -> float:
         """Height of the hand's lowest point, by the bounding boxes of its shapes, m."""
@@ -85,18 +91,25 @@ class Workbench:
 
     def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
         self._posed(posture, self.data.qpos)
+        self._carried_to(position, rotation)
+
+    def _carried_to(self, position: Array, rotation: Array) -> None:
         self.data.qpos[self._wrist] = coordinates(position, rotation)
         mujoco.mj_kinematics(self.model, self.data)
+
+    def _collide(self) -> None:
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
 
     def meets_anything(self) -> bool:
         """Whether the hand touches the object, or what it stands on."""
         return bool(self._pairs()[2].any())
 
-    def meets(self) -> tuple[Indices, Indices]:
-        """Part and link of every geom of the hand that touches something that is not the hand."""
+    def stopped(self) -> NDArray[np.bool_]:
+        """The joints that carry something of the hand that touches something else, (joints,)."""
         first, second, foreign = self._pairs()
         hand = np.where(self.part[first] >= 0, first, second)[foreign]
-        return self.part[hand], self.link[hand]
+        return np.asarray(self._carry[hand].any(axis=0))
 
     def meets_table(self) -> bool:
         """Whether the hand touches what stands still."""
@@ -127,10 +140,10 @@ def coordinates(position: Array, rotation: Array) -> Array:
     return np.array([*position, a, b, c])
 
 
-def _links(model: mujoco.MjModel, spec: HandSpec) -> Indices:
-    place = {int(model.joint(spec.joints[j]).bodyid[0]): k for f in spec.fingers for k, j in enumerate(f.joints)}
-    found = np.full(model.nbody, -1)
-    for body in range(1, model.nbody):
-        found[body] = place.get(body, found[model.body_parentid[body]])
-    links: Indices = found[model.geom_bodyid]
-    return links
+def _carrying(model: mujoco.MjModel, joints: list[int]) -> NDArray[np.bool_]:
+    """Which of some joints carry each geom, (geoms, joints)."""
+    found = np.zeros((model.nbody, len(joints)), dtype=bool)
+    for body in range(1, model.nbody):  # Parents come first.
+        found[body] = found[model.body_parentid[body]] | (model.jnt_bodyid[joints] == body)
+    carried: NDArray[np.bool_] = found[model.geom_bodyid]
+    return carried

@@ -37,7 +37,9 @@ def test_a_file_becomes_a_card_and_a_config_that_run(
 
 def test_a_card_says_what_is_driven_how_far_and_what_follows(tmp_path: Path) -> None:
     card = explored(_file(tmp_path, GRIPPER)).card
-    assert card["driven"] == [{"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0}]
+    (motor,) = card["driven"]
+    said = {"name": "left", "actuator": "grip", "lower": -0.02, "upper": 0.03, "effort": 20.0, "stiffness": 400.0}
+    assert motor == said
     (follower,) = card["followers"]
     assert (follower["name"], follower["follows"]) == ("right", "left")
     assert follower["positions"] == pytest.approx([-0.02 + 0.005 * k for k in range(11)], abs=1e-4)

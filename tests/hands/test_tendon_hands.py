@@ -41,6 +41,8 @@ def test_what_a_card_says_of_followers_is_what_they_do(name: str) -> None:
     for each in spec.followers:
         np.testing.assert_allclose(each.positions, true[each.name], atol=0.02, err_msg=each.name)
     assert [row["name"] for row in found["driven"]] == list(spec.joints)
+    assert spec.actuation.stiffness is not None
+    np.testing.assert_allclose(spec.actuation.stiffness, [row["stiffness"] for row in found["driven"]])
 
 
 @pytest.mark.parametrize("finger", ["forward", "reverse", "thumb"])

@@ -40,19 +40,19 @@ def test_a_camera_that_is_none_is_refused_with_the_names_or_the_bounds(text: str
 @pytest.mark.parametrize("name", NAMES)
 def test_every_name_is_another_place_and_the_left_hand_has_the_mirror_image(name: str, side: Side) -> None:
     spec = load_spec(side=side)
-    tips = Skeleton(bodies_of(spec)).tips(spec)
+    tips = Skeleton(bodies_of(spec), spec).tips()
     _, place = seen(name, side, *tips, np.eye(3))
     others = [seen(other, side, *tips, np.eye(3))[1] for other in NAMES if other != name]
     assert all(place.direction() @ other.direction() < 0.98 for other in others)
     mirrored = load_spec(side="left" if side == "right" else "right")
-    _, image = seen(name, mirrored.side, *Skeleton(bodies_of(mirrored)).tips(mirrored), np.eye(3))
+    _, image = seen(name, mirrored.side, *Skeleton(bodies_of(mirrored), mirrored).tips(), np.eye(3))
     np.testing.assert_allclose(place.direction(side), image.direction(mirrored.side) * [1, -1, 1], atol=1e-6)
 
 
 def test_a_foreign_hand_and_ours_have_their_links_at_the_same_places(tmp_path: Path) -> None:
     spec, theirs = load_spec(), load_spec(serial=str(menagerie_like(tmp_path, "right")))
     postures = np.random.default_rng(0).uniform(spec.lower, spec.upper, (5, 16))
-    ours, other = Skeleton(bodies_of(spec)), Skeleton(hand_bodies(theirs))
+    ours, other = Skeleton(bodies_of(spec), spec), Skeleton(hand_bodies(theirs), theirs)
     for finger in spec.fingers:
         for joint in finger.joints:
             places = [

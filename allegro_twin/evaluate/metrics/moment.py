@@ -13,10 +13,11 @@ NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
 
 
 def metrics_of(trial: Trial, data: Any) -> dict[str, float]:
-    """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. Raises ConfigError
-    without SciPy."""
+    """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
+    for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
     touch = touching(model, data, spec, trial.scenario.objects[0].name)
-    row = measured(touch, trial.mass, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
-    row["least_torque"] = row["torque_share"]
+    columns = None if spec.followers else jacobians(model, data, spec, touch)
+    row = measured(touch, trial.mass, columns, spec.actuation.torque_limit)
+    row["least_torque"] = row.get("torque_share", float("nan"))
     return {name: row[name] for name in NAMES}

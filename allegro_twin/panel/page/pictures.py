@@ -22,7 +22,7 @@ def pictures(spec: HandSpec, scenery: Scenery, postures: Mapping[str, Vector]) -
     """A drawing for each posture, (n,), rad, by name."""
     if not postures:
         return {}
-    skeleton = Skeleton(scenery.bodies)
+    skeleton = Skeleton(scenery.bodies, spec)
     places = skeleton.places(np.array(list(postures.values())))
     ends = [_end(skeleton, body) for body in range(len(skeleton.bodies))]
     look = _view(spec, skeleton)
@@ -37,7 +37,7 @@ def pictures(spec: HandSpec, scenery: Scenery, postures: Mapping[str, Vector]) -
 
 def _view(spec: HandSpec, skeleton: Skeleton) -> Array:
     """Right, up and towards who looks, (3, 3), in the palm's frame: stretched fingers point up."""
-    straight, bent = skeleton.tips(spec)
+    straight, bent = skeleton.tips()
     up = straight.mean(axis=0)
     up /= np.linalg.norm(up)
     out = (bent - straight).mean(axis=0)

@@ -37,7 +37,7 @@ class Stage:
         scene, scenery = server.scene, opened.scenery
         scene.reset()
         scene.add_light_hemisphere("/sky", sky_color=(255, 255, 255), ground_color=(160, 160, 170), intensity=1.6)
-        self._server, self._skeleton = server, Skeleton(scenery.bodies)
+        self._server, self._skeleton = server, Skeleton(scenery.bodies, opened.spec)
         self._parts = [*(finger.name for finger in opened.spec.fingers), "palm"]
         self._placed: dict[str, Vector] = {}
         palm = np.array(scenery.palm)
@@ -130,7 +130,7 @@ def eye(spec: HandSpec, scenery: Scenery) -> tuple[Vector, Vector]:
     """Where one begins to look from, and at what, (3,), m, world: on the palm, from aside."""
     palm = np.array(scenery.palm)
     turn = matrix_from_quaternion(palm[3:])
-    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies).tips(spec), turn)
+    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies, spec).tips(), turn)
     view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
     return middle - _CLOSER * view.distance * view.direction(spec.side), middle

@@ -1,0 +1,202 @@
+"""Other hands in `evaluate`: side by side as alone, under draws, and in one table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from allegro_twin.build.campaign import Asked, targets_of
+from allegro_twin.build.outcomes import rates
+from allegro_twin.build.portraits import staged
+from allegro_twin.build.rig import limits_of
+from allegro_twin.build.trials import Bench, Case, case_of, judged
+from allegro_twin.config import LimitSettings
+from allegro_twin.control.controllers import Follow, Send
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.held import Report
+from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
+from allegro_twin.evaluate.scenario import Protocol
+from allegro_twin.evaluate.together import together
+from allegro_twin.evaluate.trial import Trial
+from allegro_twin.evaluate.uncertainty import Draw
+from allegro_twin.files.assets import data_root
+from allegro_twin.loop import Controller, run, until
+from allegro_twin.safety import Guard
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.types import PositionCommand
+from tests.conftest import MakeSim
+from tests.hands.models import hand, made
+
+BRIEF = Protocol.model_validate({
+    "version": 1, "period": 0.004, "physics": {"timestep": 0.002}, "reference": "squeeze",
+    "phases": [
+        {"name": "approach", "seconds": 0.3, "hand": "preshape", "wrist": "approach"},
+        {"name": "close", "seconds": 0.4, "hand": "close"},
+        {"name": "squeeze", "seconds": 0.2, "hand": "squeeze"},
+        {"name": "lift", "seconds": 0.1, "move": (0.0, 0.0, 0.01), "check": True},
+    ],
+})  # fmt: skip
+DRAW = Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)
+OTHERS = {"leap": "leap_mug", "model_o": "model_o_lemon", "qb_softhand": "qb_softhand_lemon"}
+
+
+def brief(bench: Bench, scenario: str, draw: Draw | None = None) -> Case:
+    case = case_of({"scenario": scenario}, bench.spec)
+    return Case(case.scenario, case.grasp, draw, BRIEF, case.folder)
+
+
+def alone(trial: Trial, controller: Controller[Any]) -> Report:
+    """In the ordinary loop, behind the guard."""
+    guarded = Guard(trial.backend, limits_of(LimitSettings(), trial.backend.spec))
+    for _ in trial.watched(until(trial.seconds, run(guarded, controller))):
+        pass
+    return trial.report()
+
+
+def same(one: Report | None, other: Report | None) -> None:
+    """To the last bit."""
+    assert one is not None
+    assert other is not None
+    for ours, theirs in zip(one.phases, other.phases, strict=True):
+        assert (ours.drift, ours.rotation, ours.margin) == (theirs.drift, theirs.rotation, theirs.margin)
+    assert (one.lift, one.peak_torque, one.at_limit) == (other.lift, other.peak_torque, other.at_limit)
+    assert one.peak_torque > 0.0
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_each_of_several_trials_of_any_hand_moves_as_if_it_were_alone(name: str) -> None:
+    bench = Bench(load_spec(name), period=0.004)
+    cases = [brief(bench, OTHERS[name], draw) for draw in (None, DRAW)]
+    for case, verdict in zip(cases, bench.verdicts(cases), strict=True):
+        trial = bench.trial(case)
+        same(alone(trial, bench.controller(trial)), verdict.report)
+
+
+ORDERS = {
+    "model_o": PositionCommand(np.array([-0.4, 2.0, 2.0, 2.0]), effort=np.array([0.04, 0.5, 0.6, 0.7])),
+    "qb_softhand": PositionCommand(np.array([0.6]), duration=0.5),
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_efforts_and_durations_side_by_side_are_those_of_a_hand_alone(name: str) -> None:
+    bench = Bench(load_spec(name), period=0.004)
+    case, controller = brief(bench, OTHERS[name]), Send(ORDERS[name])
+    others = [bench.trial(case) for _ in range(2)]
+    slower = Send(PositionCommand(0.5 * ORDERS[name].position, duration=ORDERS[name].duration))
+    found = together(others, [controller, slower], bench.limits)
+    same(found[0].report, alone(bench.trial(case), controller))
+    assert found[1].report is not None
+    assert found[0].report is not None
+    assert found[0].report.peak_torque != found[1].report.peak_torque
+
+
+def test_a_controllers_effort_and_the_guards_ceiling_hold_side_by_side_too() -> None:
+    bench = Bench(load_spec("model_o"), period=0.004)
+    case, limits = brief(bench, OTHERS["model_o"]), replace(bench.limits, torque=0.8 * bench.limits.torque)
+    efforts = [None, 0.3 * bench.limits.torque, bench.limits.torque]
+    trials = [bench.trial(case) for _ in efforts]
+    found = together(trials, [Follow(t.reference, e) for t, e in zip(trials, efforts, strict=True)], limits)
+    peaks = [verdict.report.peak_torque for verdict in found if verdict.report is not None]
+    assert peaks[0] == peaks[2] == pytest.approx(0.8)
+    assert peaks[1] == pytest.approx(0.3)
+
+
+def test_no_motor_gives_more_than_its_card_says_whatever_its_file_lets_it(tmp_path: Path) -> None:
+    card = made("gripper", tmp_path)
+    card.write_text(card.read_text().replace("effort: 20.0", "effort: 5.0"))
+    sim = Bench(load_spec(str(card)), period=0.004).trial(_gripping(tmp_path, str(card))).backend
+    assert sim.model.actuator("left").forcerange.tolist() == [-5.0, 5.0]
+
+
+@pytest.mark.parametrize("name", ["model_o", "leap"])
+def test_strong_and_weak_motors_are_both_drawn_for_a_hand_that_closes_its_own_loop(name: str) -> None:
+    spec = load_spec(name)
+    bench = Bench(spec, period=0.004)
+    for factor in (0.7, 1.3):
+        model = bench.trial(brief(bench, OTHERS[name], Draw(torque=factor))).backend.model
+        ids = [model.actuator(joint).id for joint in spec.joints]
+        np.testing.assert_allclose(model.actuator_forcerange[ids, 1], factor * spec.actuation.torque_limit)
+
+
+def test_a_session_begins_limp_however_the_last_one_ended(make_sim: MakeSim) -> None:
+    spec = load_spec("leap")
+    sim: SimBackend = make_sim(spec, posture=np.full(16, 0.4))
+    first = sim.reset()
+    sim.write(PositionCommand(np.zeros(16)))
+    sim.read()
+    again = sim.reset()
+    assert not first.torque.any()
+    np.testing.assert_array_equal(first.torque, again.torque)
+
+
+def test_asking_where_a_tendon_hand_is_leaves_its_simulation_as_the_step_left_it(make_sim: MakeSim) -> None:
+    """So that the palm and the fingers of a recording are of one moment, as they are with any other hand."""
+    sim = make_sim(load_spec("model_o"))
+    sim.reset()
+    sim.write(PositionCommand(np.array([0.0, 3.0, 3.0, 3.0])))
+    for _ in range(50):
+        state = sim.read()
+    now = mujoco.MjData(sim.model)
+    now.qpos[:], now.qvel[:] = sim.data.qpos, sim.data.qvel
+    mujoco.mj_forward(sim.model, now)
+    assert np.abs(sim.data.xpos - now.xpos).max() > 1e-6, "as they were before the last step"
+    motors = [sim.model.actuator(name).id for name in sim.spec.joints]
+    np.testing.assert_allclose(state.position, now.actuator_length[motors], atol=1e-12)
+    np.testing.assert_allclose(state.velocity, now.actuator_velocity[motors], atol=1e-12)
+
+
+def test_a_hand_by_its_card_is_side_by_side_what_it_is_alone(tmp_path: Path) -> None:
+    """One motor on a slide, and a linkage."""
+    spec = hand("gripper", tmp_path)
+    bench = Bench(spec, period=0.004)
+    case = _gripping(tmp_path, str(tmp_path / "gripper.yaml"))
+    trial = bench.trial(case)
+    (verdict,) = bench.verdicts([case])
+    same(alone(trial, bench.controller(trial)), verdict.report)
+
+
+def _gripping(folder: Path, card: str) -> Case:
+    """A lemon, which it squeezes."""
+    path, spec = folder / "grip.yaml", load_spec(card)
+    path.write_text(
+        f"hand: {spec.model}\ntaxonomy: {{number: 31, name: Ring, type: power, opposition: pad}}\n"
+        "preshape: {left: [0.03]}\nclose: {left: [0.0]}\nsqueeze: {left: [-0.02]}\n"
+    )
+    case = case_of({"scenario": "lemon", "grasp": str(path)}, spec)
+    return Case(case.scenario, case.grasp, None, BRIEF, case.folder)
+
+
+def test_a_table_of_several_hands_has_a_rate_for_each(tmp_path: Path) -> None:
+    rules = tmp_path / "brief.yaml"
+    rules.write_text(BRIEF.model_dump_json())
+    paths = [data_root() / f"scenarios/{name}/{OTHERS[name]}.yaml" for name in ("leap", "model_o")]
+    targets = targets_of(paths, Asked(str(rules)))
+    assert [target.spec.model for target in targets] == ["leap", "model_o"]
+    rows = judged({"metrics": True}, [target.item for target in targets])
+    assert [row["hand"] for row in rows] == ["leap", "model_o"]
+    assert [(each.name, each.n) for each in rates(rows, "hand")] == [("leap", 1), ("model_o", 1)]
+    assert staged(targets[1]).spec.model == "model_o"
+
+
+def test_metrics_of_a_tendon_hands_contacts_leave_out_what_depends_on_springs() -> None:
+    pytest.importorskip("scipy", reason="metrics of contacts need SciPy: extra objects")
+    bench = Bench(load_spec("model_o"), period=0.004)
+    trial = bench.trial(brief(bench, OTHERS["model_o"]))
+    alone(trial, bench.controller(trial))
+    found = metrics_of(trial, trial.backend.data)
+    assert set(found) == set(NAMES)
+    assert found["fingers"] >= 2
+    assert np.isnan(found["least_torque"])
+
+
+def test_a_right_hand_alone_has_no_left_one_to_evaluate() -> None:
+    path = data_root() / "scenarios/model_o/model_o_lemon.yaml"
+    with pytest.raises(ConfigError, match=r"model_o.yaml is a right hand; hand.side is left"):
+        targets_of([path], Asked(sides=("left",)))

@@ -1,0 +1,172 @@
+"""`plan` with other hands: the same search, which asks the spec what closes the fingers and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.build.trials import Bench, case_of, hand_of
+from allegro_twin.cli.planning import scenario_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.errors import ConfigError
+from allegro_twin.evaluate.scenario import load_protocol, load_scenario
+from allegro_twin.evaluate.timeline import stage
+from allegro_twin.evaluate.uncertainty import Uncertainty
+from allegro_twin.library.gains import load_gains
+from allegro_twin.plan.closing import FINE, closed, units
+from allegro_twin.plan.fingers import Performer
+from allegro_twin.plan.keep import written
+from allegro_twin.plan.propose import Proposer
+from allegro_twin.plan.prove import AS_IT_IS, Planned, Prover
+from allegro_twin.plan.quick import tried
+from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.spread import searched
+from allegro_twin.plan.templates import gathering, templates
+from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.workbench import Workbench
+from allegro_twin.spec import HandSpec
+from tests.conftest import MakeSim
+from tests.hands.models import GRIPPER, HANDS, hand, made
+
+LITTLE = Effort(guessed=24, closed=8, drawn=3)
+
+
+def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: Effort = LITTLE) -> Search:
+    scenario = scenario_of(thing, "z", 1.0, None, 0.8).model_copy(update={"hand": spec.called})
+    return Search(scenario, spec, templates(spec), effort=effort)
+
+
+def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> Workbench:
+    scenario = scenario_of(thing, "z", 1.0, None, 0.8)
+    return Workbench(spec, stage(scenario, load_protocol("table_pick"), "right", Path()))
+
+
+def test_a_step_is_as_far_as_the_fastest_joint_of_a_motor_turns() -> None:
+    np.testing.assert_array_equal(units(load_spec("leap")), np.ones(16))
+    thumb = 2.542  # rad of its first joint, of one closure.
+    assert units(load_spec("qb_softhand"))[0] == pytest.approx(1.0 / thumb, rel=0.1)
+    spread, *fingers = units(load_spec("model_o"))
+    assert spread == pytest.approx(1.0, rel=0.05)
+    np.testing.assert_allclose(fingers, 0.0065 / 0.0066, rtol=0.05)
+
+
+def test_a_short_slide_is_closed_in_as_many_steps_as_a_joint(tmp_path: Path) -> None:
+    assert units(hand("gripper", tmp_path))[0] == pytest.approx(0.05 / 1.6)
+
+
+@pytest.mark.parametrize("name", ["model_o", "qb_softhand"])
+def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> None:
+    """In the closed posture joints have stopped behind where their motor would have them, free; none is ahead."""
+    spec = load_spec(name)
+    bench, known = bench_of(spec), templates(spec)
+    proposer = Proposer(bench, known, 0.8, (0.0,), np.random.default_rng(0), step=FINE)
+    candidate = next(filter(None, proposer.fresh()))
+    found, touch = closed(bench, candidate, FINE)
+    assert len(set(touch.part.tolist())) >= 2
+    assert touch.depth.max() < 0.01
+    behind = [
+        free - float(bench.data.joint(each.name).qpos[0])
+        for each, free in zip(spec.followers, spec.followed(found.close), strict=True)
+        if found.closing[each.driven] and np.ptp(each.positions) > 0.5
+    ]
+    assert max(behind) > 0.1
+    assert min(behind) > -1e-9
+    assert (found.close >= candidate.preshape).all()
+
+
+@pytest.mark.long
+def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_path: Path) -> None:
+    spec = load_spec("model_o")
+    (planned,) = search_of(spec).run(1, 100.0)
+    assert planned.margin > 0.0
+    (path,) = written([planned], "ball", tmp_path, spec)
+    assert load_scenario(path)[0].hand == "model_o"
+    (verdict,) = Bench(spec).verdicts([case_of({"scenario": path}, spec)])
+    assert verdict.report is not None
+    assert verdict.report.margin == planned.margin
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["leap", "qb_softhand"])
+def test_every_other_hand_finds_a_grasp_of_a_ball(name: str) -> None:
+    spec = load_spec(name)
+    (planned,) = search_of(spec, effort=Effort(guessed=96, closed=24, drawn=4)).run(1, 300.0)
+    assert planned.margin > 0.0
+
+
+def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
+    spec = load_spec("model_o")
+    heavy = search_of(spec).scenario
+    thing = heavy.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 12.0})
+    shared = {
+        "scenario": heavy.model_copy(update={"objects": (thing,)}).model_dump(mode="json"), "folder": ".",
+        "hand": "model_o", "side": "right", "kind": None, "n": 1, "seconds": 0.5,
+        "effort": {"guessed": 4, "closed": 2, "drawn": 1}, "region": None,
+    }  # fmt: skip
+    (row,) = searched(shared, [{"seed": 0}])
+    assert row["found"] == "[]"
+    with pytest.raises(ConfigError, match="no_such_hand"):
+        searched(shared | {"hand": "no_such_hand"}, [{"seed": 0}])
+
+
+def test_a_hand_without_a_grasp_in_the_library_begins_with_what_brings_its_fingertips_together(tmp_path: Path) -> None:
+    spec = hand("gripper", tmp_path)
+    (only,) = templates(spec)
+    assert (only.preshape > only.close).all()
+    assert (only.close > only.squeeze).all()
+    loose = replace(spec, actuation=replace(spec.actuation, stiffness=None))
+    with pytest.raises(ConfigError, match="gripper_right: its card says no `stiffness` of what is driven"):
+        templates(loose)
+    with pytest.raises(ConfigError, match="gripper_right has fewer than two fingertips: name them in its card"):
+        gathering(replace(spec, fingers=spec.fingers[:1]))
+    with pytest.raises(ConfigError, match="soft_right: no motor brings its fingertips together"):
+        gathering(hand("soft", tmp_path / "soft"))
+
+
+def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its_files_find_the_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    card = made("gripper", tmp_path / "mine")
+    spec = load_spec("mine/gripper.yaml")
+    search, bench, random = search_of(spec, "lemon"), bench_of(spec, "lemon"), np.random.default_rng(0)
+    proposer = Proposer(bench, search.templates, 0.8, (0.0, np.pi / 2, np.pi), random)
+    proposed = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(4), strict=False)]
+    performer = Performer(load_gains("default", spec), hand_model(spec).gravity_torque)
+    passed = [each.candidate for each in tried(bench, proposed, performer, 0.8, random) if each.passed]
+    assert passed
+    prover = Prover(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
+    (path,) = written([Planned(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec)
+    assert "hand: ../mine/gripper.yaml" in path.read_text()
+    assert Path(hand_of({"scenario": path})).resolve() == card.resolve()
+
+
+@pytest.mark.long
+def test_a_gripper_by_its_card_plans_and_what_is_written_is_judged_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made("gripper", tmp_path / "mine")
+    spec = load_spec("mine/gripper.yaml")
+    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, 100.0)
+    (path,) = written([planned], "lemon", tmp_path / "plans", spec)
+    again = load_spec(hand_of({"scenario": path}))
+    (verdict,) = Bench(again).verdicts([case_of({"scenario": path}, again)])
+    assert verdict.report is not None
+    assert verdict.report.margin == planned.margin
+
+
+@pytest.mark.parametrize("turn", ['euler="0 0 90"', 'axisangle="0 1 0 40"', ""])
+def test_a_palm_is_where_it_is_put_however_its_file_says_how_it_is_turned(
+    turn: str, tmp_path: Path, make_sim: MakeSim, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(HANDS, "turned", GRIPPER.replace('euler="0 0 90"', turn))
+    sim: SimBackend = make_sim(hand("turned", tmp_path), facing=(0, 0, -1), fingers=(1, 0, 0))
+    sim.reset()
+    frame = sim.data.body("palm_link").xmat.reshape(3, 3)
+    np.testing.assert_allclose(frame[:, 0], [0.0, 0.0, -1.0], atol=1e-9)
+    np.testing.assert_allclose(frame[:, 2], [1.0, 0.0, 0.0], atol=1e-9)
