@@ -19,6 +19,7 @@ from allegro_twin.types import frozen
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
+    from allegro_twin.serial.polled.backend import PolledBackend
     from allegro_twin.sim.backend import SimBackend
     from allegro_twin.wire.host.backend import CanBackend
 
@@ -41,11 +42,13 @@ class Rig:
     """The hand on its bus, where there is one: for what its link went through."""
     servos: DynamixelBackend | None = None
     """The hand of servos on its line, where there is one."""
+    polled: PolledBackend | None = None
+    """The hand that answers when it is asked, where there is one."""
 
     @property
-    def there(self) -> CanBackend | DynamixelBackend | None:
+    def there(self) -> CanBackend | DynamixelBackend | PolledBackend | None:
         """The hand on a wire, of whatever kind; None for one that is only simulated or replayed."""
-        return self.wire or self.servos
+        return self.wire or self.servos or self.polled
 
     @property
     def live(self) -> bool:

@@ -79,6 +79,8 @@ class HandCard(Settings):
     palm: PalmCard = PalmCard()
     servos: dict[str, Any] | None = None
     """Of a hand of servos on a serial line; docs/dynamixel.md."""
+    line: dict[str, Any] | None = None
+    """Of a hand that answers when it is asked; docs/hands.md#wires."""
 
     @model_validator(mode="after")
     def _known_names(self) -> HandCard:

@@ -57,6 +57,15 @@ class VirtualHand:
         """Whether no servo does anything."""
         return not any(servo.wants.current for servo in self.servos)
 
+    @property
+    def seconds(self) -> float:
+        """For how long the line was used."""
+        return self.bus.seconds
+
+    def clear(self) -> None:
+        """A pause on the line."""
+        self.bus.clear()
+
     def restart(self) -> None:
         """Begin the scene anew; the servos stay as they are."""
         self.state = self.backend.reset()
