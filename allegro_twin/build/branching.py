@@ -48,6 +48,7 @@ from allegro_twin.files.schema import parse
 from allegro_twin.loop import Controller
 from allegro_twin.replay.recording import Recording, load
 from allegro_twin.sim.backend import ENGINE, SimBackend
+from allegro_twin.sim.posed import moved_by
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
@@ -215,7 +216,8 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
 
 def _apply(sim: SimBackend, changes: Changes) -> None:
     """Friction of every contact; damping (N·m·s/rad) and dry friction (N·m) of every joint."""
-    dofs = [int(sim.model.joint(name).dofadr[0]) for name in sim.spec.joints]
+    joints = [*moved_by(sim.spec, sim.model).values(), *(sim.model.joint(f.name).id for f in sim.spec.followers)]
+    dofs = [int(sim.model.jnt_dofadr[joint]) for joint in joints]
     if "friction" in changes:
         sim.model.geom_friction[:, 0] = changes["friction"]
     if "damping" in changes:

@@ -57,8 +57,14 @@ class Rig:
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
-    """A backend behind the config's limits. Raises ConfigError."""
-    return Guard(backend, limits_of(config.limits, spec))
+    """A backend behind the config's limits, and for a hand whose fingers could hook into each other behind a look at
+    where they would go. Raises ConfigError."""
+    limits = limits_of(config.limits, spec)
+    if not spec.apart:
+        return Guard(backend, limits)
+    from allegro_twin.sim.interlock import Interlock
+
+    return Guard(backend, limits, Interlock(spec))
 
 
 def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:

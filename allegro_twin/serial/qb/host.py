@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from operator import eq
+
 import numpy as np
 
 from allegro_twin.errors import LinkError, LinkTimeout, ProtocolError
@@ -24,8 +27,15 @@ from allegro_twin.serial.qb.codec import (
 )
 
 _TRIES = 3
+_MOVES = 100
+"""Ticks that a motor goes between two questions at most: half a percent of its way."""
 _AGAIN = 10
 """Periods after which it is asked whether its motor is on: a question costs as much as a state."""
+
+
+def _near(one: bytes, other: bytes) -> bool:
+    """Whether two answers to GET_CURR_AND_MEAS are of one motion."""
+    return abs(numbers(one)[2] - numbers(other)[2]) <= _MOVES
 
 
 class QbWire:
@@ -68,7 +78,7 @@ class QbWire:
         raise LinkError(f"the motor on {self._exchange.port.name} says that it is on")
 
     def ask(self) -> Motors:
-        current, _, tick, *_ = numbers(self._ask(Command.GET_CURR_AND_MEAS, 10))
+        current, _, tick, *_ = numbers(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
         self._asked += 1
         if self._on and self._asked >= _AGAIN:
             self._asked, self._on = 0, self._active()
@@ -84,9 +94,18 @@ class QbWire:
         """Nobody confirms it."""
         self._exchange.port.send(Packet(self._id, command, payload).encoded())
 
-    def _ask(self, command: Command, payload: int) -> bytes:
-        question = Packet(self._id, command).encoded()
-        return self._exchange(question, lambda heard: answer(heard, self._id, command, payload), size(payload))
+    def _ask(self, command: Command, payload: int, same: Callable[[bytes, bytes], bool] = eq) -> bytes:
+        """One answer of 256 that is garbled passes for sound, for the checksum is an XOR. So where anything else was on
+        the line two answers must say the same."""
+        question, exchange, before = Packet(self._id, command).encoded(), self._exchange, b""
+        for _ in range(_TRIES):
+            said = exchange(question, lambda heard: answer(heard, self._id, command, payload), size(payload))
+            if len(exchange.heard) == size(payload) or (before and same(before, said)):
+                return said
+            before = said
+        raise ProtocolError(
+            f"{exchange.who} on {exchange.port.name} answers, and not twice the same: is the line noisy?"
+        )
 
     def _other(self) -> str:
         """Who answers to a broadcast."""
