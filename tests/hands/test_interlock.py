@@ -98,7 +98,7 @@ def test_the_way_is_looked_at_and_not_its_end_alone() -> None:
             assert way < 0.0
         else:
             assert way > -0.004  # What the steps of a tenth of a radian can miss.
-    assert 0.1 < blocked / len(clear) < 0.9
+    assert 0.03 < blocked / len(clear) < 0.9
 
 
 def test_fingers_that_are_in_each_other_can_be_taken_apart() -> None:
