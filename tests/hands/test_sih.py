@@ -89,7 +89,7 @@ def test_a_ring_finger_that_is_held_leaves_the_little_finger_what_it_cannot_take
 def test_springs_open_a_finger_that_is_let_go(sim: SimBackend) -> None:
     closed(sim, SPEC, goal_of("index", 2.67))
     sim.write(PositionCommand(SPEC.lower))
-    for _ in range(round(1.5 / sim.period)):
+    for _ in range(round(2.5 / sim.period)):
         sim.read()
     assert all(angle(sim, joint) < 0.1 for joint in FINGERS["index"])
 
@@ -116,7 +116,8 @@ def test_the_same_command_is_another_place_when_opening_than_when_closing(sim: S
 
 
 def test_only_motors_are_sensed_and_where_the_joints_are_is_an_estimate(sim: SimBackend) -> None:
-    """Free it is right within 0.08 rad, as far as a motor stays behind its command; a finger that is held is elsewhere, and nobody says so."""
+    """Free it is right within 0.1 rad, as far as a motor stays behind its command; a finger that is held is elsewhere,
+    and nobody says so."""
     goal = goal_of("index", 2.0)
     free = closed(sim, SPEC, goal)[-1]
     state = sim.read()
@@ -124,7 +125,7 @@ def test_only_motors_are_sensed_and_where_the_joints_are_is_an_estimate(sim: Sim
     names = [each.name for each in SPEC.followers]
     said = dict(zip(names, SPEC.followed(state.position), strict=True))
     for joint in FINGERS["index"]:
-        assert said[joint] == pytest.approx(free[joint], abs=0.08)
+        assert said[joint] == pytest.approx(free[joint], abs=0.1)
     hold(sim, "index_0", 0.4)
     held = closed(sim, SPEC, goal)[-1]
     said = dict(zip(names, SPEC.followed(sim.read().position), strict=True))
