@@ -13,7 +13,7 @@ from allegro_twin.config.polled import LineSettings, PolledFaultSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.schema import parse
-from allegro_twin.serial.line.port import Port
+from allegro_twin.serial.line.port import BITS, Port
 from allegro_twin.serial.line.spoil import Noise
 from allegro_twin.serial.polled.backend import PolledBackend
 from allegro_twin.serial.polled.device import Electronics, VirtualHand
@@ -34,6 +34,12 @@ from allegro_twin.spec import HandSpec
 
 def make_polled(config: RunConfig, settings: PolledSettings, spec: HandSpec, scene: Scene) -> PolledBackend:
     """The hand on its line; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
+    size = qb.PER_PERIOD if isinstance(settings, QbSettings) else schunk.PER_PERIOD
+    if config.period < size * BITS / settings.baud:
+        raise ConfigError(
+            f"period {config.period:g} s is too short at {settings.baud} baud: {size} bytes take "
+            f"{size * BITS / settings.baud:.5f} s"
+        )
     host = HostSettings(config.period, settings.watchdog, settings.latency, settings.tries, settings.keeper)
 
     def wire(exchange: Exchange) -> Wire:

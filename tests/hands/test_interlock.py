@@ -130,7 +130,7 @@ def test_through_the_wire_it_is_refused_before_a_byte_is_sent() -> None:
     assert rig.polled is not None
     rig.backend.reset()
     said: list[bytes] = []
-    rig.polled._opened.send = said.append  # type: ignore[method-assign]  # Nothing goes out.
+    rig.polled._opened.send = said.append  # type: ignore[method-assign,assignment]  # Nothing goes out.
     with pytest.raises(CommandError, match="hook into each other"):
         rig.backend.write(PositionCommand(FIST))
     assert said == []

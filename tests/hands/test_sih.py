@@ -103,7 +103,7 @@ def test_the_same_command_is_another_place_when_opening_than_when_closing(sim: S
     for _ in range(2):
         row = []
         for command in commands:
-            for _ in range(12):
+            for _ in range(60):
                 sim.write(PositionCommand(goal_of("index", command)))
                 sim.read()
             row.append(angle(sim, "index_0"))

@@ -126,6 +126,12 @@ def test_a_hand_whose_file_says_nothing_of_its_motors_needs_to_be_told(tmp_path:
         assemble(polled_config(str(card), "qb"))
 
 
+def test_a_period_that_the_line_cannot_carry_is_refused() -> None:
+    config = polled_config("sih", "schunk").changed(period=0.0005)
+    with pytest.raises(ConfigError, match=r"period 0.0005 s is too short at 1000000 baud: 96 bytes take 0.00096 s"):
+        assemble(config)
+
+
 def test_a_port_that_is_not_there_is_one_line() -> None:
     with pytest.raises(LinkError, match="cannot open /dev/nowhere"):
         assemble(polled_config("sih", "schunk", port="/dev/nowhere"))

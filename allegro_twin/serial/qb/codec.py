@@ -24,6 +24,8 @@ ON, OFF = 3, 0
 """What Activate is told: a bit for each motor."""
 _FRAME = len(HEADER) + 2
 """Bytes before the command."""
+PER_PERIOD = 32
+"""Bytes on the line: a goal, a question and its answer."""
 
 
 class Command(IntEnum):

@@ -25,6 +25,8 @@ from typing import NamedTuple
 BAUD = 1_000_000
 SIZE, SUMMED = 24, slice(1, 22)
 START, LAYOUT = 0x5A, 1
+PER_PERIOD = 4 * SIZE
+"""Bytes on the line: a goal and a question, and their answers."""
 ACTUATORS, TICKS = 5, 65_535
 MILLIAMPERES = 10
 """A count of current."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import NamedTuple
 
@@ -83,6 +84,16 @@ class Servo:
     def alert(self) -> int:
         """What every status packet of it adds to its error."""
         return ALERT if self.memory.bytes[70] else 0
+
+    @property
+    def shaft(self) -> int:
+        """Where it is, tick."""
+        return self._shaft
+
+    @property
+    def free_speed(self) -> float:
+        """Of a shaft that nothing hangs on, ticks/s: its Velocity Limit, which is that of no load."""
+        return self.memory.get("velocity_limit") * self.model.velocity_unit * TURN / (2.0 * math.pi)
 
     @property
     def wants(self) -> Wants:
