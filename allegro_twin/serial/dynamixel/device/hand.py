@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError
-from allegro_twin.serial.dynamixel.codec.calibration import Calibration
+from allegro_twin.serial.dynamixel.codec.calibration import RAD_PER_TICK, Calibration
 from allegro_twin.serial.dynamixel.codec.shafts import Shafts, of_joints
 from allegro_twin.serial.dynamixel.codec.table import FARTHEST
 from allegro_twin.serial.dynamixel.device.bus import Bus
@@ -106,7 +106,8 @@ class VirtualHand:
         if k not in self.faults.torn:
             self._loose.pop(k, None)
             return wants
-        most, servo = self.servos[k].free_speed * self.period, self.servos[k]
+        servo, unit = self.servos[k], self.calibration.model.velocity_unit / RAD_PER_TICK
+        most = servo.memory.get("velocity_limit") * unit * self.period  # Of its data sheet: without a load.
         at = self._loose.setdefault(k, float(servo.shaft))
         self._loose[k] = at + (min(max(wants.goal - at, -most), most) if wants.current else 0.0)
         return Wants(wants.goal, 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import NamedTuple
 
@@ -89,11 +88,6 @@ class Servo:
     def shaft(self) -> int:
         """Where it is, tick."""
         return self._shaft
-
-    @property
-    def free_speed(self) -> float:
-        """Of a shaft that nothing hangs on, ticks/s: its Velocity Limit, which is that of no load."""
-        return self.memory.get("velocity_limit") * self.model.velocity_unit * TURN / (2.0 * math.pi)
 
     @property
     def wants(self) -> Wants:
