@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
 from allegro_twin.description.hands import load_spec
-from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.errors import CommandError, ConfigError, SelfCollision
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import PositionCommand, TorqueCommand
@@ -150,6 +151,17 @@ def test_it_takes_positions_and_nothing_else(command: TorqueCommand | PositionCo
     sim.reset()
     with pytest.raises(CommandError, match="sih_right takes"):
         sim.write(command)
+
+
+@pytest.mark.parametrize("config", ["sim_sih", "sih_virtual"])
+def test_the_facade_moves_it_grasps_with_it_and_plans_no_fist_through_the_thumb(config: str) -> None:
+    with Hand.open(config) as hand:
+        hand.move_to(0.7 * SPEC.lower + 0.3 * SPEC.upper)
+        np.testing.assert_allclose(hand.state.position, 0.7 * SPEC.lower + 0.3 * SPEC.upper, atol=0.03)
+        hand.grasp("sih_apple")
+        assert hand.state.position[1] > 1.5
+        with pytest.raises(SelfCollision, match="thumb would be .* mm inside each other"):
+            hand.move_to([2.0, 2.4, 2.4, 2.4, 1.4])
 
 
 def test_a_card_cannot_say_velocity_and_is_told_what_it_can(tmp_path: object) -> None:
