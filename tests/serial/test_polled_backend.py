@@ -11,6 +11,7 @@ from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, Li
 from allegro_twin.serial.dynamixel.codec.packet import status
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.spoil import Noise
+from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import Event, FaultPlan
 from allegro_twin.serial.polled.lockstep import LockstepPort
 from allegro_twin.serial.polled.settings import HostSettings
@@ -271,6 +272,13 @@ def test_another_hands_answer_is_named(who: str, kind: Kind) -> None:
         Polled(kind, there=there)
     assert (who == own) != (f"speaks {who}" in str(caught.value))
     assert "\n" not in str(caught.value)
+
+
+def test_what_came_too_late_is_no_answer_to_the_next_question() -> None:
+    port, ping = LockstepPort(virtual("qb"), BAUD["qb"]), Packet(ID, Command.PING).encoded()
+    exchange = Exchange(port, "it", 0.02, 1)
+    port._came = b"an answer to what was asked before"
+    assert exchange(ping, lambda heard: heard or None, len(ping)) == ping
 
 
 def test_a_hand_of_another_layout_is_refused_before_anything_moves() -> None:
