@@ -11,6 +11,7 @@ from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, Li
 from allegro_twin.serial.dynamixel.codec.packet import status
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.spoil import Noise
+from allegro_twin.serial.polled.device import VirtualHand
 from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import Event, FaultPlan
 from allegro_twin.serial.polled.lockstep import LockstepPort
@@ -20,8 +21,8 @@ from allegro_twin.serial.qb.device import QbDevice
 from allegro_twin.serial.schunk.codec import Question, Who
 from allegro_twin.serial.schunk.device import SchunkDevice
 from allegro_twin.types import HandState, PositionCommand
-from tests.serial.polled_rigs import BAUD, ID, KINDS, KT, MOTORS, TICKS, Kind, Polled, virtual
-from tests.serial.rigs import PERIOD
+from tests.serial.polled_rigs import BAUD, ID, KINDS, KT, MOTORS, TICKS, Kind, Polled, boot_of, scale_of, virtual
+from tests.serial.rigs import PERIOD, Joints, small_spec
 
 HALF_TICK = {kind: 2.0 / TICKS[kind] for kind in KINDS}
 """rad, of ranges of 4 rad."""
@@ -355,6 +356,12 @@ def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) 
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
     with pytest.raises(ConfigError, match=names):
         HostSettings(**wrong)  # type: ignore[arg-type]  # What is wrong is the point.
+
+
+def test_a_virtual_hand_of_which_no_motor_could_be_dead_alone_is_refused(kind: Kind) -> None:
+    joints = Joints(small_spec(MOTORS[kind], ("position",)))
+    with pytest.raises(ConfigError, match="needs physics that take a limited_position; small_right: position"):
+        VirtualHand(joints, boot_of(kind), scale_of(kind), BAUD[kind])
 
 
 def test_faults_that_do_not_exist_are_refused_by_name() -> None:

@@ -62,6 +62,11 @@ class VirtualHand:
         self.backend, self.scale, self.baud = backend, scale, baud
         self._boot, plan = boot, plan or FaultPlan()
         self.electronics = boot()
+        if "limited_position" not in backend.spec.commands:
+            kinds = ", ".join(backend.spec.commands)
+            raise ConfigError(
+                f"a virtual hand needs physics that take a limited_position; {backend.spec.name}: {kinds}"
+            )
         n = backend.spec.n_actuators
         for event in plan.script:
             if not 0 <= event.which < n:
