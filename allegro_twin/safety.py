@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,11 +80,18 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     return None
 
 
-class Guard:
-    """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples."""
+Way = Callable[[Vector, Vector], None]
+"""Raises CommandError for a position and a goal, (n,), rad, between which a hand must not go."""
 
-    def __init__(self, inner: HandBackend, limits: Limits) -> None:
-        self._inner, self._limits = inner, limits
+
+class Guard:
+    """Limits and trips. A fault leaves the hand limp until `reset`; every HandError carries the last samples.
+
+    `way`: what looks at the way of a command to a position before it is sent.
+    """
+
+    def __init__(self, inner: HandBackend, limits: Limits, way: Way | None = None) -> None:
+        self._inner, self._limits, self._way = inner, limits, way
         self._history: deque[Sample] = deque(maxlen=HISTORY)
         self._limp = limp_of(inner.spec)
         self._state: HandState | None = None
@@ -139,7 +147,10 @@ class Guard:
             if limits.rate is not None:
                 torque = no_faster(torque, torque_of(self.applied, spec), limits.rate * self.period)
             return TorqueCommand(torque)
-        return bounded(position_of(command, spec), state, limits, spec)
+        allowed = bounded(position_of(command, spec), state, limits, spec)
+        if self._way is not None and not allowed.limp:
+            self._way(state.position, allowed.position)
+        return allowed
 
     def _ready(self) -> HandState:
         if self._fault is not None:

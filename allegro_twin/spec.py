@@ -105,6 +105,8 @@ class HandSpec:
     """What it takes; a hand that takes torques takes nothing else."""
     followers: tuple[Follower, ...] = ()
     """Joints that no sensor sees: tendons, linkages and springs move them with those that are driven."""
+    apart: tuple[tuple[str, str], ...] = ()
+    """Pairs of fingers that could hook into each other: no command may lead them there."""
     drive: Drive | None = None
     """What its drive does beyond `actuation`; None: nothing, where the hand's file says nothing."""
     card: str = ""

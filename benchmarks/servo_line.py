@@ -26,8 +26,8 @@ def figures() -> Iterator[Figure]:
     for period in (0.02, 0.01):
         for what, task in (("alone", ALONE), ("in the loop, at a grasp", GRASP)):
             timer = _bare if task is ALONE else _loop
-            ratio, sim, line = _ratio(timer(task, period, line=False), timer(task, period, line=True))
-            yield f"{1000 * period:.0f} ms through sixteen servos, {what} ({sim:.0f} → {line:.0f} µs)", ratio, 2.5, "x"
+            found, sim, line = ratio(timer(task, period, line=False), timer(task, period, line=True))
+            yield f"{1000 * period:.0f} ms through sixteen servos, {what} ({sim:.0f} → {line:.0f} µs)", found, 2.5, "x"
 
 
 def config(task: dict[str, Any], period: float, *, line: bool) -> RunConfig:
@@ -78,7 +78,7 @@ def _loop(task: dict[str, Any], period: float, *, line: bool) -> Callable[[], fl
     return timed
 
 
-def _ratio(bare: Callable[[], float], other: Callable[[], float]) -> tuple[float, float, float]:
+def ratio(bare: Callable[[], float], other: Callable[[], float]) -> tuple[float, float, float]:
     """Median of ratios that were taken in turn, for others use the machine too; and both medians, µs."""
     bare(), other()
     rows = [(bare(), other()) for _ in range(ROUNDS)]

@@ -68,7 +68,7 @@ HOMES = {
 }
 FLOORS = {
     "wire": ["codec", "host", "device", "tools"],
-    "serial": ["line", "dynamixel"],
+    "serial": ["line", "dynamixel", "polled", "qb", "schunk"],
     "serial/dynamixel": ["codec", "host", "device"],
     "identify": ["motions", "fitting", "results"],
 }

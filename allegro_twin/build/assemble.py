@@ -9,7 +9,7 @@ from allegro_twin.backend import HandBackend
 from allegro_twin.build.controllers import make_controller
 from allegro_twin.build.rig import Rig, guarded
 from allegro_twin.build.simulated import simulated, trial_of
-from allegro_twin.config import CanSettings, DynamixelSettings, ReplaySettings, RunConfig, SimSettings
+from allegro_twin.config import CanSettings, DynamixelSettings, PolledSettings, ReplaySettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
@@ -35,7 +35,7 @@ def assemble(config: RunConfig) -> Rig:
             return _simulated(config, settings)
         case CanSettings() as settings:
             return _wired(config, settings)
-        case DynamixelSettings() as settings:
+        case DynamixelSettings() | PolledSettings() as settings:
             return _served(config, settings)
         case ReplaySettings() as settings:
             return _replayed(config, settings)
@@ -58,12 +58,16 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     return replace(_at_work(config, spec, backend, scene), wire=backend)
 
 
-def _served(config: RunConfig, settings: DynamixelSettings) -> Rig:
+def _served(config: RunConfig, settings: DynamixelSettings | PolledSettings) -> Rig:
+    from allegro_twin.build.polled import make_polled
     from allegro_twin.build.servos import make_servos
     from allegro_twin.build.wired import Scene
 
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
     scene = Scene()
+    if isinstance(settings, PolledSettings):
+        polled = make_polled(config, settings, spec, scene)
+        return replace(_at_work(config, spec, polled, scene), polled=polled)
     backend = make_servos(config, settings, spec, scene)
     return replace(_at_work(config, spec, backend, scene), servos=backend)
 

@@ -29,14 +29,17 @@ from allegro_twin.config import (
     LimpSettings,
     PolicySettings,
     PositionSettings,
+    QbSettings,
     ReplaySettings,
     RunConfig,
     SceneSettings,
+    SchunkSettings,
     SimSettings,
     TaskSettings,
     TorqueSettings,
 )
 from allegro_twin.config.dynamixel import LineFaultSettings, ServoSettings
+from allegro_twin.config.polled import PolledFaultSettings
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.evaluate.held import Report
@@ -45,6 +48,7 @@ from allegro_twin.files.schema import parse
 from allegro_twin.loop import Controller
 from allegro_twin.replay.recording import Recording, load
 from allegro_twin.sim.backend import ENGINE, SimBackend
+from allegro_twin.sim.posed import moved_by
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
@@ -53,7 +57,8 @@ Beside: TypeAlias = Callable[[], dict[str, Array]]
 Changes: TypeAlias = Mapping[str, Any]
 """By key: `friction`, `damping`, `frictionloss`, or `controller.…` as in a config."""
 _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    "backend": {"sim": SimSettings, "can": CanSettings, "dynamixel": DynamixelSettings, "replay": ReplaySettings},
+    "backend": {"sim": SimSettings, "can": CanSettings, "dynamixel": DynamixelSettings, "qb": QbSettings,
+                "schunk": SchunkSettings, "replay": ReplaySettings},
     "controller": {
         "pd": PositionSettings, "pid": PositionSettings, "torque": TorqueSettings, "gravity": GravitySettings,
         "policy": PolicySettings, "limp": LimpSettings, "position": FollowSettings,
@@ -66,6 +71,10 @@ _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     "servos": {"": ServoSettings},
     "firmware": {"": FirmwareSettings},
 }  # fmt: skip
+_LINES: Mapping[type[BaseModel], type[BaseModel]] = {
+    DynamixelSettings: LineFaultSettings, QbSettings: PolledFaultSettings, SchunkSettings: PolledFaultSettings,
+}  # fmt: skip
+"""What may go wrong on whose line."""
 PHYSICS = ("friction", "damping", "frictionloss")
 
 
@@ -172,8 +181,8 @@ def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]
         default = model.model_fields[key].get_default(call_default_factory=True)
         if value is None or value == (list(default) if isinstance(default, tuple) else default):
             continue
-        if model is DynamixelSettings and key == "faults":
-            value = _given(LineFaultSettings, value)
+        if key == "faults" and model in _LINES:
+            value = _given(_LINES[model], value)
         elif key in _BLOCKS and isinstance(value, Mapping):
             value = _given(_BLOCKS[key].get(value.get("kind", ""), _BLOCKS[key].get("", RunConfig)), value)
         found[key] = value
@@ -207,7 +216,8 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
 
 def _apply(sim: SimBackend, changes: Changes) -> None:
     """Friction of every contact; damping (N·m·s/rad) and dry friction (N·m) of every joint."""
-    dofs = [int(sim.model.joint(name).dofadr[0]) for name in sim.spec.joints]
+    joints = [*moved_by(sim.spec, sim.model).values(), *(sim.model.joint(f.name).id for f in sim.spec.followers)]
+    dofs = [int(sim.model.jnt_dofadr[joint]) for joint in joints]
     if "friction" in changes:
         sim.model.geom_friction[:, 0] = changes["friction"]
     if "damping" in changes:

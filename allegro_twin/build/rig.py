@@ -20,6 +20,7 @@ from allegro_twin.types import frozen
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
+    from allegro_twin.serial.polled.backend import PolledBackend
     from allegro_twin.sim.backend import SimBackend
     from allegro_twin.wire.host.backend import CanBackend
 
@@ -42,11 +43,13 @@ class Rig:
     """The hand on its bus, where there is one: for what its link went through."""
     servos: DynamixelBackend | None = None
     """The hand of servos on its line, where there is one."""
+    polled: PolledBackend | None = None
+    """The hand that answers when it is asked, where there is one."""
 
     @property
-    def there(self) -> CanBackend | DynamixelBackend | None:
+    def there(self) -> CanBackend | DynamixelBackend | PolledBackend | None:
         """The hand on a wire, of whatever kind; None for one that is only simulated or replayed."""
-        return self.wire or self.servos
+        return self.wire or self.servos or self.polled
 
     @property
     def live(self) -> bool:
@@ -55,8 +58,14 @@ class Rig:
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
-    """A backend behind the config's limits. Raises ConfigError."""
-    return Guard(backend, limits_of(config.limits, spec))
+    """A backend behind the config's limits, and for a hand whose fingers could hook into each other behind a look at
+    where they would go. Raises ConfigError."""
+    limits = limits_of(config.limits, spec)
+    if not spec.apart:
+        return Guard(backend, limits)
+    from allegro_twin.sim.interlock import Interlock
+
+    return Guard(backend, limits, Interlock(spec))
 
 
 def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:

@@ -114,7 +114,7 @@ def firmware(
     from allegro_twin.cli import console
     from allegro_twin.cli.performers import on_hand
     from allegro_twin.cli.servos import be_servos
-    from allegro_twin.config import CanSettings, DynamixelSettings, load_config
+    from allegro_twin.config import CanSettings, DynamixelSettings, PolledSettings, load_config
     from allegro_twin.evaluate.written import write_reports
     from allegro_twin.wire.device.serve import serve
     from allegro_twin.wire.host import realtime
@@ -124,7 +124,7 @@ def firmware(
         raise ConfigError(f"--hand is for one hand; these are {len(configs)} configs: say it in their `hand` blocks")
     loaded = [on_hand(load_config(name), hand) for name in configs]
     settings = loaded[0].backend
-    if isinstance(settings, DynamixelSettings):
+    if isinstance(settings, DynamixelSettings | PolledSettings):
         return be_servos(loaded, step, seconds, more=bool(report or wire_log))
     if not isinstance(settings, CanSettings):
         raise ConfigError(f"{configs[0]} has backend {settings.kind}; a hand on a bus needs `backend: {{kind: can}}`")

@@ -1,4 +1,4 @@
-"""Being a hand of DYNAMIXEL servos at a terminal."""
+"""Being a hand on a serial line at a terminal."""
 
 from __future__ import annotations
 
@@ -6,32 +6,36 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from allegro_twin.config import VIRTUAL_PORT, DynamixelSettings, RunConfig
+from allegro_twin.config import VIRTUAL_PORT, DynamixelSettings, PolledSettings, RunConfig
 from allegro_twin.errors import ConfigError
 
 
 def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float | None, *, more: bool) -> None:
     """Serve the config's hand in real time at a pseudo-terminal in place of its port. `more`: a report or a bus log was
     asked for. Raises ConfigError or LinkError."""
-    from allegro_twin.build.servos import virtual_hand
+    from allegro_twin.build import polled, servos
     from allegro_twin.build.wired import Scene
     from allegro_twin.cli import console
     from allegro_twin.description.hands import load_spec
-    from allegro_twin.serial.dynamixel.device.serve import serve
+    from allegro_twin.serial.line.serve import Device, serve
     from allegro_twin.serial.line.terminal import Terminal
 
     config = configs[0]
     settings = config.backend
-    assert isinstance(settings, DynamixelSettings)
+    assert isinstance(settings, DynamixelSettings | PolledSettings)
     if len(configs) > 1 or more:
-        raise ConfigError("a hand of servos is served alone, without --report or --wire-log, which are for CAN")
+        raise ConfigError("a hand on a serial line is served alone, without --report or --wire-log, which are for CAN")
     if settings.port == VIRTUAL_PORT:
         raise ConfigError(f"port {VIRTUAL_PORT} is a line inside one program; give the path that a terminal shall have")
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    hand = virtual_hand(config, settings, spec, Scene(), step or config.period)
+    if isinstance(settings, PolledSettings):
+        hand: Device = polled.virtual_hand(config, settings, spec, Scene(), step or config.period)
+        who: str = settings.kind
+    else:
+        hand = there = servos.virtual_hand(config, settings, spec, Scene(), step or config.period)
+        who = "ids " + ", ".join(str(servo.id) for servo in there.servos)
     terminal, served = Terminal(Path(settings.port)), None
-    ids = ", ".join(str(servo.id) for servo in hand.servos)
-    said = f"{spec.name} at {settings.port}, ids {ids} at {settings.baud} baud; Ctrl-C ends it"
+    said = f"{spec.name} at {settings.port}, {who} at {settings.baud} baud; Ctrl-C ends it"
     console.console.print(said, highlight=False, soft_wrap=True)
     try:
         with suppress(KeyboardInterrupt):

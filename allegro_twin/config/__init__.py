@@ -19,6 +19,7 @@ from allegro_twin.config.controllers import (
     TorqueSettings,
 )
 from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
+from allegro_twin.config.polled import PolledSettings, QbSettings, SchunkSettings
 from allegro_twin.config.run import HandSettings, LimitSettings, RunConfig, load_config
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.values import PerJoint
@@ -38,10 +39,13 @@ __all__ = [
     "LimpSettings",
     "PerJoint",
     "PolicySettings",
+    "PolledSettings",
     "PositionSettings",
+    "QbSettings",
     "ReplaySettings",
     "RunConfig",
     "SceneSettings",
+    "SchunkSettings",
     "SimSettings",
     "TaskSettings",
     "TorqueSettings",

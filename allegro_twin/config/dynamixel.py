@@ -43,7 +43,9 @@ class LineEvent(Settings):
 
     at: Annotated[float, Field(ge=0)]
     """s since the hand was switched on."""
-    what: Literal["dead_motor", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"]
+    what: Literal[
+        "dead_motor", "torn_tendon", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"
+    ]  # fmt: skip
     which: Annotated[int, Field(ge=0)] = 0
     """The actuator."""
     amount: float | None = None

@@ -19,6 +19,7 @@ from allegro_twin.config.controllers import (
     TorqueSettings,
 )
 from allegro_twin.config.dynamixel import DynamixelSettings
+from allegro_twin.config.polled import QbSettings, SchunkSettings
 from allegro_twin.config.task import TaskSettings
 from allegro_twin.config.unread import unread
 from allegro_twin.config.values import PerJoint, Positive
@@ -50,7 +51,10 @@ class RunConfig(Settings):
     """Everything that `allegro-twin run` needs."""
 
     hand: HandSettings = HandSettings()
-    backend: Annotated[SimSettings | CanSettings | DynamixelSettings | ReplaySettings, Field(discriminator="kind")]
+    backend: Annotated[
+        SimSettings | CanSettings | DynamixelSettings | QbSettings | SchunkSettings | ReplaySettings,
+        Field(discriminator="kind"),
+    ]
     controller: Annotated[
         TorqueSettings
         | GravitySettings

@@ -16,6 +16,7 @@ from allegro_twin.config.controllers import (
     TorqueSettings,
 )
 from allegro_twin.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
+from allegro_twin.config.polled import PolledSettings
 from allegro_twin.config.task import TaskSettings
 
 Controller: TypeAlias = (
@@ -28,7 +29,7 @@ Controller: TypeAlias = (
     | CartesianSettings
 )
 _MOVING = (PositionSettings, FollowSettings)
-Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | ReplaySettings
+Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | PolledSettings | ReplaySettings
 
 
 def unread(task: TaskSettings, controller: Controller, backend: Backend) -> str | None:
@@ -78,7 +79,7 @@ def _backend(task: TaskSettings, backend: Backend) -> Iterator[str]:
         for key in ("channel", "options"):
             if key in backend.model_fields_set:
                 yield f"backend.{key}: {VIRTUAL} is a bus inside this program and has none: leave it out"
-    if isinstance(backend, DynamixelSettings) and backend.port == VIRTUAL_PORT:
+    if isinstance(backend, DynamixelSettings | PolledSettings) and backend.port == VIRTUAL_PORT:
         for key in ("latency", "keeper"):
             if key in backend.model_fields_set:
                 yield f"backend.{key}: {VIRTUAL_PORT} is a line inside this program and has none: leave it out"

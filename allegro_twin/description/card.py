@@ -79,8 +79,12 @@ class HandCard(Settings):
     fingers: dict[str, FingerCard] = {}  # noqa: RUF012  # Pydantic copies it.
     followers: tuple[FollowerCard, ...] = ()
     palm: PalmCard = PalmCard()
+    apart: tuple[tuple[str, str], ...] = ()
+    """Pairs of fingers that could hook into each other: no command may lead them there."""
     servos: dict[str, Any] | None = None
     """Of a hand of servos on a serial line; docs/dynamixel.md."""
+    line: dict[str, Any] | None = None
+    """Of a hand that answers when it is asked; docs/hands.md#wires."""
 
     @model_validator(mode="after")
     def _known_names(self) -> HandCard:
@@ -94,6 +98,9 @@ class HandCard(Settings):
         for name, where in asked:
             if name not in names:
                 raise ValueError(f"{where}: {name!r} is none of what is driven: {', '.join(names)}")
+        for finger in (finger for pair in self.apart for finger in pair):
+            if finger not in self.fingers:
+                raise ValueError(f"apart: {finger!r} is none of the fingers: {', '.join(self.fingers)}")
         if "torque" in self.commands and len(self.commands) > 1:
             raise ValueError(f"commands: a hand that takes torques takes nothing else, not {', '.join(self.commands)}")
         return self
@@ -125,6 +132,7 @@ def spec_of(path: Path, model: str, side: Side) -> HandSpec:
             {name: each.tip for name, each in card.fingers.items()}, _turn(card.palm, path), keeps=True,
         ),
         commands=card.commands,
+        apart=card.apart,
         followers=tuple(
             Follower(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
         ),

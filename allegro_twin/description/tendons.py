@@ -123,8 +123,9 @@ def _tendons(root: Element, table: dict[str, Any], rows: list[Row]) -> None:
         if not pulled:
             continue
         work = sum(row.facts["stiffness"] * row.facts["goes"] ** 2 for row in pulled if "goes" in row.facts)
-        rotor = {"armature": number(facts["armature"])} if "armature" in facts else {}
-        fixed = SubElement(tendons, "fixed", {"name": motor, **rotor})
+        own = {key: number(facts[key]) for key in ("armature", "frictionloss") if key in facts}
+        own |= {"damping": number(facts["drag"])} if "drag" in facts else {}  # Beyond what the firmware's loop gives.
+        fixed = SubElement(tendons, "fixed", {"name": motor, **own})
         for row in pulled:
             if "goes" in row.facts:
                 coefficient = row.facts["stiffness"] * row.facts["goes"] / work

@@ -7,6 +7,7 @@ from allegro_twin.config import (
     VIRTUAL_PORT,
     CanSettings,
     DynamixelSettings,
+    PolledSettings,
     ReplaySettings,
     RunConfig,
     SimSettings,
@@ -81,7 +82,7 @@ def _has_scene(config: RunConfig) -> bool:
             return True
         case CanSettings(interface=interface):
             return interface == VIRTUAL
-        case DynamixelSettings(port=port):
+        case DynamixelSettings(port=port) | PolledSettings(port=port):
             return port == VIRTUAL_PORT
     return False
 
@@ -92,7 +93,7 @@ def _where(config: RunConfig) -> str:
             return "simulated"
         case CanSettings(interface=interface, channel=channel):
             return "virtual" if interface == VIRTUAL else f"on {interface} {channel}"
-        case DynamixelSettings(port=port):
+        case DynamixelSettings(port=port) | PolledSettings(port=port):
             return "virtual" if port == VIRTUAL_PORT else f"on {port}"
         case ReplaySettings(file=file):
             return f"recording {file}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Collection
 from itertools import combinations, combinations_with_replacement
 
 import mujoco
@@ -21,20 +22,25 @@ Indices = NDArray[np.int_]
 
 
 class Clearance:
-    """Distances between the parts of a hand, from the shapes that collide in its simulation."""
+    """Distances between the parts of a hand, from the shapes that collide in its simulation. `only`: of these pairs."""
 
-    def __init__(self, spec: HandSpec) -> None:
+    def __init__(self, spec: HandSpec, only: Collection[tuple[str, str]] = ()) -> None:
         model = compile_scene(spec, Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
         self._model, self._data = model, mujoco.MjData(model)
         self._in_use = threading.Lock()
         self._posed = Posed(spec, model)
         names = part_names(spec)
         couples = list(combinations_with_replacement(range(len(names)), 2))
+        if only:
+            wanted = [{names.index(one), names.index(other)} for one, other in only]
+            couples = [couple for couple in couples if set(couple) in wanted]
         self.pairs = tuple((names[a], names[b]) for a, b in couples)
         """Which two parts each column is about; a finger can also meet itself."""
-        self._geoms = np.array(touching_geoms(model), dtype=int).reshape(-1, 2)
-        part = parts_of(model, spec)[model.geom_bodyid[self._geoms]]
-        self._columns = np.array([couples.index((min(row), max(row))) for row in part.tolist()], dtype=int)
+        geoms = np.array(touching_geoms(model), dtype=int).reshape(-1, 2)
+        part = np.sort(parts_of(model, spec)[model.geom_bodyid[geoms]], axis=1).tolist()
+        kept = [k for k, row in enumerate(part) if tuple(row) in couples]
+        self._geoms = geoms[kept]
+        self._columns = np.array([couples.index(tuple(part[k])) for k in kept], dtype=int)
 
     def __call__(self, postures: Array) -> Array:
         """The least distance of every pair of parts, postures (k, n), rad → (k, pairs), m: at most SIGHT; negative

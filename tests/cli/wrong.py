@@ -248,7 +248,7 @@ TABLE = [
         ("firmware sim_right", 2, "a hand on a bus needs `backend: {kind: can}`"),
         ("firmware can_virtual", 2, "is a bus inside one program"),
         ("firmware leap_virtual", 2, "port virtual is a line inside one program"),
-        ("firmware leap_usb leap_usb", 2, "a hand of servos is served alone"),
+        ("firmware leap_usb leap_usb", 2, "a hand on a serial line is served alone"),
         ("firmware leap_usb --report r.json", 2, "which are for CAN"),
         ("firmware can_pty can_pty", 2, "cannot tell apart two hands of version v4, with device 0"),
         ("check sim_right", 2, "only a hand on a bus has a link to check"),

@@ -14,7 +14,7 @@ from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.files.assets import data_root
 from allegro_twin.loop import run, until
 
-OTHERS = ("leap", "model_o", "qb_softhand")
+OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]
 QUICK = [next(path for path in SCENARIOS if path.parent.name == hand) for hand in OTHERS]
 

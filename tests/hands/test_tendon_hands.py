@@ -13,7 +13,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim
 
-CARDS = ("model_o", "qb_softhand")
+CARDS = ("model_o", "qb_softhand", "sih")
 
 
 def closed(sim: SimBackend, spec: HandSpec, position: Array, seconds: float = 2.0) -> list[dict[str, float]]:

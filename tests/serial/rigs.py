@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
-from allegro_twin.backend import position_of
+from allegro_twin.backend import HandBackend, position_of
 from allegro_twin.build.servos import make_servos
 from allegro_twin.build.wired import Scene
 from allegro_twin.config import DynamixelSettings, RunConfig
@@ -22,17 +22,17 @@ from allegro_twin.serial.dynamixel.codec.table import XM430_W350, Model
 from allegro_twin.serial.dynamixel.device.faults import FaultPlan
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.device.lockstep import LockstepLine
-from allegro_twin.serial.dynamixel.device.serve import serve
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.serial.dynamixel.host.line import Line
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.serve import Device, serve
 from allegro_twin.serial.line.terminal import Terminal
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 
 BAUD = 1_000_000
 PERIOD = 0.01
-MADE: list[DynamixelBackend] = []
+MADE: list[HandBackend] = []
 """What a test has made and may not have closed."""
 KT = 1.5
 """N·m/A of the servos here."""
@@ -152,8 +152,9 @@ class Bench:
         self.backend = self.made()
 
     def made(self) -> DynamixelBackend:
-        MADE.append(DynamixelBackend(self.joints.spec, self.calibration, self.open, self.settings))
-        return MADE[-1]
+        made = DynamixelBackend(self.joints.spec, self.calibration, self.open, self.settings)
+        MADE.append(made)
+        return made
 
     def go(self, position: float | Vector, periods: int = 1, effort: float | None = None) -> HandState:
         """Go there for so many periods; the last state."""
@@ -168,7 +169,7 @@ class Bench:
 class Serving:
     """A hand served in real time at a terminal by a thread, which ends with the block."""
 
-    def __init__(self, path: Path, hand: VirtualHand) -> None:
+    def __init__(self, path: Path, hand: Device) -> None:
         self.hand, self.terminal = hand, Terminal(path)
         self.error: Exception | None = None
         self._over = threading.Event()

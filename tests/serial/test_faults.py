@@ -61,6 +61,16 @@ def test_a_dead_motor_is_seen_by_what_it_does_not_do() -> None:
     assert state.torque[2] == 0.0
 
 
+def test_a_torn_tendon_is_a_shaft_that_arrives_without_drawing_anything() -> None:
+    bench = after(Event(0.3, "torn_tendon", 2))
+    bench.go(0.5, 60)
+    state = bench.go(1.2, 100)
+    np.testing.assert_allclose(state.position, 1.2, atol=0.01)
+    assert state.torque[2] == 0.0
+    assert bench.hand.state.position[2] < 0.8
+    np.testing.assert_allclose(np.delete(bench.hand.state.position, 2), 1.2, atol=0.01)
+
+
 def test_a_servo_whose_watchdog_has_struck_is_named() -> None:
     error = until_fault(after(Event(0.05, "watchdog", 0)))
     assert isinstance(error, HandFault)

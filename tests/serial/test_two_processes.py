@@ -53,8 +53,9 @@ while True:
 
 def driven(path: Path, baud: int = BAUD, *, keeper: bool = False) -> DynamixelBackend:
     settings = HostSettings(period=PERIOD, watchdog=0.5, keeper=keeper)
-    MADE.append(DynamixelBackend(small_spec(), calibrated(), lambda: SerialLine(str(path), baud, PATIENCE), settings))
-    return MADE[-1]
+    made = DynamixelBackend(small_spec(), calibrated(), lambda: SerialLine(str(path), baud, PATIENCE), settings)
+    MADE.append(made)
+    return made
 
 
 @pytest.fixture

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.serial.dynamixel.codec.packet import FRAME
+from allegro_twin.serial.line.port import BITS
 
-BITS = 10
-"""A byte on the line: start, eight, stop."""
 DELAY_UNIT = 2e-6
 """s of Return Delay Time."""
 GOAL, PRESENT = 4, 10

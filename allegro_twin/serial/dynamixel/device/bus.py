@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 
-from allegro_twin.serial.dynamixel.codec.budget import BITS, DELAY_UNIT
+from allegro_twin.serial.dynamixel.codec.budget import DELAY_UNIT
 from allegro_twin.serial.dynamixel.codec.packet import (
     BROADCAST,
     LAST_ID,
@@ -20,6 +20,7 @@ from allegro_twin.serial.dynamixel.codec.packet import (
     status,
 )
 from allegro_twin.serial.dynamixel.device.servo import Servo
+from allegro_twin.serial.line.port import BITS
 
 _WHERE = struct.Struct("<HH")
 _OPTION = 1

@@ -11,7 +11,7 @@ from allegro_twin.serial.dynamixel.device.servo import Servo
 from allegro_twin.serial.line.spoil import Noise, Spoiler
 
 Trouble: TypeAlias = Literal[
-    "dead_motor", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"
+    "dead_motor", "torn_tendon", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"
 ]
 TROUBLES: tuple[Trouble, ...] = get_args(Trouble)
 OVERHEATED = 90.0
@@ -55,6 +55,8 @@ class Faults:
         self._script = sorted(plan.script, key=lambda event: event.at)
         self.heat = dict[int, float]()
         """Motors that are hot, °C."""
+        self.torn = set[int]()
+        """Actuators that their servo no longer pulls."""
         for event in plan.script:
             if not 0 <= event.which < len(servos):
                 raise ConfigError(f"faults.script: which is {event.which}; this hand has {len(servos)} servos")
@@ -69,6 +71,8 @@ class Faults:
         match event.what:
             case "dead_motor":
                 servo.dead = True
+            case "torn_tendon":
+                self.torn.add(event.which)
             case "watchdog":
                 servo.trip()
             case "other_id":
@@ -85,6 +89,7 @@ class Faults:
                     each.mute = True
             case "recover":
                 self.heat = dict.fromkeys(self.heat, _WARM)
+                self.torn.clear()
                 for each, identifier in zip(self._servos, self._ids, strict=True):
                     each.dead = each.mute = False
                     each.become(identifier)

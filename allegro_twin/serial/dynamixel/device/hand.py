@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError
-from allegro_twin.serial.dynamixel.codec.calibration import Calibration
+from allegro_twin.serial.dynamixel.codec.calibration import RAD_PER_TICK, Calibration
 from allegro_twin.serial.dynamixel.codec.shafts import Shafts, of_joints
 from allegro_twin.serial.dynamixel.codec.table import FARTHEST
 from allegro_twin.serial.dynamixel.device.bus import Bus
@@ -43,6 +43,8 @@ class VirtualHand:
         self.now = 0.0
         """s since `restart`."""
         self._on = 0.0
+        self._loose = dict[int, float]()
+        """Shafts that nothing hangs on, ticks."""
         self.restart()
         for servo in self.servos:
             servo.reboot()
@@ -57,6 +59,15 @@ class VirtualHand:
         """Whether no servo does anything."""
         return not any(servo.wants.current for servo in self.servos)
 
+    @property
+    def seconds(self) -> float:
+        """For how long the line was used."""
+        return self.bus.seconds
+
+    def clear(self) -> None:
+        """A pause on the line."""
+        self.bus.clear()
+
     def restart(self) -> None:
         """Begin the scene anew; the servos stay as they are."""
         self.state = self.backend.reset()
@@ -70,7 +81,7 @@ class VirtualHand:
     def step(self) -> HandState:
         """Let one period pass."""
         self.faults.happen(self._on)
-        wants = [servo.wants for servo in self.servos]
+        wants = [self._pull(k, servo.wants) for k, servo in enumerate(self.servos)]
         if wants != self._told:
             goals, currents = zip(*wants, strict=True)
             if currents != self._currents:
@@ -90,6 +101,17 @@ class VirtualHand:
         """What comes back of what a host sends at this speed."""
         return self.faults.spoil(self.bus.receive(self.faults.spoil(data), baud))
 
+    def _pull(self, k: int, wants: Wants) -> Wants:
+        """What is left at the actuator of what a servo wants: nothing where its tendon is torn, and its shaft runs."""
+        if k not in self.faults.torn:
+            self._loose.pop(k, None)
+            return wants
+        servo, unit = self.servos[k], self.calibration.model.velocity_unit / RAD_PER_TICK
+        most = servo.memory.get("velocity_limit") * unit * self.period  # Of its data sheet: without a load.
+        at = self._loose.setdefault(k, float(servo.shaft))
+        self._loose[k] = at + (min(max(wants.goal - at, -most), most) if wants.current else 0.0)
+        return Wants(wants.goal, 0)
+
     def _sense(self) -> None:
         """Tell the servos where their shafts are."""
         shafts, calibration = self._shafts(self.state), self.calibration
@@ -98,8 +120,11 @@ class VirtualHand:
         velocity = _whole(calibration.velocity_counts(shafts.velocity), FARTHEST)
         current = _whole(calibration.torque_counts(shafts.torque), _INT16)
         rows = zip(self.servos, calibration.ticks(shafts.position), velocity, current, strict=True)
-        for servo, tick, speed, draws in rows:
-            servo.sense(tick, speed, draws)
+        for k, (servo, tick, speed, draws) in enumerate(rows):
+            if k in self._loose:
+                servo.sense(round(self._loose[k]), 0, 0)
+            else:
+                servo.sense(tick, speed, draws)
         warmth = self.state.temperature
         if warmth is not self._warmth and len(warmth) == len(self.servos) and np.isfinite(warmth).all():
             for servo, celsius in zip(self.servos, warmth, strict=True):

@@ -85,6 +85,11 @@ class Servo:
         return ALERT if self.memory.bytes[70] else 0
 
     @property
+    def shaft(self) -> int:
+        """Where it is, tick."""
+        return self._shaft
+
+    @property
     def wants(self) -> Wants:
         table = self.memory.bytes
         mode = table[11]

@@ -15,12 +15,12 @@ from allegro_twin.serial.dynamixel.codec import budget
 from allegro_twin.serial.dynamixel.codec.calibration import Calibration
 from allegro_twin.serial.dynamixel.codec.shafts import Joints, Shafts, to_joints
 from allegro_twin.serial.dynamixel.host import prepare
-from allegro_twin.serial.dynamixel.host.glide import Glide, onward
 from allegro_twin.serial.dynamixel.host.line import Line
 from allegro_twin.serial.dynamixel.host.motors import Motors
 from allegro_twin.serial.dynamixel.host.reading import Reading
 from allegro_twin.serial.dynamixel.host.sdk import Sdk
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.glide import Glide, onward
 from allegro_twin.serial.line.keeper import Keeper
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, frozen

@@ -1,24 +1,12 @@
-"""A serial port as a line: pyserial behind the names that the vendor's packet handler asks for."""
+"""A serial port as a line: behind the names that the vendor's packet handler asks for."""
 
 from __future__ import annotations
 
-import select
-import termios
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 
-import serial
-
-from allegro_twin.errors import LinkError
-from allegro_twin.serial.dynamixel.codec.budget import BITS
 from allegro_twin.serial.dynamixel.host.line import Line
-
-FLOOD = 8192
-"""Bytes after which an answer counts as overdue, whatever still comes: the SDK waits as long as a stranger speaks."""
-LATENCY = 0.02
-"""s that an adapter and a busy computer may take beside the bytes: FTDI's adapters hold bytes for 16 ms by default."""
+from allegro_twin.serial.line.adapter import Adapter
+from allegro_twin.serial.line.port import BITS, FLOOD, LATENCY
 
 
 class SerialLine(Line):
@@ -27,53 +15,37 @@ class SerialLine(Line):
     def __init__(self, path: str, baud: int, latency: float = LATENCY) -> None:
         super().__init__(path, baud)
         self._latency, self._overdue, self._left = latency, 0.0, FLOOD
-        with self._told("open"):
-            self._port = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        with suppress(OSError, ValueError, NotImplementedError):  # Not every adapter can, and a terminal cannot.
-            self._port.set_low_latency_mode(True)
+        self._port = Adapter(path, baud)
 
     def now(self) -> float:
-        return time.monotonic()
+        return self._port.now()
 
     def wait(self, until: float) -> None:
-        left = until - time.monotonic()
-        if left > 0.0:
-            threading.Event().wait(left)
+        self._port.wait(until)
 
     def begin(self) -> None:
-        self.clearPort()
+        self._port.clear()
 
     def rebaud(self, baud: int) -> None:
-        with self._told(f"set {baud} baud on"):
-            self._port.baudrate = baud
-            self._port.reset_input_buffer()
+        self._port.rebaud(baud)
         self.baud = baud
 
     def close(self) -> None:
-        with suppress(OSError, termios.error):  # The adapter is gone, and so is the port.
-            self._port.close()
+        self._port.close()
 
     @property
     def shared(self) -> int | None:
-        return int(self._port.fileno())
+        return self._port.shared
 
     def clearPort(self) -> None:  # noqa: N802  # The SDK's name, as are those below.
-        with self._told("read"):
-            self._port.reset_input_buffer()
+        self._port.clear()
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
-        with self._told("write to"):
-            return int(self._port.write(bytes(packet)))
+        self._port.send(bytes(packet))
+        return len(packet)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
-        with self._told("read"):
-            data = bytes(self._port.read(min(length, self._left)))
-            if (
-                not data
-                and self._left
-                and select.select([self._port], [], [], max(self._overdue - time.monotonic(), 0.0))[0]
-            ):
-                data = bytes(self._port.read(min(length, self._left)))
+        data = self._port.receive(min(length, self._left), self._overdue - time.monotonic())
         self._left -= len(data)
         return data
 
@@ -85,10 +57,3 @@ class SerialLine(Line):
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
         return self._left <= 0 or time.monotonic() > self._overdue
-
-    @contextmanager
-    def _told(self, doing: str) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, termios.error, ValueError) as error:  # pyserial raises ValueError for a speed.
-            raise LinkError(f"cannot {doing} {self.name}: {error}; is it plugged in, and nobody else's?") from error

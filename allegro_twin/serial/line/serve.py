@@ -6,14 +6,40 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.line.terminal import Terminal
 
 BEHIND = 1.0
 """s of lateness at which the hand gives up catching up: a real hand's clock does not wait either."""
 PAUSE = 0.02
 """s of silence on the line after which half a packet is none."""
+
+
+class Device(Protocol):
+    """A hand that does not exist, at its end of a line."""
+
+    @property
+    def period(self) -> float:
+        """s of a step."""
+        ...
+
+    @property
+    def seconds(self) -> float:
+        """For how long the line was used: bytes, and what they wait for."""
+        ...
+
+    def step(self) -> object:
+        """Let one period pass."""
+        ...
+
+    def receive(self, data: bytes, baud: int) -> bytes:
+        """What comes back of what a host sends at this speed."""
+        ...
+
+    def clear(self) -> None:
+        """A pause on the line: what was not a packet yet never becomes one."""
+        ...
 
 
 @dataclass(slots=True)
@@ -36,7 +62,7 @@ class Served:
         return f"{steps}; {self.heard} bytes heard, {self.said} said"
 
 
-def serve(hand: VirtualHand, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
+def serve(hand: Device, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
     """Be this hand at this terminal; yields after every step, until nobody consumes. Deadlines are absolute.
 
     Answers come when the bytes have had their time on the line. Raises LinkError when the terminal is gone.
@@ -59,7 +85,7 @@ def serve(hand: VirtualHand, terminal: Terminal, clock: Callable[[], float] = ti
 class _Line:
     """What is on its way between the terminal and the hand."""
 
-    def __init__(self, hand: VirtualHand, terminal: Terminal, clock: Callable[[], float]) -> None:
+    def __init__(self, hand: Device, terminal: Terminal, clock: Callable[[], float]) -> None:
         self._hand, self._terminal, self._clock = hand, terminal, clock
         self._answers = deque[tuple[float, bytes]]()
         self._free = self._last = clock()
@@ -77,12 +103,12 @@ class _Line:
                 return
 
     def _hear(self, data: bytes) -> None:
-        now, bus = self._clock(), self._hand.bus
+        now, hand = self._clock(), self._hand
         if now - self._last > PAUSE:
-            bus.clear()
-        self._last, before = now, bus.seconds
-        answer = self._hand.receive(data, self._terminal.baud or 1)
-        self._free = max(self._free, now) + bus.seconds - before
+            hand.clear()
+        self._last, before = now, hand.seconds
+        answer = hand.receive(data, self._terminal.baud or 1)
+        self._free = max(self._free, now) + hand.seconds - before
         if answer:
             self._answers.append((self._free, answer))
 

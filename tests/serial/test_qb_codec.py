@@ -1,0 +1,71 @@
+"""Packets of qb devices: what is known of them to the byte, and what becomes of damaged ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from allegro_twin.serial.qb.codec import Command, Packet, Parser, answer, lrc, numbers, words
+
+PING = bytes.fromhex("3a3a 01 02 00 00")
+GOAL = bytes.fromhex("3a3a 01 06 82 4a38 0000 f0")  # 19000, 0; 82 ^ 4a ^ 38 = f0.
+packets = st.builds(Packet, st.integers(0, 255), st.integers(0, 255), st.binary(max_size=40))
+
+
+def test_a_packet_is_frame_length_command_numbers_with_the_high_byte_first_and_their_xor() -> None:
+    assert Packet(1, Command.PING).encoded() == PING
+    assert Packet(1, Command.SET_INPUTS, words(19_000, 0)).encoded() == GOAL
+    assert lrc(bytes.fromhex("824a380000")) == 0xF0
+    assert Packet(1, Command.ACTIVATE, b"\x03").encoded().hex(" ") == "3a 3a 01 03 80 03 83"
+
+
+@given(st.lists(st.integers(-32768, 32767), max_size=5))
+def test_numbers_come_back_as_they_were(values: list[int]) -> None:
+    assert list(numbers(words(*values))) == values
+
+
+def test_numbers_that_do_not_fit_stop_at_the_ends() -> None:
+    assert list(numbers(words(40_000, -40_000))) == [32767, -32768]
+
+
+@given(st.lists(packets, max_size=6), st.integers(1, 7))
+def test_packets_come_out_as_they_went_in_however_they_are_cut(said: list[Packet], step: int) -> None:
+    parser, data = Parser(), b"".join(packet.encoded() for packet in said)
+    heard = [packet for k in range(0, len(data), step) for packet in parser.feed(data[k : k + step])]
+    assert heard == said
+
+
+@given(st.lists(st.binary(max_size=300), max_size=4))
+def test_whatever_is_found_is_a_packet_that_stood_there(noise: list[bytes]) -> None:
+    parser, data = Parser(), b"".join(noise)
+    for piece in noise:
+        for packet in parser.feed(piece):
+            assert packet.encoded() in data
+
+
+def test_a_damaged_packet_is_none_and_the_next_one_is_found() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        spoilt = bytearray(GOAL)
+        spoilt[int(rng.integers(4, len(GOAL)))] ^= 1 << int(rng.integers(8))
+        assert Parser().feed(bytes(spoilt) + GOAL) == [Packet(1, Command.SET_INPUTS, words(19_000, 0))]
+
+
+def test_half_a_packet_before_a_pause_never_becomes_one() -> None:
+    parser = Parser()
+    assert parser.feed(GOAL[:6]) == []
+    parser.clear()
+    assert parser.feed(GOAL[6:]) == []
+    assert parser.feed(GOAL)
+
+
+def test_an_answer_is_that_of_this_device_to_this_command() -> None:
+    mine = Packet(1, Command.GET_CURRENTS, words(5, 0)).encoded()
+    others = (
+        Packet(2, Command.GET_CURRENTS, words(6, 0)).encoded() + Packet(1, Command.GET_INPUTS, words(7, 0)).encoded()
+    )
+    assert answer(others, 1, Command.GET_CURRENTS, 4) is None
+    assert answer(others + mine[:-1], 1, Command.GET_CURRENTS, 4) is None
+    assert answer(others + mine, 1, Command.GET_CURRENTS, 4) == words(5, 0)
+    assert answer(mine, 1, Command.GET_CURRENTS, 6) is None
