@@ -28,6 +28,14 @@ def test_every_joint_creeps_and_runs_both_ways(side: Side) -> None:
         assert (creeping.sum(axis=0) * 0.003 > 0.2).all()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "lies", "side"), [(500, "up", "right"), (11401, "palm-up", "left"),
+                                                    (11802, "side", "left")])  # fmt: skip
+def test_a_motion_that_touches_nothing_is_found_where_the_first_ones_touch(seed: int, lies: str, side: Side) -> None:
+    """Three of 160 in which none of the first nine would do."""
+    assert len(rehearsed(load_spec(side=side), pose(lies, side), seed, 16.0).speed) > 5000
+
+
 def test_a_pose_is_where_gravity_is_in_the_palm() -> None:
     assert pose("up", "right").gravity == (0.0, 0.0, -9.81)
     assert pose("palm-up", "left").gravity == (-9.81, 0.0, 0.0)

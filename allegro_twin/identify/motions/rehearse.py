@@ -20,7 +20,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 NEAR = 0.003  # m between two links that count as touching: the real hand is not quite the nominal one.
-SCALES, TRIES = (1.0, 0.85, 0.7), 3
+SCALES, TRIES = (1.0, 0.85, 0.7), 6
 
 
 class Rehearsed(NamedTuple):
