@@ -45,11 +45,11 @@ class HandSettings(Settings):
 class SecuritySettings(Settings):
     """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
 
-    position: Vector3 = (-0.22, 0.0, 0.36)
+    position: Vector3 = (-0.12, 0.05, 0.42)
     """m."""
-    facing: Vector3 = (0.0, 0.0, -1.0)
+    facing: Vector3 = (0.7071, 0.0, -0.7071)
     """Where the palm looks."""
-    fingers: Vector3 = (1.0, 0.0, 0.0)
+    fingers: Vector3 = (0.0, -1.0, 0.0)
     """Where stretched fingers point."""
 
 

@@ -169,7 +169,7 @@ class Work:
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            self.way = best_way(seen.solid, room, state.position)
+            self.way = best_way(seen.solid, room)
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
             return
