@@ -22,8 +22,8 @@ from allegro_twin.sim.objects import Placement, named, orientation
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import Vector
 
-_WAITING = (0.26, 0.0, 0.25, -2.2, -1.24, 1.17, 0.9)
-"""rad. Elbow up and the hand to the right, from where most grasps are near (docs/lab.md)."""
+_WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
+"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/lab.md)."""
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from allegro_twin.errors import ConfigError
@@ -10,36 +12,50 @@ from allegro_twin.lab.cell import Room
 from allegro_twin.lab.choice import Way, body_of, ways
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
+from allegro_twin.types import Vector
 
 _TRIED = 8
 """Ways, those first in which the arm bends the least."""
 _NEAR = 2e-3
 """m and rad: how exactly it has to reach them on paper; the spring goes on from there."""
+_RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
+_LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
+"""rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
 _ROOM = 0.08
 """rad: to the end of every joint."""
 
 
-def best_way(solid: Solid, room: Room) -> Way:
+class Reached(NamedTuple):
+    """A way that the arm reaches."""
+
+    far: float
+    """The largest turn of a joint from where it waits, rad."""
+    way: Way
+    posture: Vector
+    """Of the arm where the approach begins, (n,), rad."""
+
+
+def best_way(solid: Solid, room: Room) -> Reached:
     """The way whose approach and grasp the arm reaches with the least turn of a joint from where it waits.
 
     Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
     """
     found = ways(body_of(solid), room.hand.spec.model)
     found.sort(key=lambda way: -_across(way.palm, room.cell.base))
-    reached = [(turned, way) for way in found[:_TRIED] if (turned := _turned(way, room)) is not None]
+    sides = [np.array(side) for side in (_RIGHT, _LEFT)]
+    each = (_from(way, room, side) for way in found[:_TRIED] for side in sides)
+    reached = [one for one in each if one is not None]
     if not reached:
         best = found[0]
         raise ConfigError(
             f"{room.cell.spec.name} does not reach the {best.card.name} grasp of the {solid.shape} at "
             f"{place(solid.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
         )
-    return min(reached, key=lambda each: each[0])[1]
+    return min(reached, key=lambda one: one.far)
 
 
-def _turned(way: Way, room: Room) -> float | None:
-    """The largest turn of a joint, rad; None where the arm does not get there."""
-    model, spec, at = room.cell.model, room.cell.spec, room.posture
-    postures = []
+def _from(way: Way, room: Room, at: Vector) -> Reached | None:
+    model, spec, postures = room.cell.model, room.cell.spec, []
     for palm in (way.before, way.palm):
         try:
             at = model.reach(room.cell.flange_for(palm), at, _NEAR)
@@ -48,11 +64,11 @@ def _turned(way: Way, room: Room) -> float | None:
         postures.append(at)
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
-    return float(np.abs(np.stack(postures) - room.posture).max())
+    return Reached(float(np.abs(np.stack(postures) - room.posture).max()), way, postures[0])
 
 
 def _across(palm: Pose, base: Pose) -> float:
-    """How well stretched fingers point to the right of the way from the arm's foot to the palm, -1 to 1: there the
-    elbow is up and no joint near its end, whichever way the palm looks."""
+    """How well stretched fingers point across the way from the arm's foot to the palm, 0 to 1: there no joint is near
+    its end."""
     away = (palm.position - base.position)[:2]
-    return float(palm.rotation[:2, 2] @ np.array([away[1], -away[0]]) / np.linalg.norm(away))
+    return abs(float(palm.rotation[:2, 2] @ np.array([away[1], -away[0]]) / np.linalg.norm(away)))

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.arm.impedance import Impedance, Stiffness
+from allegro_twin.arm.impedance import Stiffness, stuck
 from allegro_twin.arm.target import Smoothing
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked
+from allegro_twin.lab.law import Guided
 from allegro_twin.lab.settings import LabSettings
 from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
 from allegro_twin.lab.work import Wish, Work
@@ -22,6 +23,7 @@ from allegro_twin.perception.fits.model import Solid
 from allegro_twin.types import Sample
 
 Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
+_SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
 _STOP = 0.5  # s. How long the arm is watched standing still after the end.
 
 
@@ -145,10 +147,11 @@ class _Story:
         return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
 
 
-def _law(room: Room, work: Work) -> Impedance:
+def _law(room: Room, work: Work) -> Guided:
     arm = room.settings.arm
-    stiffness, smoothing = Stiffness(arm.stiffness, arm.angular_stiffness), Smoothing(arm.speed, arm.turning)
-    return Impedance(room.cell.model, work.target, stiffness, smoothing=smoothing)
+    stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
+    stuck(room.cell.model, room.posture, stiffness, _SLACK)
+    return Guided(room.cell.model, work.guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
 
 
 def _who(error: Exception, room: Room) -> str:

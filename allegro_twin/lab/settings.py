@@ -28,6 +28,8 @@ class ArmSettings(Settings):
     """Of the set-point at most, m/s."""
     turning: Positive = 1.6
     """rad/s."""
+    joint_speed: Positive = 1.5
+    """Of the fastest joint on far ways, at its peak, rad/s."""
     period: Positive = 0.003
     """s; the impedance is as stable as at 1 ms (docs/arm.md)."""
 
@@ -45,11 +47,11 @@ class HandSettings(Settings):
 class SecuritySettings(Settings):
     """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
 
-    position: Vector3 = (-0.12, 0.05, 0.42)
+    position: Vector3 = (-0.22, 0.0, 0.4)
     """m."""
-    facing: Vector3 = (0.7071, 0.0, -0.7071)
+    facing: Vector3 = (1.0, 0.0, 0.0)
     """Where the palm looks."""
-    fingers: Vector3 = (0.0, -1.0, 0.0)
+    fingers: Vector3 = (0.0, 0.0, -1.0)
     """Where stretched fingers point."""
 
 

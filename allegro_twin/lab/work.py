@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.arm.limits import at_limit
-from allegro_twin.arm.target import Target
 from allegro_twin.camera.frame import Frame
 from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
@@ -17,6 +16,7 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked, checked, stopped, weighed
 from allegro_twin.lab.choice import Way
+from allegro_twin.lab.law import Guide
 from allegro_twin.lab.plan import best_way
 from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
@@ -47,9 +47,10 @@ class Work:
     """One run's memory of what was seen, felt and sent."""
 
     def __init__(self, room: Room) -> None:
-        self.room, self.target = room, Target(room.cell.flange_for(room.security))
+        self.room, self.guide = room, Guide(room.posture, room.cell.model)
         self.fingers = Steering(room.open)
         self.way: Way | None = None
+        self._before_posture = room.posture
         self.solid: Solid | None = None
         self.seen_at = 0.0
         """When the picture was taken, s."""
@@ -71,7 +72,7 @@ class Work:
         match now.state:
             case "ToSecurityPose":
                 self._head_for(t, self.room.open, _OPENING)
-                self._go(self.room.security)
+                self._far(t, state, self.room.posture)
             case "Look":
                 self._asked, self._refused, self.way = None, None, None
             case "ToTargetPose":
@@ -79,7 +80,7 @@ class Work:
                 self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
                 self._before.clear()
                 self._head_for(t, self._grasp.preshape, _OPENING)
-                self._go(self.way.before)
+                self._far(t, state, self._before_posture)
             case "Approach":
                 assert self.way is not None
                 self._go(self.way.palm)
@@ -97,7 +98,8 @@ class Work:
 
     def stand_still(self, state: HandState) -> None:
         """The arm stays where it is."""
-        self.target.move(self.room.cell.model.pose(state.position))
+        self.guide.target.move(self.room.cell.model.pose(state.position))
+        self.guide.let_go()
 
     def felt(self, now: Now, state: HandState) -> None:
         """Every state of the arm: what the flange feels is gathered while it is needed."""
@@ -127,14 +129,19 @@ class Work:
         return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
     def _go(self, palm: Pose) -> None:
-        self.target.move(self.room.cell.flange_for(palm))
+        self.guide.target.move(self.room.cell.flange_for(palm))
+        self.guide.let_go()
+
+    def _far(self, t: float, state: HandState, posture: Vector) -> None:
+        speed = self.room.settings.arm.joint_speed
+        self._there = max(self._there, self.guide.through_joints(t, state.position, posture, speed))
 
     def _head_for(self, t: float, posture: Vector, speed: float) -> None:
         # The fingers' clock is the controller's, which began with the run at 0.
         self._there = self.fingers.head_for(t, posture, speed)
 
     def _arrived(self, state: HandState, loose: float) -> bool:
-        decide, pose, goal = self.room.settings.decide, self.room.cell.model.pose(state.position), self.target.pose
+        decide, pose, goal = self.room.settings.decide, self.room.cell.model.pose(state.position), self.guide.target.pose
         off = np.linalg.norm(pose.position - goal.position)
         return bool(
             off < loose * decide.near and np.linalg.norm(turn(pose.rotation, goal.rotation)) < loose * decide.turned
@@ -169,7 +176,7 @@ class Work:
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            self.way = best_way(seen.solid, room)
+            _, self.way, self._before_posture = best_way(seen.solid, room)
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
             return
