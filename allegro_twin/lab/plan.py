@@ -21,6 +21,10 @@ _NEAR = 2e-3
 _RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
 _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
+_CLEAR = 0.12
+"""m: the palm above a thing's top, so that no finger meets it on a far way."""
+_LITTLE = 0.04
+"""m: not worth a way of its own."""
 _ROOM = 0.08
 """rad: to the end of every joint."""
 
@@ -31,8 +35,8 @@ class Reached(NamedTuple):
     far: float
     """The largest turn of a joint from where it waits, rad."""
     way: Way
-    posture: Vector
-    """Of the arm where the approach begins, (n,), rad."""
+    through: tuple[Vector, ...]
+    """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
 
 
 def best_way(solid: Solid, room: Room) -> Reached:
@@ -40,10 +44,11 @@ def best_way(solid: Solid, room: Room) -> Reached:
 
     Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
     """
-    found = ways(body_of(solid), room.hand.spec.model)
+    body = body_of(solid)
+    found, top = ways(body, room.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
     found.sort(key=lambda way: -_across(way.palm, room.cell.base))
     sides = [np.array(side) for side in (_RIGHT, _LEFT)]
-    each = (_from(way, room, side) for way in found[:_TRIED] for side in sides)
+    each = (_from(way, top, room, side) for way in found[:_TRIED] for side in sides)
     reached = [one for one in each if one is not None]
     if not reached:
         best = found[0]
@@ -54,7 +59,7 @@ def best_way(solid: Solid, room: Room) -> Reached:
     return min(reached, key=lambda one: one.far)
 
 
-def _from(way: Way, room: Room, at: Vector) -> Reached | None:
+def _from(way: Way, top: float, room: Room, at: Vector) -> Reached | None:
     model, spec, postures = room.cell.model, room.cell.spec, []
     for palm in (way.before, way.palm):
         try:
@@ -64,7 +69,23 @@ def _from(way: Way, room: Room, at: Vector) -> Reached | None:
         postures.append(at)
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
-    return Reached(float(np.abs(np.stack(postures) - room.posture).max()), way, postures[0])
+    far = float(np.abs(np.stack(postures) - room.posture).max())
+    return Reached(far, way, (*_over(way, top, room, postures[0]), postures[0]))
+
+
+def _over(way: Way, top: float, room: Room, at: Vector) -> tuple[Vector, ...]:
+    """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
+    none where it is above already, or the arm does not reach so high."""
+    up = top + _CLEAR - float(way.before.position[2])
+    if up < _LITTLE:
+        return ()
+    for part in (1.0, 0.6):
+        above = Pose(way.before.position + [0.0, 0.0, part * up], way.before.rotation)
+        try:
+            return (room.cell.model.reach(room.cell.flange_for(above), at, _NEAR),)
+        except ConfigError:
+            continue  # Lower, or straight on.
+    return ()
 
 
 def _across(palm: Pose, base: Pose) -> float:

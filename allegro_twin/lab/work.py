@@ -28,7 +28,7 @@ from allegro_twin.types import HandState, Vector
 _OPENING = 2.0  # rad/s, of the fingers in the air.
 _SQUEEZE = 0.6  # s, as in conf/protocols/table_pick.yaml.
 _PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
-_REST = 0.3  # s. After the lift, until what hangs on the flange has come to rest.
+_REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
 
@@ -50,7 +50,8 @@ class Work:
         self.room, self.guide = room, Guide(room.posture, room.cell.model)
         self.fingers = Steering(room.open)
         self.way: Way | None = None
-        self._before_posture = room.posture
+        self._through: tuple[Vector, ...] = ()
+        self._left: list[Vector] = []  # Of these postures, those still to come.
         self.solid: Solid | None = None
         self.seen_at = 0.0
         """When the picture was taken, s."""
@@ -80,7 +81,8 @@ class Work:
                 self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
                 self._before.clear()
                 self._head_for(t, self._grasp.preshape, _OPENING)
-                self._far(t, state, self._before_posture)
+                self._left = list(self._through)
+                self._far(t, state, self._left.pop(0))
             case "Approach":
                 assert self.way is not None
                 self._go(self.way.palm)
@@ -103,7 +105,7 @@ class Work:
 
     def felt(self, now: Now, state: HandState) -> None:
         """Every state of the arm: what the flange feels is gathered while it is needed."""
-        if now.state == "ToTargetPose":
+        if now.state == "ToTargetPose" and not self._left and state.t >= self._there + _REST:
             self._before.append(state.wrench)
         elif now.state == "Validate" and state.t >= now.since + _REST:
             self._after.append(state.wrench)
@@ -125,6 +127,11 @@ class Work:
                 return Seen(state.t, done=self._closed(state.t))
             case "Validate":
                 return Seen(state.t, held=self._check(state))
+        if now.state == "ToTargetPose" and self._left and state.t >= self._there:
+            self._far(state.t, state, self._left.pop(0))
+            return Seen(state.t)
+        if now.state == "ToTargetPose" and len(self._before) < self.room.settings.validation.samples:
+            return Seen(state.t)  # The tare.
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
@@ -176,7 +183,7 @@ class Work:
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            _, self.way, self._before_posture = best_way(seen.solid, room)
+            _, self.way, self._through = best_way(seen.solid, room)
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
             return
