@@ -83,7 +83,9 @@ def told(rows: Sequence[Row]) -> list[str]:
         "", f"held {held} of {len(rows)} ({held / len(rows):.0%}), {again} of them at the second try",
         f"wall time of a run: median {np.median(walls):.2f} s, 90 % {np.quantile(walls, 0.9):.2f} s",
         f"cycle in the scene's time: median {np.median([row['t'] for row in rows]):.1f} s",
-        "", "| check | held, said held | held, said missed | empty, said held | empty, said missed |", "|---|---|---|---|---|",
+        "",
+        "| check | held, said held | held, said missed | empty, said held | empty, said missed |",
+        "|---|---|---|---|---|",
     ]  # fmt: skip
     checks = [(row["truly"], row) for row in rows] + [(False, row["empty"]) for row in rows if "empty" in row]
     for by in ("force", "torque"):

@@ -52,12 +52,16 @@ def lab(
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
 
     try:
-        if out is None:
-            report = perform(room, entered=said)
-        else:
-            kept = Kept(room, out)
-            report = perform(room, arm=kept.stage("arm"), hand=kept.stage("hand"),
-                             entered=lambda now: (said(now), kept.entered(now))[0])  # fmt: skip
+        kept = None if out is None else Kept(room, out)
+
+        def entered(now: Now) -> None:
+            said(now)
+            if kept is not None:
+                kept.entered(now)
+
+        stages = {} if kept is None else {"arm": kept.stage("arm"), "hand": kept.stage("hand")}
+        report = perform(room, entered=entered, **stages)
+        if kept is not None:
             kept.close()
     finally:
         room.close()
@@ -73,7 +77,9 @@ def told(report: Report) -> list[str]:
     lines = []
     if report.solid is not None:
         size = " x ".join(f"{1e3 * edge:.0f}" for edge in report.solid.size)
-        lines.append(f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}")
+        lines.append(
+            f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}"
+        )
     if report.checked is not None:
         check = report.checked
         lines.append(

@@ -22,8 +22,6 @@ from allegro_twin.perception.verdict import place
 from allegro_twin.sim.objects import Thing, catalogue
 from allegro_twin.types import Array
 
-FOLDERS = {"allegro": ("demo", "more"), "leap": ("leap",), "model_o": ("model_o",), "qb_softhand": ("qb_softhand",)}
-"""Below scenarios/, by model of hand."""
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
 _SQUARE = 1.03  # Ratio of level edges under which a box is square.
 _MOST = 0.25  # Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing.
@@ -97,15 +95,16 @@ def unlike(one: Body, other: Body) -> float:
 @cache
 def cards(model: str) -> tuple[Card, ...]:
     """What ships for a model of hand. Raises ConfigError where nothing does."""
-    if model not in FOLDERS:
-        raise ConfigError(f"no scenarios for the hand {model}; there are some for {', '.join(FOLDERS)}")
-    root = data_root() / "scenarios"
-    paths = [path for folder in FOLDERS[model] for path in sorted((root / folder).glob("*.yaml"))]
-    stored = [(path.stem, load_scenario(path)[0]) for path in paths]
-    return tuple(_card(name, scenario) for name, scenario in stored if scenario.objects[0].shape is None)
+    stored = [(path.stem, load_scenario(path)[0]) for path in sorted((data_root() / "scenarios").glob("*/*.yaml"))]
+    mine = [(name, one) for name, one in stored if one.hand == model and one.objects[0].shape is None]
+    # The one that is named after its thing, with the hand before it or not: others show other grasps of it.
+    found = tuple(_card(one) for name, one in mine if name.removeprefix(f"{model}_") == one.objects[0].name)
+    if not found:
+        raise ConfigError(f"no scenario takes a thing of the catalogue with the hand {model}: add some to scenarios/")
+    return found
 
 
-def _card(name: str, scenario: Scenario) -> Card:
+def _card(scenario: Scenario) -> Card:
     settings, wrist = scenario.objects[0], scenario.wrist
     thing = catalogue()[settings.name]
     body = _standing(thing, np.radians(settings.yaw))
@@ -114,7 +113,7 @@ def _card(name: str, scenario: Scenario) -> Card:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
     back = _about(-body.yaw)
     palm = Pose(back @ offset, back @ facing(wrist.facing, wrist.fingers))
-    return Card(name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
+    return Card(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
 
 
 def _standing(thing: Thing, yaw: float) -> Body:
@@ -126,10 +125,12 @@ def _standing(thing: Thing, yaw: float) -> Body:
 
 
 def _turns(body: Body) -> Array:
+    """By how much it may be turned and is as it was, rad."""
     if body.kind in ("sphere", "cylinder"):
-        return np.arange(_ROUND) * (2.0 * np.pi / _ROUND)
-    square = body.kind == "box" and body.extents[0] < _SQUARE * body.extents[1]
-    return np.arange(4) * (np.pi / 2.0) if square else np.arange(2) * np.pi
+        count = _ROUND
+    else:
+        count = 4 if body.kind == "box" and body.extents[0] < _SQUARE * body.extents[1] else 2
+    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 
 def _turned(card: Card, body: Body, yaw: float) -> Way:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from allegro_twin.files.whole import whole_file
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.run import Stage
 from allegro_twin.lab.states import Now, State
 from allegro_twin.look.camera import Camera
+from allegro_twin.look.saved import save
 from allegro_twin.look.views import View
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.types import Sample
 
 PICTURES: dict[State, str] = {"ToTargetPose": "before", "ToLiftedPose": "grasp", "Done": "end"}
 """What is taken when a state begins, by the name of the file."""
-_VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.1)
+_VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
 _SIZE = (640, 480)
 
 
@@ -29,14 +29,9 @@ class Kept:
 
     def entered(self, now: Now) -> None:
         """A state begins."""
-        from PIL import Image
-
         name = PICTURES.get(now.state)
-        if name is None:
-            return
-        picture = Image.fromarray(self._camera.take())
-        with whole_file(self._folder / f"{name}.png") as temporary:
-            picture.save(temporary)
+        if name is not None:
+            save(self._camera.take(), self._folder / f"{name}.png")
 
     def stage(self, what: str) -> Stage:
         """That records the arm or the hand: `arm` or `hand`."""

@@ -80,7 +80,7 @@ def _over(way: Way, top: float, room: Room, at: Vector) -> tuple[Vector, ...]:
     if up < _LITTLE:
         return ()
     for part in (1.0, 0.6):
-        above = Pose(way.before.position + [0.0, 0.0, part * up], way.before.rotation)
+        above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:
             return (room.cell.model.reach(room.cell.flange_for(above), at, _NEAR),)
         except ConfigError:

@@ -140,7 +140,8 @@ class _Story:
         entered(now)
 
     def report(self, now: Now, work: Work) -> Report:
-        assert now.end is not None and self._first is not None
+        assert now.end is not None
+        assert self._first is not None
         error = float("nan") if work.solid is None else float(np.linalg.norm(work.solid.position - self._at))
         lifted = float(self._room.cell.thing(self._name).position[2]) - self._first
         name = None if work.way is None else work.way.card.name

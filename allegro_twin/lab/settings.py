@@ -19,7 +19,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 class ArmSettings(Settings):
     """The arm and how it moves."""
 
-    model: str = "fer"
+    model: str
     stiffness: Positive = 1000.0
     """N/m."""
     angular_stiffness: Positive = 50.0
@@ -110,7 +110,7 @@ class ValidateSettings(Settings):
 class LabSettings(Settings):
     """The whole cell."""
 
-    arm: ArmSettings = ArmSettings()
+    arm: ArmSettings
     hand: HandSettings = HandSettings()
     camera: CameraSettings
     perception: PerceptionSettings

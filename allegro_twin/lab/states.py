@@ -88,7 +88,9 @@ def decided(now: Now, seen: Seen, rules: Rules) -> Now:
             if seen.done:
                 return replace(now, state="ToTargetPose", since=seen.t)
             if late:
-                return _over(now, seen.t, seen.refused or End("fault", "camera", "no picture has come: see to its cable"))
+                return _over(
+                    now, seen.t, seen.refused or End("fault", "camera", "no picture has come: see to its cable")
+                )
             return now
         case "Validate":
             if seen.held is None and not late:

@@ -148,7 +148,11 @@ class Work:
         self._there = self.fingers.head_for(t, posture, speed)
 
     def _arrived(self, state: HandState, loose: float) -> bool:
-        decide, pose, goal = self.room.settings.decide, self.room.cell.model.pose(state.position), self.guide.target.pose
+        decide, pose, goal = (
+            self.room.settings.decide,
+            self.room.cell.model.pose(state.position),
+            self.guide.target.pose,
+        )
         off = np.linalg.norm(pose.position - goal.position)
         return bool(
             off < loose * decide.near and np.linalg.norm(turn(pose.rotation, goal.rotation)) < loose * decide.turned

@@ -17,7 +17,7 @@ from allegro_twin.lab.kept import Kept
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings
 from allegro_twin.lab.states import Now
-from allegro_twin.replay.recording import Recording
+from allegro_twin.replay import recording
 
 SETTINGS = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 
@@ -52,7 +52,7 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "arm.arrow", "before.png", "end.png", "grasp.png", "hand.arrow",
     ]  # fmt: skip
-    arm, hand = Recording(tmp_path / "arm.arrow"), Recording(tmp_path / "hand.arrow")
+    arm, hand = recording.load(tmp_path / "arm.arrow"), recording.load(tmp_path / "hand.arrow")
     assert (arm.spec.name, hand.spec.name) == ("fer", "allegro_right")
     kept.close()
     room.close()
