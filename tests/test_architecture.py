@@ -23,7 +23,7 @@ LAYERS = [
     {"camera"},
     {"build", "gym", "sweep"},
     {"session", "train", "plan"},
-    {"hand"},
+    {"hand", "lab"},
     {"ros", "panel", "teleop"},
     {"cli"},
 ]

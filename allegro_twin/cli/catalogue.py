@@ -52,6 +52,10 @@ def configs() -> Table:
     table = _table("configs", "name", "backend", "task", "controller")
     for path in sorted((data_root() / "conf").glob("*.yaml")):
         content = read_yaml(path)
+        if "camera" in content:  # A whole cell, `allegro-twin lab`.
+            things = ", ".join(thing["name"] for thing in content["objects"])
+            table.add_row(f"conf/{path.name}", "lab", things, "state machine")
+            continue
         task = ", ".join(f"{key} {value}" for key, value in content.get("task", {}).items())
         table.add_row(f"conf/{path.name}", content["backend"]["kind"], task, content["controller"]["kind"])
     return table

@@ -18,6 +18,7 @@ from allegro_twin.cli import (
     exchange,
     hands,
     improving,
+    lab,
     live,
     looking,
     panel,
@@ -70,6 +71,7 @@ collecting.register(app)
 evaluating.register(app)
 twin.register(app)
 ros.register(app)
+lab.register(app)
 teleop.register(app)
 schemas.register(app)
 doctor.register(app)

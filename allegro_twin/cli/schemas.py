@@ -21,6 +21,7 @@ PLACES = {
     "grasp": "conf/grasps/*.yaml",
     "trajectory": "conf/trajectories/*.yaml",
     "recipe": "conf/training/*.yaml",
+    "lab": "conf/lab_*.yaml",
 }
 """Where the files of each kind are that ship."""
 
@@ -51,6 +52,7 @@ def models() -> dict[str, type[Settings]]:
     """What each kind of file is read into."""
     from allegro_twin.config import RunConfig
     from allegro_twin.evaluate.scenario import Protocol, Scenario
+    from allegro_twin.lab.settings import LabSettings
     from allegro_twin.library.entries import GraspFile, PostureFile, TrajectoryFile
     from allegro_twin.train.settings import Recipe
 
@@ -62,4 +64,5 @@ def models() -> dict[str, type[Settings]]:
         "grasp": GraspFile,
         "trajectory": TrajectoryFile,
         "recipe": Recipe,
+        "lab": LabSettings,
     }

@@ -1,0 +1,88 @@
+"""From the settings to everything that stands in the room: arm, hand, things, camera, eyes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.arm.cell import Cell, make_cell
+from allegro_twin.arm.faults import Disturbed
+from allegro_twin.backend import HandBackend
+from allegro_twin.camera.camera import Camera
+from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.orientation import facing
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.settings import LabSettings, ThingSettings
+from allegro_twin.library.library import Library
+from allegro_twin.perception.pipeline import Pipeline
+from allegro_twin.sim.objects import Placement, named, orientation
+from allegro_twin.sim.statics import hand_model
+from allegro_twin.types import Vector
+
+_WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
+"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/lab.md)."""
+_AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """What the lab works with; `replace` a part to inject a fault."""
+
+    settings: LabSettings
+    cell: Cell
+    arm: HandBackend
+    hand: HandBackend
+    camera: Camera
+    pipeline: Pipeline
+    model: HandModel
+    """Of the hand."""
+    library: Library
+    security: Pose
+    """Of the palm, in the world."""
+    posture: Vector
+    """Of the arm there, (7,), rad."""
+    open: Vector
+    """Of the hand, (n,), rad."""
+
+    def close(self) -> None:
+        """Let go of everything."""
+        self.camera.close()
+        self.cell.close()
+
+
+def make_room(settings: LabSettings) -> Room:
+    """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
+    spec, library, wait = load_spec(settings.hand.model, settings.hand.side), Library(), settings.security
+    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
+    hand_open = library.posture(settings.hand.open, spec)
+    things, arm = [_placed(thing) for thing in settings.objects], settings.arm
+
+    def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:
+        periods = (arm.period, 0.003)
+        return make_cell(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
+                         friction=settings.friction, periods=periods)  # fmt: skip
+
+    first = made(None, ())
+    posture = first.model.reach(first.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
+    cell = made(posture, things)
+    noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
+    return Room(
+        settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
+        Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
+        hand_model(spec), library, security, posture, hand_open,
+    )  # fmt: skip
+
+
+def with_things(settings: LabSettings, things: Sequence[ThingSettings], seed: int) -> LabSettings:
+    """The same cell with other things on the table."""
+    return settings.model_copy(update={"objects": tuple(things), "seed": seed})
+
+
+def _placed(settings: ThingSettings) -> Placement:
+    thing = named(settings.name)
+    position = (*settings.at, float(thing.half_extents()[2]) + _AIR)
+    w, x, y, z = orientation("z", float(np.radians(settings.yaw))).tolist()
+    return Placement(thing, position, (w, x, y, z))

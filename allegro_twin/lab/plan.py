@@ -1,0 +1,95 @@
+"""Of the ways to take a thing, the one that the arm reaches best."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.cell import Room
+from allegro_twin.lab.choice import Way, body_of, ways
+from allegro_twin.perception.fits.model import Solid
+from allegro_twin.perception.verdict import place
+from allegro_twin.types import Vector
+
+_TRIED = 8
+"""Ways, those first in which the arm bends the least."""
+_NEAR = 2e-3
+"""m and rad: how exactly it has to reach them on paper; the spring goes on from there."""
+_RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
+_LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
+"""rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
+_CLEAR = 0.12
+"""m: the palm above a thing's top, so that no finger meets it on a far way."""
+_LITTLE = 0.04
+"""m: not worth a way of its own."""
+_ROOM = 0.08
+"""rad: to the end of every joint."""
+
+
+class Reached(NamedTuple):
+    """A way that the arm reaches."""
+
+    far: float
+    """The largest turn of a joint from where it waits, rad."""
+    way: Way
+    through: tuple[Vector, ...]
+    """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
+
+
+def best_way(solid: Solid, room: Room) -> Reached:
+    """The way whose approach and grasp the arm reaches with the least turn of a joint from where it waits.
+
+    Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
+    """
+    body = body_of(solid)
+    found, top = ways(body, room.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
+    found.sort(key=lambda way: -_across(way.palm, room.cell.base))
+    sides = [np.array(side) for side in (_RIGHT, _LEFT)]
+    each = (_from(way, top, room, side) for way in found[:_TRIED] for side in sides)
+    reached = [one for one in each if one is not None]
+    if not reached:
+        best = found[0]
+        raise ConfigError(
+            f"{room.cell.spec.name} does not reach the {best.card.name} grasp of the {solid.shape} at "
+            f"{place(solid.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
+        )
+    return min(reached, key=lambda one: one.far)
+
+
+def _from(way: Way, top: float, room: Room, at: Vector) -> Reached | None:
+    model, spec, postures = room.cell.model, room.cell.spec, []
+    for palm in (way.before, way.palm):
+        try:
+            at = model.reach(room.cell.flange_for(palm), at, _NEAR)
+        except ConfigError:
+            return None  # The answer, not an error.
+        postures.append(at)
+    if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
+        return None
+    far = float(np.abs(np.stack(postures) - room.posture).max())
+    return Reached(far, way, (*_over(way, top, room, postures[0]), postures[0]))
+
+
+def _over(way: Way, top: float, room: Room, at: Vector) -> tuple[Vector, ...]:
+    """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
+    none where it is above already, or the arm does not reach so high."""
+    up = top + _CLEAR - float(way.before.position[2])
+    if up < _LITTLE:
+        return ()
+    for part in (1.0, 0.6):
+        above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
+        try:
+            return (room.cell.model.reach(room.cell.flange_for(above), at, _NEAR),)
+        except ConfigError:
+            continue  # Lower, or straight on.
+    return ()
+
+
+def _across(palm: Pose, base: Pose) -> float:
+    """How well stretched fingers point across the way from the arm's foot to the palm, 0 to 1: there no joint is near
+    its end."""
+    away = (palm.position - base.position)[:2]
+    return abs(float(palm.rotation[:2, 2] @ np.array([away[1], -away[0]]) / np.linalg.norm(away)))

@@ -1,0 +1,179 @@
+"""One run of the cell: see, take, lift, check; and what is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.arm.impedance import Stiffness, stuck
+from allegro_twin.arm.target import Smoothing
+from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.lab.cell import Room
+from allegro_twin.lab.check import Checked
+from allegro_twin.lab.law import Guided
+from allegro_twin.lab.settings import LabSettings
+from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
+from allegro_twin.lab.work import Wish, Work
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, together
+from allegro_twin.perception.fits.model import Solid
+from allegro_twin.types import Sample
+
+Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
+_SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
+_STOP = 0.5  # s. How long the arm is watched standing still after the end.
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What happened."""
+
+    end: End
+    events: tuple[tuple[float, State], ...]
+    """When each state began, s."""
+    tries: int
+    solid: Solid | None
+    """What was seen, at the last look that led to something."""
+    grasp: str | None
+    """By the name of the scenario that it comes from."""
+    checked: Checked | None
+    error: float
+    """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
+    lifted: float
+    """How much higher the thing is than it was, m. Only a simulation knows."""
+
+    @property
+    def truly(self) -> bool:
+        """Whether the thing is in the air at the end."""
+        return self.lifted > 0.05
+
+
+def perform(
+    room: Room, *, arm: Stage = iter, hand: Stage = iter, entered: Callable[[Now], None] = lambda now: None
+) -> Report:
+    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states.
+
+    Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
+    """
+    work, seen, now = Work(room), _Story(room), begun(0.0)
+    law = _law(room, work)
+    spec = room.hand.spec
+    grip = PD(Wish(work.fingers), load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
+    arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
+    rules, clock = rules_of(room.settings), _Clock(room.settings)
+    last: Sample | None = None
+    try:
+        for turn, sample in together((arms, room.arm.period), (hands, room.hand.period)):
+            if turn == 1:
+                work.hand_is(sample.state)
+                continue
+            state, last = sample.state, sample
+            if state.tick == 0:
+                seen.enter(now, entered)
+                work.enter(now, state)
+            work.felt(now, state)
+            if now.state == "Done":
+                if state.t >= now.since + _STOP:
+                    break
+                continue
+            if not clock.due(state.t):
+                continue
+            after = decided(now, work.know(now, state), rules)
+            if after is not now:
+                now = after
+                seen.enter(now, entered)
+                work.enter(now, state)
+    except (HandFault, LinkError) as error:
+        now = Now("Done", 0.0 if last is None else last.state.t, now.tries, End("fault", _who(error, room), str(error)))
+        seen.enter(now, entered)
+        _hold(room, work, last, (arms, hands))
+    assert now.end is not None
+    return seen.report(now, work)
+
+
+def rules_of(settings: LabSettings) -> Rules:
+    """What the state machine goes by."""
+    most = settings.timeouts
+    return Rules(
+        {"ToSecurityPose": most.security, "Look": most.look, "ToTargetPose": most.target, "Approach": most.approach,
+         "ClosingHand": most.close, "ToLiftedPose": most.lift, "Validate": most.check},
+        settings.decide.retries,
+    )  # fmt: skip
+
+
+class _Clock:
+    """When the state machine is asked."""
+
+    def __init__(self, settings: LabSettings) -> None:
+        self._every = 1.0 / settings.decide.rate if settings.decide.by == "clock" else 0.0
+        self._count = 0
+
+    def due(self, t: float) -> bool:
+        if self._every == 0.0:
+            return True
+        if t < self._count * self._every - 1e-9:
+            return False
+        self._count = int(t / self._every + 1e-9) + 1
+        return True
+
+
+class _Story:
+    """What is remembered for the report."""
+
+    def __init__(self, room: Room) -> None:
+        self._room, self._name = room, room.settings.objects[0].name
+        self._events: list[tuple[float, State]] = []
+        self._first: float | None = None
+        self._error = float("nan")
+        self._at = np.zeros(3)
+
+    def enter(self, now: Now, entered: Callable[[Now], None]) -> None:
+        thing = self._room.cell.thing(self._name).position
+        if self._first is None:
+            self._first = float(thing[2])
+        if now.state == "ToTargetPose":
+            self._at = thing
+        self._events.append((now.since, now.state))
+        entered(now)
+
+    def report(self, now: Now, work: Work) -> Report:
+        assert now.end is not None
+        assert self._first is not None
+        error = float("nan") if work.solid is None else float(np.linalg.norm(work.solid.position - self._at))
+        lifted = float(self._room.cell.thing(self._name).position[2]) - self._first
+        name = None if work.way is None else work.way.card.name
+        return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
+
+
+def _law(room: Room, work: Work) -> Guided:
+    arm = room.settings.arm
+    stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
+    stuck(room.cell.model, room.posture, stiffness, _SLACK)
+    return Guided(room.cell.model, work.guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
+
+
+def _who(error: Exception, room: Room) -> str:
+    arm = room.cell.spec.name in str(error) or any(name in str(error) for name in room.cell.spec.joints)
+    what = "silent" if isinstance(error, LinkError) else "stopped"
+    return f"{'arm' if arm else 'hand'} {what}"
+
+
+def _hold(room: Room, work: Work, last: Sample | None, left: tuple[Iterator[Sample], Iterator[Sample]]) -> None:
+    """Let whoever is still there go on for a moment: the arm stands still, or the hand keeps what it has."""
+    if last is None:
+        return
+    work.stand_still(last.state)
+    for samples in left:
+        for sample in _left(samples):
+            if sample.state.t >= last.state.t + _STOP:
+                break
+
+
+def _left(samples: Iterator[Sample]) -> Iterator[Sample]:
+    try:
+        yield from samples
+    except (HandFault, LinkError):
+        return  # The one whose fault is told already.

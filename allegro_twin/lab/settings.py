@@ -1,0 +1,127 @@
+"""What the YAML of a whole cell says (conf/lab_*.yaml)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from allegro_twin.camera.settings import CameraSettings
+from allegro_twin.files.schema import Settings
+from allegro_twin.perception.settings import PerceptionSettings
+from allegro_twin.spec import Side
+
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class ArmSettings(Settings):
+    """The arm and how it moves."""
+
+    model: str
+    stiffness: Positive = 1000.0
+    """N/m."""
+    angular_stiffness: Positive = 50.0
+    """N·m/rad."""
+    speed: Positive = 0.4
+    """Of the set-point at most, m/s."""
+    turning: Positive = 1.6
+    """rad/s."""
+    joint_speed: Positive = 1.5
+    """Of the fastest joint on far ways, at its peak, rad/s."""
+    period: Positive = 0.003
+    """s; the impedance is as stable as at 1 ms (docs/arm.md)."""
+
+
+class HandSettings(Settings):
+    """The hand on its flange."""
+
+    model: str = "allegro"
+    side: Side = "right"
+    gains: str = "default"
+    open: str = "home"
+    """Posture in which it waits."""
+
+
+class SecuritySettings(Settings):
+    """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
+
+    position: Vector3 = (-0.22, 0.0, 0.4)
+    """m."""
+    facing: Vector3 = (1.0, 0.0, 0.0)
+    """Where the palm looks."""
+    fingers: Vector3 = (0.0, 0.0, -1.0)
+    """Where stretched fingers point."""
+
+
+class ThingSettings(Settings):
+    """A thing of the catalogue that stands on the table."""
+
+    name: str
+    at: tuple[float, float] = (0.0, 0.0)
+    """World, m."""
+    yaw: float = 0.0
+    """Degrees."""
+
+
+class TimeoutSettings(Settings):
+    """How long a state may last, s."""
+
+    security: Positive = 6.0
+    look: Positive = 1.0
+    target: Positive = 6.0
+    approach: Positive = 4.0
+    close: Positive = 6.0
+    lift: Positive = 4.0
+    check: Positive = 3.0
+
+
+class DecideSettings(Settings):
+    """When the state machine looks at what has happened."""
+
+    by: Literal["clock", "event"] = "clock"
+    """`clock`: at `rate`, as in the report; `event`: at every state of the arm."""
+    rate: Positive = 10.0
+    """Hz."""
+    retries: Annotated[int, Field(ge=0)] = 1
+    """So many times it begins anew after a miss."""
+    near: Positive = 0.006
+    """The arm has arrived within this, m,"""
+    turned: Positive = 0.06
+    """and this, rad."""
+
+
+class ValidateSettings(Settings):
+    """When a thing counts as held."""
+
+    by: Literal["force", "torque"] = "torque"
+    """Which of the two decides; both are told."""
+    samples: Annotated[int, Field(ge=1)] = 100
+    """Of the force, before and after."""
+    least: Positive = 0.053
+    """kg: what weighs more is there. 100 samples detect it (docs/lab.md)."""
+    noise: NotNegative = 1.3
+    """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
+    torque: Positive = 0.15
+    """N·m: the fingers press, when the torques that stop them sum up to more than this."""
+
+
+class LabSettings(Settings):
+    """The whole cell."""
+
+    arm: ArmSettings
+    hand: HandSettings = HandSettings()
+    camera: CameraSettings
+    perception: PerceptionSettings
+    objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
+    friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
+    """Of every contact."""
+    security: SecuritySettings = SecuritySettings()
+    lift: Positive = 0.15
+    """m."""
+    timeouts: TimeoutSettings = TimeoutSettings()
+    decide: DecideSettings = DecideSettings()
+    validation: ValidateSettings = ValidateSettings()
+    seed: int = 0
+    """Of the camera's and the force sensor's noise."""

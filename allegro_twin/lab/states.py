@@ -1,0 +1,118 @@
+"""The state machine: from where it is and what is known to where it goes next. Pure; nothing moves here.
+
+ToSecurityPose → Look → ToTargetPose → Approach → ClosingHand → ToLiftedPose → Validate, and from there to an end. The
+report has four of them; looking, the last stretch and the check stand in states of their own, so that each has a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+State = Literal[
+    "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done"
+]  # fmt: skip
+Word = Literal["held", "missed", "refused", "fault"]
+_NEXT: dict[State, State] = {
+    "ToSecurityPose": "Look",
+    "ToTargetPose": "Approach",
+    "Approach": "ClosingHand",
+    "ClosingHand": "ToLiftedPose",
+    "ToLiftedPose": "Validate",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """How it ended."""
+
+    word: Word
+    reason: str = ""
+    """One word for a program: of a refusal perception's, of a fault what it was."""
+    sentence: str = ""
+    """For a person: what, and what to do."""
+
+    def __str__(self) -> str:
+        return f"{self.word}: {self.reason}" if self.reason else self.word
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """Where it is."""
+
+    state: State
+    since: float
+    """s."""
+    tries: int = 1
+    """Counting this one."""
+    end: End | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What is known at a moment."""
+
+    t: float
+    """s."""
+    done: bool = False
+    """What the state was for has happened: the arm is there, the hand is closed, there is a grasp."""
+    held: bool | None = None
+    """What the check says, once it has enough samples."""
+    refused: End | None = None
+    """Why there is nothing to grasp, by the newest picture."""
+    fault: End | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How long a state may last, s, and how often it begins anew."""
+
+    timeouts: dict[State, float]
+    retries: int
+
+
+def begun(t: float) -> Now:
+    """At the start."""
+    return Now("ToSecurityPose", t)
+
+
+def decided(now: Now, seen: Seen, rules: Rules) -> Now:
+    """Where it is after what is known; the same `now` while nothing changes."""
+    if now.state == "Done":
+        return now
+    if seen.fault is not None:
+        return _over(now, seen.t, seen.fault)
+    late = seen.t - now.since >= rules.timeouts[now.state] - 1e-9
+    match now.state:
+        case "Look":
+            if seen.done:
+                return replace(now, state="ToTargetPose", since=seen.t)
+            if late:
+                return _over(
+                    now, seen.t, seen.refused or End("fault", "camera", "no picture has come: see to its cable")
+                )
+            return now
+        case "Validate":
+            if seen.held is None and not late:
+                return now
+            if seen.held:
+                return _over(now, seen.t, End("held"))
+            return _again(now, seen.t, rules, End("missed", "", "the thing is not in the hand"))
+    if seen.done:
+        return replace(now, state=_NEXT[now.state], since=seen.t)
+    return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
+
+
+def _again(now: Now, t: float, rules: Rules, end: End) -> Now:
+    if now.tries <= rules.retries:
+        return Now("ToSecurityPose", t, now.tries + 1)
+    return _over(now, t, end)
+
+
+def _over(now: Now, t: float, end: End) -> Now:
+    return replace(now, state="Done", since=t, end=end)
+
+
+def _stuck(now: Now, rules: Rules) -> End:
+    said = f"{now.state} was not over after {rules.timeouts[now.state]:g} s; see what is in the way"
+    return End("fault", f"timeout in {now.state}", said)

@@ -1,0 +1,205 @@
+"""What the states do: the thin shell around the state machine, which moves targets and takes pictures."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.arm.limits import at_limit
+from allegro_twin.camera.frame import Frame
+from allegro_twin.control.steering import Steering
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import turn
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.cell import Room
+from allegro_twin.lab.check import Checked, checked, stopped, weighed
+from allegro_twin.lab.choice import Way
+from allegro_twin.lab.law import Guide
+from allegro_twin.lab.plan import best_way
+from allegro_twin.lab.states import End, Now, Seen
+from allegro_twin.library.grasps import Grasp
+from allegro_twin.perception.fits.model import Solid
+from allegro_twin.perception.pipeline import Found
+from allegro_twin.perception.verdict import stale
+from allegro_twin.types import HandState, Vector
+
+_OPENING = 2.0  # rad/s, of the fingers in the air.
+_SQUEEZE = 0.6  # s, as in conf/protocols/table_pick.yaml.
+_PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
+_REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
+_LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wish:
+    """A reference whose path is steered from outside."""
+
+    path: Steering
+
+    def begin(self, position: Vector) -> Steering:
+        """The path; it begins where the hand was told to be."""
+        return self.path
+
+
+class Work:
+    """One run's memory of what was seen, felt and sent."""
+
+    def __init__(self, room: Room) -> None:
+        self.room, self.guide = room, Guide(room.posture, room.cell.model)
+        self.fingers = Steering(room.open)
+        self.way: Way | None = None
+        self._through: tuple[Vector, ...] = ()
+        self._left: list[Vector] = []  # Of these postures, those still to come.
+        self.solid: Solid | None = None
+        self.seen_at = 0.0
+        """When the picture was taken, s."""
+        self.checked: Checked | None = None
+        self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
+        self._asked: Frame | None = None
+        self._refused: End | None = None
+        self._grasp: Grasp | None = None
+        self._there = 0.0  # When the fingers will be.
+        self._squeezed = False
+        self._hand: HandState | None = None
+        samples = room.settings.validation.samples
+        self._before: deque[Vector] = deque(maxlen=samples)
+        self._after: deque[Vector] = deque(maxlen=samples)
+
+    def enter(self, now: Now, state: HandState) -> None:
+        """Begin what a state is for; `state` is the arm's."""
+        t = now.since
+        match now.state:
+            case "ToSecurityPose":
+                self._head_for(t, self.room.open, _OPENING)
+                self._far(t, state, self.room.posture)
+            case "Look":
+                self._asked, self._refused, self.way = None, None, None
+            case "ToTargetPose":
+                assert self.way is not None
+                self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
+                self._before.clear()
+                self._head_for(t, self._grasp.preshape, _OPENING)
+                self._left = list(self._through)
+                self._far(t, state, self._left.pop(0))
+            case "Approach":
+                assert self.way is not None
+                self._go(self.way.palm)
+            case "ClosingHand":
+                assert self._grasp is not None
+                self._squeezed = False
+                self._head_for(t, self._grasp.close, self._grasp.speed)
+            case "ToLiftedPose":
+                assert self.way is not None
+                self._after.clear()
+                up = np.array([0.0, 0.0, self.room.settings.lift])
+                self._go(Pose(self.way.palm.position + up, self.way.palm.rotation))
+            case "Done":
+                self.stand_still(state)
+
+    def stand_still(self, state: HandState) -> None:
+        """The arm stays where it is."""
+        self.guide.target.move(self.room.cell.model.pose(state.position))
+        self.guide.let_go()
+
+    def felt(self, now: Now, state: HandState) -> None:
+        """Every state of the arm: what the flange feels is gathered while it is needed."""
+        if now.state == "ToTargetPose" and not self._left and state.t >= self._there + _REST:
+            self._before.append(state.wrench)
+        elif now.state == "Validate" and state.t >= now.since + _REST:
+            self._after.append(state.wrench)
+
+    def hand_is(self, state: HandState) -> None:
+        """Every state of the hand."""
+        self._hand = state
+
+    def know(self, now: Now, state: HandState) -> Seen:
+        """What the state machine has to know of this moment; pictures are taken here."""
+        full = at_limit(state, self.room.cell.spec, self.room.cell.limits)
+        if full is not None:
+            return Seen(state.t, fault=End("fault", "arm at a limit", full))
+        match now.state:
+            case "Look":
+                self._look(state)
+                return Seen(state.t, done=self.way is not None, refused=self._refused)
+            case "ClosingHand":
+                return Seen(state.t, done=self._closed(state.t))
+            case "Validate":
+                return Seen(state.t, held=self._check(state))
+        if now.state == "ToTargetPose" and self._left and state.t >= self._there:
+            self._far(state.t, state, self._left.pop(0))
+            return Seen(state.t)
+        if now.state == "ToTargetPose" and len(self._before) < self.room.settings.validation.samples:
+            return Seen(state.t)  # The tare.
+        loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
+        return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
+
+    def _go(self, palm: Pose) -> None:
+        self.guide.target.move(self.room.cell.flange_for(palm))
+        self.guide.let_go()
+
+    def _far(self, t: float, state: HandState, posture: Vector) -> None:
+        speed = self.room.settings.arm.joint_speed
+        self._there = max(self._there, self.guide.through_joints(t, state.position, posture, speed))
+
+    def _head_for(self, t: float, posture: Vector, speed: float) -> None:
+        # The fingers' clock is the controller's, which began with the run at 0.
+        self._there = self.fingers.head_for(t, posture, speed)
+
+    def _arrived(self, state: HandState, loose: float) -> bool:
+        decide, pose, goal = (
+            self.room.settings.decide,
+            self.room.cell.model.pose(state.position),
+            self.guide.target.pose,
+        )
+        off = np.linalg.norm(pose.position - goal.position)
+        return bool(
+            off < loose * decide.near and np.linalg.norm(turn(pose.rotation, goal.rotation)) < loose * decide.turned
+        )
+
+    def _closed(self, t: float) -> bool:
+        if t < self._there:
+            return False
+        if not self._squeezed:
+            assert self._grasp is not None
+            far = float(np.abs(self._grasp.squeeze - self._grasp.close).max())
+            self._squeezed = True
+            self._head_for(t, self._grasp.squeeze, max(_PEAK * far / _SQUEEZE, 0.05))
+            return False
+        return True
+
+    def _look(self, state: HandState) -> None:
+        room = self.room
+        if self._asked is None:
+            self._asked = room.camera.capture(room.cell.world.data)
+        frame = self._asked
+        if state.t < frame.ready - 1e-9:
+            return
+        self._asked = None
+        if frame.number == self._last.number:
+            old = stale(frame.time, state.t, room.settings.perception.oldest)
+            self._refused = None if old is None else End("fault", "camera", old.sentence)
+            return
+        self._last = frame
+        seen = room.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+        if not isinstance(seen, Found):
+            self._refused = End("refused", seen.reason, seen.sentence)
+            return
+        try:
+            _, self.way, self._through = best_way(seen.solid, room)
+        except ConfigError as error:
+            self._refused = End("refused", "no_grasp", str(error))
+            return
+        self.solid, self.seen_at = seen.solid, frame.time
+
+    def _check(self, state: HandState) -> bool | None:
+        room, settings = self.room, self.room.settings.validation
+        if len(self._after) < settings.samples or self._hand is None:
+            return None
+        axes = room.cell.model.pose(state.position).rotation
+        kilograms = weighed(room.cell.bridge, self._before, self._after, axes, state.gravity)
+        own = room.model.gravity_torque(self._hand.position, self._hand.gravity)
+        press = stopped(self._hand.torque, own, room.hand.spec.actuation.frictionloss)
+        self.checked = checked(kilograms, press, settings)
+        return self.checked.held
