@@ -83,7 +83,7 @@ def told(report: Report) -> list[str]:
     if report.checked is not None:
         check = report.checked
         lines.append(
-            f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; torque on the fingers {check.torque:.2f} N·m: "
+            f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
             f"{_there(check.by_torque)}; in truth lifted by {1e3 * report.lifted:.0f} mm"
         )
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
