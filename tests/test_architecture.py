@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
 LAYERS = [
-    {"arrays", "errors", "types", "drive", "spec", "version"},
+    {"arm_spec", "arrays", "errors", "types", "drive", "spec", "version"},
     {"backend", "files"},
     {"kinematics"},
     {"description", "control", "loop", "safety", "messages", "perception"},

@@ -32,7 +32,8 @@ from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.sim.world import World
-from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
 BASE = (-0.55, 0.0, 0.0)

@@ -14,7 +14,8 @@ from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 
 if TYPE_CHECKING:

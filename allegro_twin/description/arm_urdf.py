@@ -9,7 +9,7 @@ from allegro_twin.description.arms import Arm, ArmLink, Rod
 from allegro_twin.description.facts import Triple
 from allegro_twin.description.text import ARM_NOTICE, document, number, numbers
 from allegro_twin.description.urdf import inertial, joint_between
-from allegro_twin.spec import ArmSpec
+from allegro_twin.arm_spec import ArmSpec
 
 
 def arm_urdf(arm: Arm, spec: ArmSpec) -> str:

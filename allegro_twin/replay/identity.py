@@ -6,7 +6,8 @@ from functools import partial
 from typing import Any
 
 from allegro_twin.drive import Drive
-from allegro_twin.spec import Actuation, ArmSpec, Finger, Follower, HandSpec, Load
+from allegro_twin.arm_spec import ArmSpec, Load
+from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
 from allegro_twin.types import frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness", "velocity_limit", "torque_rate")

@@ -18,7 +18,8 @@ from allegro_twin.sim.lengths import Lengths
 from allegro_twin.sim.posed import Posed, moved_by
 from allegro_twin.sim.servos import ONE, Servos
 from allegro_twin.sim.world import World
-from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
 
 ENGINE = f"mujoco {mujoco.__version__}"

@@ -7,7 +7,8 @@ from typing import TypeAlias
 import mujoco
 import numpy as np
 
-from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 Places: TypeAlias = slice | list[int]

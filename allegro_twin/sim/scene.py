@@ -16,7 +16,8 @@ from allegro_twin.sim.foreign import adopt, located, mounted, read
 from allegro_twin.sim.mounted import Mounted, hang, pedestal, tell
 from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.servos import bound
-from allegro_twin.spec import ArmSpec, HandSpec
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 

@@ -17,7 +17,7 @@ from allegro_twin.loop import Controller, run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.backend import Push, SimBackend
 from allegro_twin.sim.scene import Stage, compile_scene, hand_spec
-from allegro_twin.spec import ArmSpec
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.types import Array, HandState, frozen
 
 WALL = 2000.0  # N/m

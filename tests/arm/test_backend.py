@@ -21,7 +21,7 @@ from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard
-from allegro_twin.spec import Load
+from allegro_twin.arm_spec import Load
 from allegro_twin.types import PositionCommand, TorqueCommand, frozen
 from tests.arm.rigs import rig
 

@@ -24,7 +24,8 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller, run, together
 from allegro_twin.sim.mounted import CAMERA
 from allegro_twin.sim.objects import Placement, named
-from allegro_twin.spec import HandSpec, Load
+from allegro_twin.arm_spec import Load
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 
 HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))

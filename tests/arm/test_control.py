@@ -16,7 +16,7 @@ from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
-from allegro_twin.spec import Load
+from allegro_twin.arm_spec import Load
 from allegro_twin.types import Array, frozen
 from tests.arm.rigs import GAP, WALL, Rig, at_a_wall, rig
 

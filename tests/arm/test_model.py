@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.spec import ArmSpec
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.types import Array
 
 ARMS = arms.names()

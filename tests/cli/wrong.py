@@ -121,7 +121,7 @@ TABLE = [
         ("plan lemon --by z>1 --time 5", 2, "object lemon: nothing of its surface is in the region"),
         ("plan lemon --address here:1", 2, "--address is of a Ray cluster: say --engine ray, too"),
         ("posture home -c nope", 2, "no config named 'nope'; there are: arm_fer, arm_fr3, can_hidden"),
-        ("posture home -c sim_rigth", 2, "did you mean 'sim_right' or 'sim_left'"),
+        ("posture home -c sim_rigth", 2, "did you mean 'sim_right'"),
         ("posture home -c lemon", 2, "('lemon' is a scenario)"),
         ("posture home -c home", 2, "('home' is a posture)"),
         ("posture home -c folder", 2, "no config named 'folder'"),

@@ -1,0 +1,52 @@
+"""Which arm it is: a hand with one finger, whose tip is the flange, and what an arm has besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """What an arm is told that it carries on its flange."""
+
+    mass: float
+    """kg."""
+    centre: Vector
+    """Of mass, in the flange's frame, shape (3,), m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmSpec(HandSpec):
+    """An arm's identity card: that of a hand with one finger, whose tip is the flange, and what an arm has besides.
+
+    An arm carries its own weight and its load: a commanded torque is what comes on top.
+    """
+
+    load: Load | None = None
+    """None: nothing."""
+    ready: Vector = field(default_factory=lambda: frozen(np.empty(0)))
+    """Where it waits, elbow bent and flange down, (n,), rad."""
+    silence: float = 0.02
+    """s without a command after which it holds itself still, as it does before the first."""
+
+    @property
+    def name(self) -> str:
+        return self.model
+
+    @property
+    def root(self) -> str:
+        return f"{self.model}_link0"
+
+    @property
+    def rest(self) -> Vector:
+        return self.ready
+
+    @property
+    def flange(self) -> str:
+        """A link in the URDF, a body and a site in the MJCF: where a tool is screwed on, z away from the arm."""
+        return f"{self.model}_flange"
