@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.build import Rig
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.version import __version__
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from allegro_twin.arm.limits import limits_of
 from allegro_twin.arm.tool import Bridge
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.description.arms import load_arm
 from allegro_twin.description.mounts import Mount, load_mount
 from allegro_twin.kinematics.arm import ArmModel
@@ -32,7 +33,6 @@ from allegro_twin.sim.objects import Placement
 from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.sim.world import World
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 

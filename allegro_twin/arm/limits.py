@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.safety import Limits
 from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.safety import Limits
 from allegro_twin.types import HandState, frozen
 
 _ZONE = 0.05

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.errors import ConfigError
 from allegro_twin.arm_spec import Load
+from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
 _LIKE = 1e-2  # Of the least singular value of the gravities in one column: poses that hardly differ.

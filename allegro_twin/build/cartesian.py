@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.config import CartesianSettings
 from allegro_twin.loop import Controller
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     from allegro_twin.arm.impedance import Impedance
     from allegro_twin.arm.target import Smoothing, Target
     from allegro_twin.arm.tool import Bridge
+    from allegro_twin.arm_spec import Load
     from allegro_twin.kinematics.arm import ArmModel, turned
     from allegro_twin.kinematics.pose import Pose
-    from allegro_twin.arm_spec import Load
 
     assert isinstance(spec, ArmSpec)
     model = ArmModel(spec)

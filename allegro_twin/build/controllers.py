@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.backend import limp_of
 from allegro_twin.build.references import posture_of, wanted_of
 from allegro_twin.config import (
@@ -19,7 +20,6 @@ from allegro_twin.config import (
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.loop import Controller
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 

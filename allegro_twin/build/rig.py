@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.arm.limits import limits_of as arm_limits
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.backend import HandBackend
 from allegro_twin.config import RunConfig
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.description.arms import Arm, ArmLink, Rod
 from allegro_twin.description.mjcf import options
 from allegro_twin.description.text import ARM_NOTICE, document, number, numbers
 from allegro_twin.kinematics.orientation import quaternion_from_euler
-from allegro_twin.arm_spec import ArmSpec
 
 
 def arm_mjcf(arm: Arm, spec: ArmSpec) -> str:

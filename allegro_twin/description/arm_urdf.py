@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.description.arms import Arm, ArmLink, Rod
 from allegro_twin.description.facts import Triple
 from allegro_twin.description.text import ARM_NOTICE, document, number, numbers
 from allegro_twin.description.urdf import inertial, joint_between
-from allegro_twin.arm_spec import ArmSpec
 
 
 def arm_urdf(arm: Arm, spec: ArmSpec) -> str:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.arm_spec import ArmSpec, Load
 from allegro_twin.description import inertia
 from allegro_twin.description.facts import Triple, triple
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.arm_spec import ArmSpec, Load
 from allegro_twin.spec import Actuation, Finger
 from allegro_twin.types import frozen
 

@@ -9,11 +9,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator
 
+from allegro_twin.arm_spec import Load
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing, quaternion_from_matrix
-from allegro_twin.arm_spec import Load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, frozen
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.types import Array, Vector
 
 _DAMPING = 1e-4  # Of the inverse near singular postures, m² and rad².

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from allegro_twin.drive import Drive
 from allegro_twin.arm_spec import ArmSpec, Load
+from allegro_twin.drive import Drive
 from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
 from allegro_twin.types import frozen
 

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.description.appearance import of_object
 from allegro_twin.description.shapes import Body, Shape
 from allegro_twin.sim.scene import hand_spec
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
@@ -18,7 +19,6 @@ from allegro_twin.sim.lengths import Lengths
 from allegro_twin.sim.posed import Posed, moved_by
 from allegro_twin.sim.servos import ONE, Servos
 from allegro_twin.sim.world import World
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from allegro_twin.arm_spec import ArmSpec, Load
 from allegro_twin.description.appearance import STAND
 from allegro_twin.description.mounts import Mount
 from allegro_twin.errors import ConfigError
-from allegro_twin.arm_spec import ArmSpec, Load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -8,6 +8,7 @@ from warnings import catch_warnings, filterwarnings
 
 import mujoco
 
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
@@ -16,7 +17,6 @@ from allegro_twin.sim.foreign import adopt, located, mounted, read
 from allegro_twin.sim.mounted import Mounted, hang, pedestal, tell
 from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.servos import bound
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

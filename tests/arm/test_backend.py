@@ -11,6 +11,7 @@ import pytest
 from allegro_twin.arm.faults import Disturbed, Silent
 from allegro_twin.arm.impedance import Impedance
 from allegro_twin.arm.limits import at_limit, limits_of
+from allegro_twin.arm_spec import Load
 from allegro_twin.control.controllers import Torque
 from allegro_twin.description.arms import load_arm
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
@@ -21,7 +22,6 @@ from allegro_twin.replay.backend import ReplayBackend
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard
-from allegro_twin.arm_spec import Load
 from allegro_twin.types import PositionCommand, TorqueCommand, frozen
 from tests.arm.rigs import rig
 

@@ -12,6 +12,7 @@ from allegro_twin.arm.impedance import Impedance, Stiffness
 from allegro_twin.arm.target import Target
 from allegro_twin.arm.tool import Bridge, identified, weight
 from allegro_twin.arm.weighing import weigh
+from allegro_twin.arm_spec import Load
 from allegro_twin.control.controllers import PD, Follow, Torque
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.description.hands import is_model, load_spec
@@ -24,7 +25,6 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller, run, together
 from allegro_twin.sim.mounted import CAMERA
 from allegro_twin.sim.objects import Placement, named
-from allegro_twin.arm_spec import Load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 

@@ -11,12 +11,12 @@ from allegro_twin.arm.compliance import Compliance, Pull, Virtual, cycled
 from allegro_twin.arm.impedance import Impedance, Stiffness, hung
 from allegro_twin.arm.target import Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
+from allegro_twin.arm_spec import Load
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
-from allegro_twin.arm_spec import Load
 from allegro_twin.types import Array, frozen
 from tests.arm.rigs import GAP, WALL, Rig, at_a_wall, rig
 

@@ -26,8 +26,8 @@ def config(**blocks: Any) -> RunConfig:
 
 @pytest.mark.parametrize("name", ["arm_fer", "arm_fr3"])
 def test_a_shipped_config_brings_the_flange_to_its_pose(name: str) -> None:
-    from allegro_twin.kinematics.arm import ArmModel
     from allegro_twin.arm_spec import ArmSpec
+    from allegro_twin.kinematics.arm import ArmModel
 
     settings = load_config(name)
     rig = assemble(settings)

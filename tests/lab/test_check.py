@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.arm.tool import Bridge, weight
+from allegro_twin.arm_spec import Load
 from allegro_twin.lab.check import checked, stopped, weighed
 from allegro_twin.lab.settings import ValidateSettings
-from allegro_twin.arm_spec import Load
 from allegro_twin.types import Array, frozen
 
 DOWN = np.array([0.0, 0.0, -9.81])
