@@ -12,8 +12,8 @@ LATENCY = 0.02
 """s that an adapter and a busy computer may take beside the bytes: FTDI's adapters hold bytes for 16 ms by default."""
 
 
-class Port(ABC):
-    """Raises LinkError for whatever ends it."""
+class Timed(ABC):
+    """A line and the time that passes on it, whatever is spoken there. Raises LinkError for whatever ends it."""
 
     lockstep = False
     """Whether time on this line passes only while somebody waits for it."""
@@ -38,6 +38,19 @@ class Port(ABC):
         """Speak at another speed from now on."""
 
     @abstractmethod
+    def close(self) -> None:
+        """Let go of it. Idempotent; never raises."""
+
+    @property
+    def shared(self) -> int | None:
+        """A file descriptor through which another process can speak on it; None where none can."""
+        return None
+
+
+class Port(Timed):
+    """Bytes out and back. Raises LinkError for whatever ends it."""
+
+    @abstractmethod
     def clear(self) -> None:
         """Forget what was received."""
 
@@ -47,12 +60,3 @@ class Port(ABC):
     @abstractmethod
     def receive(self, most: int, seconds: float) -> bytes:
         """What has come, so many bytes at most; nothing if nothing comes within so many seconds."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of it. Idempotent; never raises."""
-
-    @property
-    def shared(self) -> int | None:
-        """A file descriptor through which another process can speak on it; None where none can."""
-        return None

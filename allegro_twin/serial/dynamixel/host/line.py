@@ -2,47 +2,19 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+
+from allegro_twin.serial.line.port import Timed
 
 # The SDK's packet handler asks for these names.
 # ruff: noqa: N802
 
 
-class Line(ABC):
+class Line(Timed):
     """A port as `dynamixel_sdk` wants one, with a clock. Raises LinkError for whatever ends it."""
 
-    lockstep = False
-    """Whether time on this line passes only while somebody waits for it."""
     is_using = False
     """The packet handler's own mark that an answer is awaited."""
-
-    def __init__(self, name: str, baud: int) -> None:
-        self.name, self.baud = name, baud
-
-    @abstractmethod
-    def now(self) -> float:
-        """Seconds on a clock that never goes back, but for `begin` on a lockstep line."""
-
-    @abstractmethod
-    def wait(self, until: float) -> None:
-        """Let time pass until then."""
-
-    @abstractmethod
-    def begin(self) -> None:
-        """A session begins: what exists only here starts anew."""
-
-    @abstractmethod
-    def rebaud(self, baud: int) -> None:
-        """Speak at another speed from now on."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of it. Idempotent; never raises."""
-
-    @property
-    def shared(self) -> int | None:
-        """A file descriptor through which another process can speak on it; None where none can."""
-        return None
 
     def getBaudRate(self) -> int:
         return self.baud
