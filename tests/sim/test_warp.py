@@ -19,7 +19,8 @@ from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.types import Array
 
-T = 20  # Simulations.
+T, FAIR = 20, 6
+"""Simulations; how many must be left to compare."""
 GRAZING = 1e-5  # m. Contacts so near the threshold may be on either side of it in single precision.
 # atol and rtol of what a forward pass computes.
 FORWARD = {
@@ -85,7 +86,7 @@ def test_from_the_same_states_one_step_on_the_device_comes_to_the_same_speeds(
     ours, theirs = cpu.engine.worlds, device.engine.worlds
     scenes = [seen(cpu, row) for row in range(T)]
     fair = [row for row, (_, data) in enumerate(scenes) if clear(data)]
-    assert len(fair) >= T // 3, "too few states say something"
+    assert len(fair) >= FAIR, "too few states say something"
     qacc = np.array([data.qacc for _, data in scenes])
     ours.step(None, 1)
     theirs.step(None, 1)
@@ -114,8 +115,6 @@ def test_every_stage_of_a_forward_pass_agrees(task: str, kwargs: dict[str, Any])
         if not clear(data):
             continue
         compared += 1
-        model.opt.tolerance = 0.0  # Solved to the end: from a good start the solver may stop at once.
-        mujoco.mj_forward(model, data)
         rounding = of_rounding(model, data)
         for name, (atol, rtol) in FORWARD.items():
             reference = getattr(data, name)
@@ -125,17 +124,14 @@ def test_every_stage_of_a_forward_pass_agrees(task: str, kwargs: dict[str, Any])
             extra = rounding if name == "qacc" else 0.0
             error = np.abs(ours - reference) / (atol + rtol * np.abs(reference) + extra)
             assert error.max() <= 1.0, f"{name} of simulation {row}: {error.max():.1f} times what is allowed"
-    assert compared >= T // 3
+    assert compared >= FAIR
 
 
 def of_rounding(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """What rounding forces and inertias to single precision may do to accelerations:
-    8 ε |M⁻¹| (|M| |q̈| + |f| + |J|ᵀ|λ|).
-    Fingertips that press an object from all sides cancel in its forces, and do not in their rounding."""
+    """What rounding forces and inertias to single precision may do to accelerations: 8 ε |M⁻¹| (|M| |q̈| + |f|)."""
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    jacobian = np.abs(data.efc_J.reshape(-1, model.nv))
-    force = np.abs(data.qfrc_smooth) + jacobian.T @ np.abs(data.efc_force)
+    force = np.abs(data.qfrc_smooth) + np.abs(data.qfrc_constraint)
     bound = np.abs(np.linalg.inv(mass)) @ (np.abs(mass) @ np.abs(data.qacc) + force)
     return np.asarray(8.0 * float(np.finfo(np.float32).eps) * bound)
 
