@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,14 @@ def test_any_hand_hangs_on_the_flange_and_the_arm_stays_where_it_is(model: str) 
     np.testing.assert_allclose(cell.palm(arm[-1].state).position, palm.xpos, atol=1e-3)
     camera = cell.world.data.site(CAMERA)
     np.testing.assert_allclose(cell.camera(arm[-1].state).rotation, camera.xmat.reshape(3, 3), atol=1e-2)
+
+
+def test_a_hand_on_the_flange_has_no_more_force_than_its_card_says() -> None:
+    spec = load_spec("model_o")
+    weak = replace(spec, actuation=replace(spec.actuation, torque_limit=0.1 * spec.actuation.torque_limit))
+    model = make_cell("fer", weak).world.model
+    allowed = [model.actuator(name).forcerange[1] for name in spec.joints]
+    np.testing.assert_allclose(allowed, weak.actuation.torque_limit)
 
 
 def test_neither_arm_nor_hand_misses_a_period_of_the_one_clock() -> None:

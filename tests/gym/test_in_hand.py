@@ -114,7 +114,7 @@ def test_rocking_to_and_fro_earns_nothing() -> None:
     assert paid < 1.0
 
 
-def test_a_flick_back_costs_what_turning_slowly_has_earned() -> None:
+def test_turning_the_same_way_again_after_a_flick_back_earns_nothing() -> None:
     env = HandEnv("Rotate", timestep=0.003)
     env.reset(seed=0)
     thing = env.engine.task.thing
@@ -126,7 +126,22 @@ def test_a_flick_back_costs_what_turning_slowly_has_earned() -> None:
         thing.pose[0, 3:] = quaternion_from_vector((0.0, 0.0, 0.02 * (step % 10)))
         thing.velocity[0] = thing.spin[0] = 0.0
         paid += env.step(np.zeros(16, np.float32))[4]["speed"]
-    assert paid < 9.0  # Of the last nine steps, which nothing has been charged for yet.
+    assert paid < 9.0
+    assert paid < 0.2 / 0.039 / 0.6 + 1.0  # What the first time is worth.
+    thing.pose[0, :3] = ALOFT
+    thing.pose[0, 3:] = quaternion_from_vector((0.0, 0.0, 1.5))
+    thing.velocity[0] = thing.spin[0] = 0.0
+    assert env.step(np.zeros(16, np.float32))[4]["speed"] == pytest.approx(1.0)  # However fast.
+
+
+@pytest.mark.parametrize("end", [0, -1])
+def test_the_smallest_and_the_largest_size_are_drawn_from_their_own_end(end: int) -> None:
+    env = HandEnv("Rotate", timestep=0.003)
+    env.reset(seed=0)
+    sizes = env.engine.task._held[0].size  # type: ignore[attr-defined]  # Of tasks in the hand.
+    for seed in range(12):
+        _, info = env.reset(seed=seed, options={"size": float(sizes[end])})
+        assert info["randomised"]["size"] == pytest.approx(sizes[end], abs=0.02)
 
 
 def test_a_toppled_object_ends_the_episode_as_a_failure() -> None:

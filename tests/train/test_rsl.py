@@ -11,6 +11,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train import Recipe, train
+from allegro_twin.train.checkpoint import same_training
 from allegro_twin.train.settings import load_recipe
 
 EXTRA = "rsl_rl is not installed: pip install 'allegro-twin[rsl]'"
@@ -74,6 +75,39 @@ def test_what_only_one_learner_has_is_refused_for_the_other() -> None:
         recipe(learner="stable-baselines3", desired_kl=0.01)
     with pytest.raises(ValueError, match="device warp needs learner: rsl-rl"):
         recipe(learner="stable-baselines3", environment={"device": "warp"})
+
+
+def test_a_training_may_go_on_where_nothing_but_the_device_differs() -> None:
+    there = recipe(environment={"timestep": 0.003, "device": "warp"})
+    same_training(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe())
+    with pytest.raises(ConfigError, match="is a training with seed 0, not 1"):
+        same_training(Path("runs/x/00001.pt"), there.model_dump(mode="json"), recipe(seed=1))
+
+
+def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A value is put in the place of what a time limit cuts off, never of a loss."""
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    torch = pytest.importorskip("torch")
+    from allegro_twin.gym.tensors import TensorVectorEnv
+    from allegro_twin.train.rsl import Learner
+
+    env = TensorVectorEnv("Reach", 4, timestep=0.003)
+    learner = Learner(recipe(rollout=1, batch=4), env)
+    step, told = env.step, []
+
+    def ended(actions: Any) -> Any:
+        seen, reward, _, _, info = step(actions)
+        return seen, reward, torch.tensor([False, True, False, True]), torch.tensor([False, False, True, True]), info
+
+    def noted(seen: Any, reward: Any, over: Any, more: Any) -> None:
+        told.append((over.tolist(), more["time_outs"].tolist()))
+        process(seen, reward, over, more)
+
+    process = learner.ppo.process_env_step
+    monkeypatch.setattr(env, "step", ended)
+    monkeypatch.setattr(learner.ppo, "process_env_step", noted)
+    learner.update()
+    assert told == [([0.0, 1.0, 1.0, 1.0], [False, False, True, False])]
 
 
 def test_the_recipe_for_a_gpu_differs_from_its_task_s_other_one_in_who_learns_where() -> None:
