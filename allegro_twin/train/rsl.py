@@ -35,7 +35,6 @@ from allegro_twin.train.settings import Recipe
 
 SEEN, ALL = "policy", "critic"
 """Groups of an observation: what the policy sees, and what the critic sees."""
-_BOUND = 1.0  # Actions beyond are clipped by the environment.
 
 
 class Learner:
@@ -89,7 +88,7 @@ class Learner:
         with torch.inference_mode():
             for _ in range(self.recipe.rollout):
                 actions = self.ppo.act(self._seen)
-                seen, reward, failed, truncated, info = env.step(actions.clamp(-_BOUND, _BOUND))
+                seen, reward, failed, truncated, info = env.step(actions)
                 self._seen, ended = self._grouped(seen), failed | truncated
                 more = {"time_outs": truncated & ~failed}
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
