@@ -13,13 +13,13 @@ from allegro_twin.config.polled import LineSettings, PolledFaultSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.schema import parse
+from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.serial.line.port import BITS, Port
 from allegro_twin.serial.line.spoil import Noise
 from allegro_twin.serial.polled.backend import PolledBackend
 from allegro_twin.serial.polled.device import Electronics, VirtualHand
 from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import Event, FaultPlan
-from allegro_twin.serial.polled.lockstep import LockstepPort
 from allegro_twin.serial.polled.scale import Scale
 from allegro_twin.serial.polled.settings import HostSettings
 from allegro_twin.serial.polled.wire import Wire
@@ -40,7 +40,13 @@ def make_polled(config: RunConfig, settings: PolledSettings, spec: HandSpec, sce
             f"period {config.period:g} s is too short at {settings.baud} baud: {size} bytes take "
             f"{size * BITS / settings.baud:.5f} s"
         )
-    host = HostSettings(config.period, settings.watchdog, settings.latency, settings.tries, settings.keeper)
+    host = HostSettings(
+        period=config.period,
+        watchdog=settings.watchdog,
+        tries=settings.tries,
+        keeper=settings.keeper,
+        latency=settings.latency,
+    )
 
     def wire(exchange: Exchange) -> Wire:
         if isinstance(settings, QbSettings):
