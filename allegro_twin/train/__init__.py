@@ -1,5 +1,5 @@
-"""Training: PPO, from a recipe to a policy file with its figures. Stable-Baselines3 learns on processors, and rsl-rl
-where the simulations are on a GPU."""
+"""Training, from a recipe to a policy file with its figures: PPO by Stable-Baselines3 on processors or by rsl-rl where
+the simulations are, and imitation of a policy that sees more."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
 _RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime")
+_DAGGER = "rl", ("torch", "onnx", "onnxruntime")
 
 __all__ = ["Recipe", "load_recipe", "train"]
 
@@ -25,16 +26,12 @@ def train(
 ) -> Trained:
     """Train in `folder`, or go on with what is there; told after every update: the actions taken, and the mean return
     and success rate since. Raises ConfigError without the extra, or for a folder of another training."""
-    rsl = recipe.learner == "rsl-rl"
-    extra, needed = _RSL if rsl else _STABLE
+    extra, needed = {"rsl-rl": _RSL, "dagger": _DAGGER}.get(recipe.learner, _STABLE)
     for name in needed:
         try:
             import_module(name)
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
-    if rsl:
-        from allegro_twin.train.rsl import learn
-    else:
-        from allegro_twin.train.learning import learn
-
-    return learn(recipe, folder, advance)
+    module = {"rsl-rl": "rsl", "dagger": "dagger"}.get(recipe.learner, "learning")
+    trained: Trained = import_module(f"allegro_twin.train.{module}").learn(recipe, folder, advance)
+    return trained

@@ -26,8 +26,11 @@ class Recipe(Settings):
     """Keywords of the environments that are trained in."""
     held_out: tuple[str, ...] = ()
     """Objects that are kept from training, for the evaluation."""
-    learner: Literal["stable-baselines3", "rsl-rl"] = "stable-baselines3"
-    """Who learns: the first on processors, and the same policy again to the bit; the second also on a Warp device."""
+    learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
+    """Who learns: the first two by PPO, the one on processors, and the same policy again to the bit, the other also on
+    a Warp device; the third imitates a `teacher`."""
+    teacher: str | None = None
+    """Of `dagger`: a policy, by path or name, of the same task with `observation: full`."""
     envs: Count = 256
     """Simulations side by side."""
     steps: Count = 1_000_000
@@ -69,12 +72,14 @@ class Recipe(Settings):
 
     @model_validator(mode="after")
     def _served(self) -> Recipe:
+        if (self.learner == "dagger") != (self.teacher is not None):
+            raise ValueError("learner dagger and a teacher go together: give both, or neither")
         if self.learner == "rsl-rl":
             return self
         if self.desired_kl is not None:
             raise ValueError("desired_kl is for learner: rsl-rl")
         if self.environment.device != "cpu":
-            raise ValueError(f"device {self.environment.device} needs learner: rsl-rl; stable-baselines3 has cpu")
+            raise ValueError(f"device {self.environment.device} needs learner: rsl-rl; {self.learner} has cpu")
         return self
 
     @property

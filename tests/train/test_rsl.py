@@ -73,7 +73,7 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
 def test_what_only_one_learner_has_is_refused_for_the_other() -> None:
     with pytest.raises(ValueError, match="desired_kl is for learner: rsl-rl"):
         recipe(learner="stable-baselines3", desired_kl=0.01)
-    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl"):
+    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl; stable-baselines3 has cpu"):
         recipe(learner="stable-baselines3", environment={"device": "warp"})
 
 

@@ -1,0 +1,117 @@
+"""A training in rounds, whoever learns: a checkpoint, a policy and the curve after each, and on from the last."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.whole import whole_file
+from allegro_twin.policy.card import Card
+from allegro_twin.policy.loading import load_policy
+from allegro_twin.train.checkpoint import VERSION, Progress, same_training
+from allegro_twin.train.curve import Curve
+from allegro_twin.train.evaluation import evaluate
+from allegro_twin.train.export import Layered, to_onnx
+from allegro_twin.train.learned import EVALUATION, Advance, Trained, note
+from allegro_twin.train.settings import Recipe
+
+
+class Learner(Protocol):
+    """A policy in training."""
+
+    @property
+    def card(self) -> Card:
+        """Of the policy."""
+        ...
+
+    @property
+    def device(self) -> Any:
+        """Of its tensors."""
+        ...
+
+    def begin(self, progress: Progress) -> None:
+        """A round begins."""
+        ...
+
+    def update(self) -> None:
+        """One rollout of all simulations, and what is learned from it."""
+        ...
+
+    def episodes(self) -> tuple[int, float, float, float]:
+        """How many have ended since the last call, their mean return and length, and the share of success; NaN where
+        none has."""
+        ...
+
+    def layers(self) -> Layered:
+        """The policy's mean action, as it is written to a file."""
+        ...
+
+    def saved(self) -> Any:
+        """What `load` takes."""
+        ...
+
+    def load(self, content: Any) -> None: ...
+
+
+def in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance) -> Trained:
+    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+    training."""
+    progress = _read(learner, folder, recipe)
+    curve, policy = Curve(folder / "curve.csv", progress.steps), folder / "policy.onnx"
+    while progress.rounds < recipe.rounds:
+        learner.begin(progress)
+        progress = _round(learner, recipe, progress, curve, advance)
+        _write(learner, folder, recipe, progress)
+        to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": note(recipe, progress)}))
+    settings = recipe.environment.model_copy(update={"device": "cpu"})
+    rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
+    curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
+    with whole_file(folder / "recipe.json") as temporary:
+        temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
+    return Trained(policy, progress, rate)
+
+
+def _round(learner: Learner, recipe: Recipe, progress: Progress, curve: Curve, advance: Advance) -> Progress:
+    began, steps = time.monotonic() - progress.seconds, progress.steps
+    for _ in range(recipe.round_steps // recipe.update):
+        learner.update()
+        steps += recipe.update
+        number, mean, length, share = learner.episodes()
+        told = {"return": mean, "length": length, "success": share} if number else {}
+        curve.add(steps=steps, seconds=time.monotonic() - began, episodes=number, **told)
+        advance(steps, mean, share)
+    return Progress(progress.rounds + 1, steps, time.monotonic() - began)
+
+
+def _write(learner: Learner, folder: Path, recipe: Recipe, progress: Progress) -> None:
+    content = {
+        "version": VERSION,
+        "recipe": recipe.model_dump(mode="json"),
+        "progress": asdict(progress),
+        "learner": learner.saved(),
+    }
+    with whole_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
+        torch.save(content, temporary)
+
+
+def _read(learner: Learner, folder: Path, recipe: Recipe) -> Progress:
+    """Take the newest checkpoint over. Raises ConfigError."""
+    path = max(folder.glob("checkpoints/*.pt"), default=None)
+    if path is None:
+        return Progress()
+    try:
+        content = torch.load(path, map_location=learner.device, weights_only=True)
+    except (RuntimeError, pickle.UnpicklingError, EOFError) as error:
+        raise ConfigError(f"{path}: not a readable checkpoint: {error}") from error
+    if content["version"] != VERSION:
+        raise ConfigError(f"{path} is of version {content['version']}; this package continues {VERSION}")
+    same_training(path, content["recipe"], recipe)
+    learner.load(content["learner"])
+    return Progress(**content["progress"])
