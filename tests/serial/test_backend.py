@@ -17,6 +17,7 @@ from allegro_twin.serial.dynamixel.codec.table import TRIPPED, XC330_M288, XM430
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.driver import Answer
 from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand, frozen
 from tests.serial.rigs import BAUD, LIMIT, PERIOD, Bench, Joints, calibrated, small_spec
@@ -308,3 +309,57 @@ def test_the_line_being_gone_is_a_link_error_and_reset_opens_it_again(bench: Ben
     assert bench.opened == opened + 1
     assert bench.hand.limp
     assert not bench.backend.unconfirmed
+
+
+def test_over_a_limp_hand_a_program_may_pause(bench: Bench) -> None:
+    bench.backend.reset()
+    for _ in range(50):
+        bench.hand.step()
+    assert bench.backend.read().tick == 50
+
+
+def test_after_a_line_that_failed_for_a_moment_reset_opens_it_anew(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever was wrong with it: an adapter that stumbled once may go on stumbling."""
+    bench.backend.reset()
+    bench.go(0.3, 5)
+
+    def silent() -> Answer:
+        raise LinkTimeout("nobody answers")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.driver, "ask", silent)
+        with pytest.raises(LinkTimeout, match="^nobody answers$"):
+            bench.backend.read()
+    assert bench.hand.limp
+    opened = bench.opened
+    bench.backend.reset()
+    assert bench.opened == opened + 1
+
+
+@pytest.mark.parametrize("unplugged", [False, True])
+def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(
+    bench: Bench, *, unplugged: bool
+) -> None:
+    class Watching:
+        alive, said = True, ""
+
+        def speak(self) -> None:
+            self.said = "limp"
+
+        def dismiss(self) -> None:
+            self.said = "nothing"
+
+    bench.backend.reset()
+    bench.go(0.3, 5)
+    keeper = Watching()
+    bench.backend._keeper = keeper  # type: ignore[assignment]
+
+    def gone(data: bytes) -> None:
+        raise LinkError("unplugged")
+
+    if unplugged:
+        bench.backend._opened.send = gone  # type: ignore[method-assign]
+    bench.backend.close()
+    assert keeper.said == ("limp" if unplugged else "nothing")
