@@ -145,6 +145,8 @@ def test_what_was_asked_for_again_is_a_warning() -> None:
     assert bench.backend.warnings() == []
     bench.driver._reading.garbled = 3
     assert bench.backend.warnings() == ["3 answers were garbled and were asked for again"]
+    bench.backend.reset()
+    assert bench.backend.warnings() == []
 
 
 def test_noise_repeats_itself_and_leaves_alone_what_it_does_not_hit() -> None:
