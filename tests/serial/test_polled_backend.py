@@ -371,3 +371,22 @@ def test_faults_that_do_not_exist_are_refused_by_name() -> None:
     for kind in KINDS:
         with pytest.raises(ConfigError, match=f"which is 9; this hand has {MOTORS[kind]} actuators"):
             virtual(kind, FaultPlan(script=(Event(0.0, "dead_motor", 9),)))
+
+
+def test_switching_off_is_asked_for_three_times_before_it_counts_as_failed(
+    bench: Polled, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.backend.reset()
+    bench.go(0.3, 3)
+    wire = bench.backend._driver._wire  # type: ignore[attr-defined]
+    stop, lost = wire.stop, [LinkTimeout("lost"), ProtocolError("garbled")]
+
+    def stumbling() -> None:
+        if lost:
+            raise lost.pop()
+        stop()
+
+    monkeypatch.setattr(wire, "stop", stumbling)
+    bench.backend.close()
+    assert bench.hand.limp
+    assert not bench.backend.unconfirmed
