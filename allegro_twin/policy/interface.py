@@ -38,12 +38,12 @@ SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to torque.
+    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to what it takes.
 
     The base is the script's set-point or, without a script, the middle of the joint range. In the mode `delta` an
     action adds `step` times itself to the offset from the base, in `absolute` it is the offset in units of `span`; the
     target travels there in a straight line until the next decision. In `torque` it is a part of the torque limit, on
-    top of what holds the script where there is one.
+    top of what holds the script where there is one. A hand that closes its own loop is told the set-points themselves.
     """
 
     spec: HandSpec
@@ -54,10 +54,10 @@ class Interface:
     decimation: int = 13
     """Control periods between two decisions."""
     step: float = 0.1
-    """rad a decision, in the mode `delta`."""
+    """rad a decision, in the mode `delta`; where a motor moves several joints, as `unit` says."""
     scripts: Scripts | None = None
     reach: float = 0.3
-    """With a script: the farthest that a policy may go from it, rad."""
+    """With a script: the farthest that a policy may go from it, rad, likewise."""
     goal: Literal["none", "fingertips"] = "none"
     """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
 
@@ -69,8 +69,22 @@ class Interface:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
+        if self.mode == "torque" and self.leads:
+            raise ConfigError(f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute")
         if self.decimation < 1:
             raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
+
+    @property
+    def leads(self) -> bool:
+        """Whether the hand closes its own loop, and is told where to be."""
+        return "torque" not in self.spec.commands
+
+    @cached_property
+    def unit(self) -> Vector:
+        """What a radian of a joint is in positions of its motor, (n,): 1, but where motors move joints through tendons
+        or linkages, a part of the motor's range as a radian is of a quarter turn."""
+        span = self.spec.upper - self.spec.lower
+        return span / (np.pi / 2) if self.spec.followers else np.ones_like(span)
 
     @cached_property
     def middle(self) -> Vector:
@@ -83,16 +97,17 @@ class Interface:
     @cached_property
     def span(self) -> Vector:
         """The largest offset from the base, shape (n,), rad."""
-        return self.half if self.scripts is None else np.full_like(self.half, self.reach)
+        return self.half if self.scripts is None else self.reach * self.unit
 
     @cached_property
     def _numbers(self) -> Numbers:
         """What is reckoned with at every decision, lying where the arrays do."""
-        parts = [self.half, np.full_like(self.half, SPEED), self.spec.actuation.torque_limit * np.ones_like(self.half)]
+        parts = [self.half, SPEED * self.unit, self.spec.actuation.torque_limit * np.ones_like(self.half)]
         scale = np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
         scripts = None if self.scripts is None else (self.scripts.position, self.scripts.velocity)
         place, spec = self.xp.asarray, self.spec
         return Numbers(
+            step=place(self.step * self.unit),
             middle=place(self.middle),
             rest=place(np.zeros_like(self.middle)),
             lower=place(spec.lower),
@@ -148,7 +163,7 @@ class Interface:
             case "torque":
                 return Memory(begin, end, wish * own.limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(xp, end + self.step * wish, -own.span, own.span), push, tick, script, past)
+                return Memory(end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past)
             case _:
                 return Memory(end, wish * own.span, push, tick, script, past)
 
@@ -164,6 +179,14 @@ class Interface:
         target = own.parts.reshape(*lead, 1) * travel + memory.begin + base
         rate = speed + travel / self.seconds + xp.zeros(target.shape[:1] + (1,) * travel.ndim)
         return Course(xp.stack([_within(xp, target, own.lower, own.upper), rate], axis=1), push)
+
+    def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+        """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
+        if not self.leads:
+            return self.torque(position, velocity, course, k, gains)
+        assert course.wish is not None
+        found: Array = course.wish[k, 0]
+        return found
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""

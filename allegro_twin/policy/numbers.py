@@ -10,6 +10,7 @@ from allegro_twin.types import Array, Vector
 class Numbers(NamedTuple):
     """Shape (n,) where nothing else is said."""
 
+    step: Vector
     middle: Vector
     rest: Vector
     lower: Vector
