@@ -87,8 +87,8 @@ def _is_scenario(given: str) -> bool:
 
 def _of(name: str, known: dict[str, str]) -> str:
     if not known:
-        raise ConfigError(f"the package has no scenario of this hand for {name}: give a scenario instead of it (allegro-twin "
-                          "plan makes one)")  # fmt: skip
+        raise ConfigError(f"the package has no scenario of this hand for {name}: give a scenario instead "
+                          "(allegro-twin plan makes one)")  # fmt: skip
     if name not in known:
         raise ConfigError(unknown("object", name, known))
     return known[name]

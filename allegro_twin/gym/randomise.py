@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator
 
 from allegro_twin.errors import ConfigError, unknown
@@ -106,7 +105,9 @@ class Randomise(Settings):
             camera_turn=(0.0, 0.1),
             camera_delay=(0, 1),
         )
-        strange = () if spec is None or "torque" in spec.commands else ("quantisation", *(_ROTORS if spec.followers else ()))
+        strange = (
+            () if spec is None or "torque" in spec.commands else ("quantisation", *(_ROTORS if spec.followers else ()))
+        )
         return cls(**everything.model_dump(exclude=set(strange)))
 
 

@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.chains import ChainTips
+from allegro_twin.kinematics.geometry import has_closed_form
 from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.memory import Course, Memory
-from allegro_twin.policy.numbers import Numbers
+from allegro_twin.policy.numbers import Numbers, numbers_of, radian_of
 from allegro_twin.policy.script import Scripts
+from allegro_twin.sim.statics import tree_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -54,7 +57,7 @@ class Interface:
     decimation: int = 13
     """Control periods between two decisions."""
     step: float = 0.1
-    """rad a decision, in the mode `delta`; where a motor moves several joints, as `unit` says."""
+    """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
     scripts: Scripts | None = None
     reach: float = 0.3
     """With a script: the farthest that a policy may go from it, rad, likewise."""
@@ -70,7 +73,9 @@ class Interface:
         if self.mode not in MODES:
             raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
         if self.mode == "torque" and self.leads:
-            raise ConfigError(f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute")
+            raise ConfigError(
+                f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute"
+            )
         if self.decimation < 1:
             raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
 
@@ -78,13 +83,6 @@ class Interface:
     def leads(self) -> bool:
         """Whether the hand closes its own loop, and is told where to be."""
         return "torque" not in self.spec.commands
-
-    @cached_property
-    def unit(self) -> Vector:
-        """What a radian of a joint is in positions of its motor, (n,): 1, but where motors move joints through tendons
-        or linkages, a part of the motor's range as a radian is of a quarter turn."""
-        span = self.spec.upper - self.spec.lower
-        return span / (np.pi / 2) if self.spec.followers else np.ones_like(span)
 
     @cached_property
     def middle(self) -> Vector:
@@ -97,29 +95,14 @@ class Interface:
     @cached_property
     def span(self) -> Vector:
         """The largest offset from the base, shape (n,), rad."""
-        return self.half if self.scripts is None else self.reach * self.unit
+        return self.half if self.scripts is None else self.reach * radian_of(self.spec)
 
     @cached_property
     def _numbers(self) -> Numbers:
         """What is reckoned with at every decision, lying where the arrays do."""
-        parts = [self.half, SPEED * self.unit, self.spec.actuation.torque_limit * np.ones_like(self.half)]
-        scale = np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
-        scripts = None if self.scripts is None else (self.scripts.position, self.scripts.velocity)
-        place, spec = self.xp.asarray, self.spec
-        return Numbers(
-            step=place(self.step * self.unit),
-            middle=place(self.middle),
-            rest=place(np.zeros_like(self.middle)),
-            lower=place(spec.lower),
-            upper=place(spec.upper),
-            span=place(self.span),
-            kp=place(self.gains.kp),
-            kd=place(self.gains.kd),
-            limit=place(spec.actuation.torque_limit),
-            scale=place(scale),
-            parts=place(np.arange(1, self.decimation + 1) / self.decimation),
-            scripts=None if scripts is None else (place(scripts[0]), place(scripts[1])),
-        )
+        unit = radian_of(self.spec)
+        sizes = self.half, SPEED * unit, self.span, self.step * unit
+        return numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp)
 
     @property
     def frame(self) -> int:
@@ -242,8 +225,10 @@ class Interface:
         return tips.reshape(*tips.shape[:-2], -1)
 
     @cached_property
-    def _fingertips(self) -> Fingertips:
-        return Fingertips(self.spec, self.xp)
+    def _fingertips(self) -> Fingertips | ChainTips:
+        if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
+            return Fingertips(self.spec, self.xp)
+        return ChainTips(self.spec, tree_of(self.spec))
 
     def _base(self, memory: Memory, k: NDArray[np.int64]) -> Pair:
         """What offsets are counted from, and its rate, `k` periods after the decision."""

@@ -76,5 +76,8 @@ def _columns(spec: HandSpec, model: mujoco.MjModel) -> tuple[slice, slice] | Non
     moved = moved_by(spec, model)
     if spec.followers or len(moved) < spec.n_joints:
         return None
-    place, motion = span(list(model.jnt_qposadr[list(moved.values())])), span(list(model.jnt_dofadr[list(moved.values())]))
+    place, motion = (
+        span(list(model.jnt_qposadr[list(moved.values())])),
+        span(list(model.jnt_dofadr[list(moved.values())])),
+    )
     return (place, motion) if isinstance(place, slice) and isinstance(motion, slice) else None

@@ -55,8 +55,9 @@ class HoldDisturbed(Grasp):
         self._holds_by_itself: list[int] = []
         self._catch()
         if not self._holds_by_itself:
-            raise ConfigError(f"{self.name}: {self.spec.model} keeps none of {', '.join(map(name_of, self.things()))} in its "
-                              "hand even when nothing pushes: choose other objects")  # fmt: skip
+            names = ", ".join(map(name_of, self.things()))
+            raise ConfigError(f"{self.name}: {self.spec.model} keeps none of {names} even when nothing pushes: choose "
+                              "other objects")  # fmt: skip
 
     def things(self) -> tuple[Given, ...]:
         mine = _OBJECTS if self.spec.model == HAND else some(tuple(known(self.spec.model)), self.spec, self.name)
@@ -73,8 +74,8 @@ class HoldDisturbed(Grasp):
             found = self._kept[draws.number(len(self._kept))]
         for number in sorted({*found.tolist()} - {*self._kept.tolist()}):
             scene = self.scenes[number]
-            raise ConfigError(f"{self.name}: the grasp {scene.grasp.name} does not keep {scene.thing} even when nothing "
-                              "pushes: choose another object or grasp")  # fmt: skip
+            raise ConfigError(f"{self.name}: the grasp {scene.grasp.name} does not keep {scene.thing} even when "
+                              "nothing pushes: choose another object or grasp")  # fmt: skip
         return found
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
