@@ -165,11 +165,9 @@ class Interface:
 
     def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
-        if not self.leads:
-            return self.torque(position, velocity, course, k, gains)
-        assert course.wish is not None
-        found: Array = course.wish[k, 0]
-        return found
+        if self.leads and course.wish is not None:
+            return np.asarray(course.wish[k, 0])
+        return self.torque(position, velocity, course, k, gains)
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""

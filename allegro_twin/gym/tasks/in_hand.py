@@ -45,8 +45,8 @@ class InHand(Task):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         if self.spec.model != HAND:
-            raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold an "
-                              f"object above the palm was never searched for, only for {HAND}")  # fmt: skip
+            raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold "
+                              f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
         self._names: list[str] = []
