@@ -179,7 +179,7 @@ def test_tasks_that_need_what_a_hand_has_not_name_it_in_one_line(task: str, miss
     [
         ({"hand": "model_oo"}, "model_o"),
         ({"side": "left"}, "is a right hand"),
-        ({"objects": ("chips_can",)}, "unknown object 'chips_can'"),
+        ({"objects": ("chips_can",)}, "no object named 'chips_can'"),
         (
             {"objects": (str(data_root() / "scenarios/demo/apple.yaml"),)},
             "for the hand allegro, and this one is model_o",
@@ -254,8 +254,9 @@ def test_a_motor_feels_along_the_free_way_what_touches_its_fingers(hand: str) ->
     m = MOTORS[hand]
     assert not np.asarray(seen)[-m:].any()
     felt = [np.asarray(env.step(np.zeros(m, np.float32))[0])[-m:] for _ in range(80)]
-    assert np.abs(felt[10]).max() < 0.1, "something is felt while nothing touches"
-    assert min(row.min() for row in felt[40:]) < -0.1, "the object was not felt"
+    friction = 0.2  # The Model O's two hinges that spread fingers have a sixth of what that motor gives.
+    assert np.abs(felt[10]).max() < friction, "something is felt while nothing touches"
+    assert min(row.min() for row in felt[40:]) < -friction, "the object was not felt"
 
 
 @pytest.mark.parametrize("hand", ON_TENDONS)

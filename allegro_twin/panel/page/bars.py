@@ -8,7 +8,8 @@ from html import escape
 
 from allegro_twin.description.appearance import of_series
 from allegro_twin.panel.frame import Frame
-from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.panel.page.groups import Group, groups
+from allegro_twin.spec import HandSpec
 
 _WARM = 60.0  # °C, from which on the guard fades torques: docs/safety.md.
 _ROW = "display:grid;grid-template-columns:5.2em 1fr 4em 1fr 4.2em;gap:6px;align-items:center"
@@ -16,11 +17,11 @@ _TRACK = "position:relative;height:8px;border-radius:4px;background:#e6eaef"
 FONT = "font:12px/1.5 system-ui,sans-serif;color:#333;padding:2px 12px"
 
 
-def finger_bars(spec: HandSpec, finger: Finger, frame: Frame) -> str:
+def group_bars(spec: HandSpec, group: Group, frame: Frame) -> str:
     """A row a joint: where it is between its limits, with a mark where it should be, and what torque it gives."""
     rows = [f'<div style="{_ROW};color:#777"><span></span><span>position</span><span></span><span>torque</span>'
             "<span></span></div>"]  # fmt: skip
-    for place, joint in enumerate(finger.joints):
+    for place, joint in enumerate(group.joints):
         color, lower, upper = hexed(place), spec.lower[joint], spec.upper[joint]
         part = (frame.position[joint] - lower) / (upper - lower)
         wanted = (frame.target[joint] - lower) / (upper - lower)
@@ -46,13 +47,13 @@ def _temperatures(spec: HandSpec, frame: Frame) -> str:
     if not any(math.isfinite(value) for value in frame.temperature):
         return "<br>this hand reports no temperatures"
     cells = []
-    for finger in spec.fingers:
+    for group in groups(spec):
         values = "".join(
             f'<td style="padding:0 8px;color:{"#c8102e" if frame.temperature[joint] >= _WARM else "#333"}">'
             f"{frame.temperature[joint]:.0f}</td>"
-            for joint in finger.joints
+            for joint in group.joints
         )
-        cells.append(f"<tr><td>{escape(finger.name)}</td>{values}</tr>")
+        cells.append(f"<tr><td>{escape(group.name)}</td>{values}</tr>")
     return f'<table style="margin-top:8px"><tr><td>°C</td></tr>{"".join(cells)}</table>'
 
 

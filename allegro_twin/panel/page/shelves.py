@@ -9,6 +9,7 @@ import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
+from allegro_twin.panel.page.bars import FONT
 
 if TYPE_CHECKING:
     from allegro_twin.panel.page.parts import Board, Tab
@@ -40,6 +41,8 @@ class Shelves:
             for child in list(folder._children.values()):
                 child.remove()
             with folder:
+                if not entries:
+                    self._gui.add_html(f'<div style="{FONT}">none for this hand</div>')
                 for row in _rows(entries):
                     self._row(row, wish)
 
