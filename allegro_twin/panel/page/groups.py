@@ -38,7 +38,7 @@ def units(spec: HandSpec) -> str:
 def _named(spec: HandSpec, fingers: tuple[str, ...]) -> str:
     if len(fingers) == len(spec.fingers) > 1:
         return "all fingers"
-    return ", ".join(fingers) or "no finger's"
+    return ", ".join(fingers) or "the rest"
 
 
 def _ordered(spec: HandSpec, joints: list[int]) -> tuple[int, ...]:
