@@ -30,6 +30,7 @@ class Plots:
         self._groups = {group.name: group for group in groups(self._spec)}
         self._on = gui.add_checkbox("Live", initial_value=False, hint="They cost the browser and the link their share")
         self._finger = gui.add_dropdown("Finger", tuple(self._groups))
+        self._place = gui.add_folder("Curves")
         self._charts: tuple[Any, Any] | None = None
         self._shown = ""
 
@@ -62,8 +63,9 @@ class Plots:
         goals = [_series(f"{n} goal", _css(lighter(of_series(k))), 1) for k, n in enumerate(names)]
         ends = [_series("limit", _css(LIMIT), 1) for _ in range(2 * limits)]
         measured = [_series(name, c, 2) for name, c in zip(names, color, strict=True)]
-        self._charts = (self._chart(f"position, {units(self._spec)}", rows[0], [*measured, *goals]),
-                        self._chart("torque, N·m", rows[1], [*measured, *ends]))  # fmt: skip
+        with self._place:  # Else they would stand below every tab.
+            self._charts = (self._chart(f"position, {units(self._spec)}", rows[0], [*measured, *goals]),
+                            self._chart("torque, N·m", rows[1], [*measured, *ends]))  # fmt: skip
         self._shown = group.name
 
     def _chart(self, title: str, data: Any, series: list[Any]) -> Any:

@@ -43,12 +43,19 @@ class Shelves:
             with folder:
                 if not entries:
                     self._gui.add_html(f'<div style="{FONT}">none for this hand</div>')
-                for row in _rows(entries):
+                for row in _rows([name.removeprefix(f"{self._model()}_") for name in entries]):
                     self._row(row, wish)
+
+    def _model(self) -> str:
+        """With whose name and `_` what ships for one model of hand begins; the library finds it without."""
+        opened = self._board.opened
+        return "" if opened is None else opened.spec.model
 
     def _row(self, names: Sequence[str], wish: Callable[[str], w.Wish]) -> None:
         cell = "flex:1;text-align:center"
-        cells = "".join(f'<div style="{cell}">{self._board.pictures.get(name, "")}</div>' for name in names)
+        own = f"{self._model()}_"
+        pictures = [self._board.pictures.get(name) or self._board.pictures.get(own + name, "") for name in names]
+        cells = "".join(f'<div style="{cell}">{picture}</div>' for picture in pictures)
         self._gui.add_html(f'<div style="display:flex;padding:6px 8px 0 {_ASIDE}">{cells}</div>')
         group = self._gui.add_button_group("", names)
 
