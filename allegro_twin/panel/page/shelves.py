@@ -43,8 +43,12 @@ class Shelves:
             with folder:
                 if not entries:
                     self._gui.add_html(f'<div style="{FONT}">none for this hand</div>')
-                for row in _rows([name.removeprefix(f"{self._model()}_") for name in entries]):
+                for row in _rows([self._short(name, entries) for name in entries]):
                     self._row(row, wish)
+
+    def _short(self, name: str, entries: Sequence[str]) -> str:
+        short = name.removeprefix(f"{self._model()}_")
+        return name if short in entries else short
 
     def _model(self) -> str:
         """With whose name and `_` what ships for one model of hand begins; the library finds it without."""
