@@ -201,13 +201,28 @@ def test_an_id_that_says_left_refuses_a_hand_that_is_right_only() -> None:
         gymnasium.make("AllegroTwin/GraspLeft-v0", hand="sih")
 
 
-def test_the_left_leap_hand_grasps_the_mirror_image() -> None:
-    env = HandEnv("Grasp", hand="leap", side="left", objects=("mug",), level="easy", position_noise=0.0)
+def test_who_presents_lets_go_and_fingers_that_are_coupled_stay_so() -> None:
+    env = HandEnv("Grasp", **given("Grasp", "model_o"))
+    env.reset(seed=0)
+    names = [env.engine.worlds.model.equality(k).name for k in range(env.engine.worlds.model.neq)]
+    held = names.index("presenter")
+    assert len(names) > 1, "no fingers of this hand are coupled"
+    assert env.engine.worlds.snapshot(0).data.eq_active.all()
+    for _ in range(75):
+        env.step(np.zeros(4, np.float32))
+    active = env.engine.worlds.snapshot(0).data.eq_active
+    assert not active[held]
+    assert active.sum() == len(names) - 1
+
+
+@pytest.mark.parametrize(("hand", "side"), [*((hand, "right") for hand in HANDS), ("leap", "left")])
+def test_the_script_holds_what_is_where_it_should_be(hand: str, side: str) -> None:
+    env = HandEnv("Grasp", side=side, position_noise=0.0, **given("Grasp", hand, level="easy"))
     env.reset(seed=0)
     for _ in range(env.engine.limit):
-        _, _, failed, _, info = env.step(np.zeros(16, np.float32))
+        _, _, failed, _, info = env.step(np.zeros(MOTORS[hand], np.float32))
+        assert not failed
     assert info["is_success"]
-    assert not failed
 
 
 def test_by_default_only_that_is_randomised_what_a_hand_has() -> None:
