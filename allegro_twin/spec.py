@@ -174,6 +174,16 @@ class HandSpec:
             axis=-1,
         ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
 
+    def following(self, position: Array) -> Array:
+        """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
+        rates = np.zeros((*position.shape[:-1], len(self.followers)))
+        for k, each in enumerate(self.followers):
+            lower, steps = self.lower[each.driven], len(each.positions) - 1
+            width = (self.upper[each.driven] - lower) / steps
+            stretch = np.clip(((position[..., each.driven] - lower) / width).astype(np.int64), 0, steps - 1)
+            rates[..., k] = (np.diff(each.positions) / width)[stretch]
+        return rates
+
     @property
     def moving(self) -> tuple[str, ...]:
         """Names of all that moves: what is driven, then what follows."""

@@ -66,9 +66,9 @@ def check_kind(kind: str, spec: HandSpec) -> None:
         raise ConfigError(f"controller.kind {kind} is for arms; {spec.name} is a hand: use pd, pid or position")
     if kind == "position" and "torque" in spec.commands:
         raise ConfigError(f"controller.kind position is for a hand whose firmware closes the loop; {spec.name}: use pd")
-    if kind not in ("position", "limp") and "torque" not in spec.commands:
+    if kind not in ("position", "limp", "policy") and "torque" not in spec.commands:
         raise ConfigError(f"controller.kind {kind} commands torques; {spec.name} takes {', '.join(spec.commands)}: "
-                          "use position or limp")  # fmt: skip
+                          "use position or limp, or a policy")  # fmt: skip
 
 
 def _sending(

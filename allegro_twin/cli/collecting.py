@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from allegro_twin.cli import complete
+from allegro_twin.cli import complete, options
 
 if TYPE_CHECKING:
     from allegro_twin.policy.controller import Policy
@@ -39,6 +39,8 @@ def collect(
         ),
     ] = NOTHING,
     format: Annotated[Formats, typer.Option(help="Whose layout.")] = Formats.lerobot,
+    hand: options.TrainedHand = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     episodes: Annotated[int, typer.Option(min=1, help="How many.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Of the first; the next has one more.")] = 0,
     only: Annotated[bool, typer.Option("--only-success", help="Keep those that ended well.")] = False,
@@ -51,7 +53,7 @@ def collect(
     from allegro_twin.train.evaluation import keywords
     from allegro_twin.train.settings import load_recipe
 
-    recipe = load_recipe(task)
+    recipe = load_recipe(task, hand=hand, side=side)
     actor, period, robot = _actor(policy, recipe)
     found = collected(actor, recipe.task, keywords(recipe.environment), episodes, seed=seed)
     held = [episode for episode in found if episode.success[-1]]

@@ -77,11 +77,16 @@ def evaluate(
     count: Count = None,
     episodes: Annotated[int, typer.Option(help="Of a policy, for every set.", callback=options.positive)] = 200,
     can: Annotated[int, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.")] = 0,
+    hand: options.TrainedHand = None,
 ) -> None:
     """Say what grasps are worth: a row for each with its margins, or how often it holds under uncertainty."""
     if _of_policy(targets):
-        _policy(targets, episodes, can)
+        if side is Sides.both:
+            raise ConfigError("a policy is for one side: --side right or left")
+        _policy(targets, episodes, can, hand, side and side.value)
         return
+    if hand is not None:
+        raise ConfigError(f"--hand {hand} is for policies: a scenario says which hand it is for")
     from allegro_twin.build.campaign import Asked, targets_of
     from allegro_twin.cli import verdicts
 
@@ -146,12 +151,12 @@ def _of_policy(targets: list[str]) -> bool:
     return named or (len(targets) == 2 and targets[1] in complete.recipes())
 
 
-def _policy(targets: list[str], episodes: int, can: int) -> None:
+def _policy(targets: list[str], episodes: int, can: int, hand: str | None, side: str | None) -> None:
     from allegro_twin.cli.training import evaluate_policy
 
     if len(targets) != 2:
         raise ConfigError(f"missing argument or one too many: a policy takes its recipe: evaluate {targets[0]} RECIPE")
-    evaluate_policy(targets[0], targets[1], episodes, can)
+    evaluate_policy(targets[0], targets[1], episodes, can, hand, side)
 
 
 def _sides(side: Sides | None) -> tuple[Side, ...] | None:

@@ -25,6 +25,14 @@ OtherHand = Annotated[
         autocompletion=complete.hands,
     ),
 ]
+TrainedHand = Annotated[
+    str | None,
+    typer.Option(
+        "--hand",
+        help="A model of hand, or a card; default: the recipe's. With the name of a task its defaults, for that hand.",
+        autocompletion=complete.models,
+    ),
+]
 
 
 def positive(param: typer.CallbackParam, value: float | None) -> float | None:

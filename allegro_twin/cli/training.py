@@ -33,6 +33,7 @@ def train(
         Path | None,
         typer.Option(help="Folder; default: runs/<recipe>. What is there is continued.", callback=options.folder),
     ] = None,
+    hand: options.TrainedHand = None,
     side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
     device: Annotated[
         str | None, typer.Option(help="Where to simulate, cpu or warp, from now on; default: the recipe's.")
@@ -48,7 +49,7 @@ def train(
     from allegro_twin.train import load_recipe
     from allegro_twin.train import train as learn
 
-    recipe = load_recipe(task, side=side, device=device, steps=steps, envs=envs, seed=seed)
+    recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed)
     folder = out or Path("runs") / Path(task).stem.lower()
     with console.progress() as bar:
         job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
@@ -62,7 +63,9 @@ def train(
     _judged(trained.policy, recipe, folder, episodes, video)
 
 
-def evaluate_policy(policy: str, recipe: str, episodes: int, can: int) -> None:
+def evaluate_policy(
+    policy: str, recipe: str, episodes: int, can: int, hand: str | None = None, side: str | None = None
+) -> None:
     """Compare a policy with the scripted player in the same episodes, `can` of them on a virtual CAN bus, too. Raises
     HandError."""
     from allegro_twin.cli import console
@@ -72,7 +75,7 @@ def evaluate_policy(policy: str, recipe: str, episodes: int, can: int) -> None:
 
     if not 0 <= can <= episodes:
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
-    loaded = load_recipe(recipe)
+    loaded = load_recipe(recipe, hand=hand, side=side)
     path = find(policy, "policy", "conf/policies", ".onnx")
     console.console.print(_table(compare(path, loaded, episodes)))
     if can:

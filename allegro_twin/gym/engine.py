@@ -107,16 +107,17 @@ class Engine:
                 pull(motion, course, k, gains, torque)
             else:
                 tick = memory.tick + k
-                sensing.drive(interface.torque(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
+                sensing.drive(interface.told(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
             drive(k)
             step(rows, substeps)
         worlds.check()
         self.memory = interface.elapsed(memory)
         self.count += 1
 
-    def pass_period(self, torque: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
-        """Let one control period pass, the k-th since `task.plan`, under these torques, (n, joints), N·m."""
-        self._sensing.drive(torque, tick)
+    def pass_period(self, told: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
+        """Let one control period pass, the k-th since `task.plan`, with the motors told torques, N·m, or where the hand
+        closes the loop positions, rad, (n, joints)."""
+        self._sensing.drive(told, tick)
         self.task.drive(k)
         self.worlds.step(rows, self._substeps)
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
+from numpy.typing import NDArray
 
-from allegro_twin.backend import torque_of
-from allegro_twin.errors import HandFault
+from allegro_twin.backend import limp_of, position_of, torque_of
+from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.spec import HandSpec
@@ -27,7 +28,9 @@ class Episode:
     def __init__(self, task: str, settings: EnvSettings, seed: int = 0) -> None:
         self.engine, self.seed = Engine(task, settings, 1, threads=1), seed
         self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))
-        self._torque = frozen(np.zeros(self.spec.n_actuators))
+        self._told = frozen(np.zeros(self.spec.n_actuators))
+        self._most: NDArray[np.float64] | None = None
+        """What the motors of a hand that closes its own loop may give in this episode, (motors, 2), N·m."""
         self._decimation = self.engine.task.interface.decimation
         self.success, self.over = False, False
         """Of the episode so far, as the environment would tell it after its last step."""
@@ -58,17 +61,28 @@ class Episode:
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
         self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
-        self._torque = frozen(np.zeros(self.spec.n_actuators))
+        self._most = None
+        if self.engine.worlds.leads:
+            self._most = np.array(self._ranges())
+        self.write(limp_of(self.spec))
         return self._state()
 
     def write(self, command: Command) -> None:
-        self._torque = frozen(torque_of(command, self.spec))
+        if self._most is None:
+            self._told = frozen(torque_of(command, self.spec))
+            return
+        wanted, limit = position_of(command, self.spec), self.spec.actuation.torque_limit
+        if wanted.duration:
+            raise CommandError("an episode of an environment takes positions without a duration: say them on and on")
+        share = 1.0 if wanted.effort is None else np.minimum(wanted.effort / limit, 1.0)
+        self._ranges()[...] = self._most * np.reshape(share, (-1, 1))
+        self._told = wanted.position
 
     def read(self) -> HandState:
         k = self._tick % self._decimation
         if k == 0:
             self.engine.task.plan(np.array([self._tick]))
-        self.engine.pass_period(self._torque[None], np.array([self._tick]), k)
+        self.engine.pass_period(self._told[None], np.array([self._tick]), k)
         self._tick += 1
         self.reward = 0.0
         if self._tick % self._decimation == 0 and not self.over:
@@ -76,7 +90,13 @@ class Episode:
         return self._state()
 
     def close(self) -> None:
-        self._torque = frozen(np.zeros(self.spec.n_actuators))
+        self.write(limp_of(self.spec))
+
+    def _ranges(self) -> NDArray[np.float64]:
+        """What the motors may give, live, (motors, 2), N·m."""
+        worlds = self.engine.worlds
+        ranges: NDArray[np.float64] = worlds.expand("actuator_forcerange")[0, worlds.motors]
+        return ranges
 
     def _judge(self) -> None:
         """As after a step of the environment; a policy's action costs nothing here."""
@@ -92,7 +112,8 @@ class Episode:
         if not np.isfinite(position).all():
             raise HandFault(f"the simulation diverged at {self._tick * self.period:.3f} s")
         t = self._tick * self.period
-        return HandState(t, self._tick, position, velocity, self._torque, self._unknown, frozen(self._gravity()))
+        given = self._told if self._most is None else frozen(self.engine.worlds.given()[0])
+        return HandState(t, self._tick, position, velocity, given, self._unknown, frozen(self._gravity()))
 
     def _gravity(self) -> Array:
         return np.full(3, math.nan)  # The environments' palms do not tell; a policy does not ask.

@@ -12,10 +12,12 @@ from allegro_twin.evaluate.scenario import ObjectSettings, Scenario, load_protoc
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
+from allegro_twin.library.entries import HAND
 from allegro_twin.sim import objects
 from allegro_twin.sim.objects import Thing
 
-FOLDERS = ("demo", "more")
+FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
+"""Of scenarios, an object in each; another hand's have its name."""
 SCENARIOS, MESHES = (".yaml", ".yml"), (".obj", ".stl")
 
 
@@ -39,9 +41,11 @@ Given: TypeAlias = Annotated[str | OwnObject, BeforeValidator(_read)]
 """A name of the catalogue, a path of a scenario, or an object."""
 
 
-def scenarios() -> dict[str, str]:
-    """For every object that the package knows how to grasp, the scenario that says where the palm goes."""
-    files = [file for folder in FOLDERS for file in sorted((data_root() / "scenarios" / folder).glob("*.yaml"))]
+def scenarios(hand: str = HAND) -> dict[str, str]:
+    """For every object that the package knows how to grasp with a model of hand, the scenario that says where the palm
+    goes."""
+    folders = [data_root() / "scenarios" / name for name in FOLDERS.get(hand, (hand,))]
+    files = [file for folder in folders for file in sorted(folder.glob("*.yaml"))]
     return {load_scenario(file)[0].objects[0].name: str(file) for file in files}
 
 
@@ -82,6 +86,9 @@ def _is_scenario(given: str) -> bool:
 
 
 def _of(name: str, known: dict[str, str]) -> str:
+    if not known:
+        raise ConfigError(f"the package has no scenario of this hand for {name}: give a scenario instead "
+                          "(allegro-twin plan makes one)")  # fmt: skip
     if name not in known:
         raise ConfigError(unknown("object", name, known))
     return known[name]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator
 
 from allegro_twin.errors import ConfigError, unknown
@@ -13,6 +12,7 @@ from allegro_twin.files.schema import Settings
 from allegro_twin.gym.noise import Draws
 from allegro_twin.kinematics.orientation import product, quaternion_from_vector
 from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
@@ -50,9 +50,9 @@ class Randomise(Settings):
     friction: Range | None = None
     """Sliding friction of every contact."""
     gains: Range | None = None
-    """Factor on kp and kd, one draw each."""
+    """Factor on kp and kd, one draw each: of the law, or of the loop that the hand closes itself."""
     strength: Range | None = None
-    """Factor on what the motors give of a commanded torque."""
+    """Factor on what the motors give: of a commanded torque, or at most where the hand closes the loop."""
     armature: Range | None = None
     """kg·m², all joints."""
     damping: Range | None = None
@@ -82,9 +82,10 @@ class Randomise(Settings):
     """Whole decisions until it sees it."""
 
     @classmethod
-    def default(cls) -> Randomise:
-        """Around the nominal hand. Sources: docs/rl.md#randomisation."""
-        return cls(
+    def default(cls, spec: HandSpec | None = None) -> Randomise:
+        """Around the nominal hand, which by default takes torques: for any other what is known of the first's own
+        motors is left out. Sources: docs/rl.md#randomisation."""
+        everything = cls(
             mass=(0.7, 1.3),
             size=(0.95, 1.05),
             friction=(0.6, 1.0),
@@ -104,17 +105,33 @@ class Randomise(Settings):
             camera_turn=(0.0, 0.1),
             camera_delay=(0, 1),
         )
+        strange = (
+            () if spec is None or "torque" in spec.commands else ("quantisation", *(_ROTORS if spec.followers else ()))
+        )
+        return cls(**everything.model_dump(exclude=set(strange)))
 
 
-def preset(value: Any) -> Any:
+def preset(value: Any, spec: HandSpec | None = None) -> Any:
     """From what a user may write: None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
     if value is None or value == "off":
         return Randomise()
     if isinstance(value, str):
         if value != "default":
             raise ConfigError(unknown("randomisation", value, ("default", "off")))
-        return Randomise.default()
+        return Randomise.default(spec)
     return value
+
+
+_ROTORS = ("armature", "frictionloss")
+"""Ranges in units, of joints that a motor turns each; not of those that hang on a tendon."""
+
+
+def applicable(settings: Randomise, spec: HandSpec) -> None:
+    """Raise ConfigError for a range that this hand has no use for."""
+    for name in _ROTORS if spec.followers else ():
+        if getattr(settings, name) is not None:
+            raise ConfigError(f"randomise.{name} is of joints that a motor turns each, and {spec.name} has tendons: "
+                              "leave it out")  # fmt: skip
 
 
 LATER = ("touch_noise",)
@@ -145,9 +162,8 @@ class Physics:
 
     def __init__(self, worlds: Worlds, thing: Body | None) -> None:
         self._worlds, self._thing = worlds, thing
-        joints = [worlds.model.joint(name).dofadr[0] for name in worlds.spec.joints]
-        self._dofs = worlds.xp.asarray(np.array(joints, np.int64))
-        self._loss = worlds.xp.asarray(worlds.spec.actuation.damping)
+        self._dofs = worlds.xp.asarray(worlds.dofs)
+        self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])
 
     def sizes(self, variant: Rows, factor: Array) -> Array:
         """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
@@ -192,6 +208,19 @@ class Physics:
     def _frictionloss(self, rows: Rows, torque: Array) -> None:
         self._worlds.expand("dof_frictionloss")[rows[:, None], self._dofs] = torque[:, None]
 
+    def _gains(self, rows: Rows, factors: Array) -> None:
+        """Of the loop that a hand closes itself: stiffness and damping, (m, 2)."""
+        if self._worlds.leads:
+            stiffness, motors = factors[:, None, :1], self._worlds.motors
+            self._worlds.expand("actuator_gainprm")[rows, motors, :1] *= stiffness
+            bias = self._worlds.expand("actuator_biasprm")
+            bias[rows, motors, :2] *= stiffness
+            bias[rows, motors, 2:3] *= factors[:, None, 1:]
+
+    def _strength(self, rows: Rows, factor: Array) -> None:
+        if self._worlds.leads:
+            self._worlds.expand("actuator_forcerange")[rows, self._worlds.motors] *= factor[:, None, None]
+
     def _tilt(self, rows: Rows, angles: Array) -> None:
         """Turned by a rotation vector in the palm's own axes, rad."""
         palm = self._worlds.model.body("palm_link").id
@@ -206,5 +235,7 @@ _HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
     "armature": Physics._armature,
     "damping": Physics._damping,
     "frictionloss": Physics._frictionloss,
+    "gains": Physics._gains,
+    "strength": Physics._strength,
     "wrist_tilt": Physics._tilt,
 }

@@ -24,8 +24,9 @@ class Sensing:
             for name in ("encoder_noise", "velocity_noise", "quantisation")
             if getattr(settings, name) is not None
         }
-        self._strength = None if settings.strength is None else xp.ones((n, 1))
-        self._gains = None if settings.gains is None else xp.ones((n, 2))
+        # Where the hand closes the loop, both are the motors' own: gym/randomise.py writes them into the models.
+        self._strength = None if settings.strength is None or worlds.leads else xp.ones((n, 1))
+        self._gains = None if settings.gains is None or worlds.leads else xp.ones((n, 2))
         self._late = {
             name: xp.zeros(n, np.int64)
             for name in ("sensor_delay", "actuator_delay")
@@ -52,6 +53,9 @@ class Sensing:
         if "sensor_delay" in self._past:
             here = self._xp.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
             self._past["sensor_delay"][:, rows] = here
+        if "actuator_delay" in self._past and self._worlds.leads:
+            here = self._worlds.position[rows]  # Until the first word arrives it stays where it is.
+            self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
     def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
@@ -74,15 +78,15 @@ class Sensing:
         """The law's gains, kp and kd (2, 1, joints), as these hands have them, (2, n, joints) where they differ."""
         return nominal if self._gains is None else nominal * self._gains.T[:, :, None]
 
-    def drive(self, torque: Array, tick: NDArray[np.int64]) -> None:
-        """Tell the motors, (n, joints), N·m."""
+    def drive(self, told: Array, tick: NDArray[np.int64]) -> None:
+        """Tell the motors torques, N·m, or where the hand closes the loop positions, rad, (n, joints)."""
         if (late := self._late.get("actuator_delay")) is not None:
-            joints = torque.shape[1]
-            padded = self._xp.concatenate([torque, 0.0 * torque], axis=-1)
-            torque = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
+            joints = told.shape[1]
+            padded = self._xp.concatenate([told, 0.0 * told], axis=-1)
+            told = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
-            torque = self._xp.clip(torque, -self._limit, self._limit) * self._strength
-        self._worlds.torque[...] = torque
+            told = self._xp.clip(told, -self._limit, self._limit) * self._strength
+        self._worlds.tell(told)
 
     def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """What was `late` periods ago, from a ring with one place a period."""

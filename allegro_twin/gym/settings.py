@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, field_validator
+from pydantic import Field, model_validator
 
+from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.given import Given
 from allegro_twin.gym.randomise import Randomise, preset
+from allegro_twin.library.entries import HAND
 from allegro_twin.policy.interface import Mode
 from allegro_twin.sim.warp_model import Device
-from allegro_twin.spec import Side
+from allegro_twin.spec import SIDES, HandSpec, Side
 
 Positive = Annotated[float, Field(gt=0)]
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
@@ -25,9 +27,11 @@ OWN = ("observation", "goals", "farthest", "level")
 class EnvSettings(Settings):
     """The keyword arguments of `gymnasium.make`."""
 
+    hand: str = HAND
+    """A model of hand, or the path of a card of one's own (docs/hands.md#any-mjcf)."""
     side: Side = "right"
     control: Mode = "delta"
-    """What an action means: `delta` or `absolute` joint positions, or `torque`."""
+    """What an action means: `delta` or `absolute` joint positions, or `torque` of a hand that takes torques."""
     objects: Annotated[tuple[Given, ...], Field(min_length=1)] | None = None
     """Of the catalogue, of scenarios, or one's own (docs/your_task.md); each episode draws one. None: the task's."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
@@ -48,7 +52,7 @@ class EnvSettings(Settings):
     gains: str = "default"
     """Name in conf/gains."""
     step: Positive | None = None
-    """rad an action, in the mode `delta`. None: the task's own."""
+    """rad of a joint an action, in the mode `delta`. None: the task's own."""
     device: Device = "cpu"
     """Who simulates: `cpu`, MuJoCo; `warp`, MuJoCo Warp on an NVIDIA GPU; `warp:cpu`, its kernels on one processor."""
     contacts: Annotated[int, Field(ge=1)] = 64
@@ -56,7 +60,7 @@ class EnvSettings(Settings):
     constraints: Annotated[int, Field(ge=1)] = 256
     """Room for constraints, likewise."""
     reach: Positive = 0.3
-    """How far an action may lead from the scripted motion, rad, where a task has one."""
+    """How far an action may lead from the scripted motion, rad of a joint, where a task has one."""
 
     history: Annotated[int, Field(ge=1, le=20)] = 1
     """How many decisions an observation shows of the hand, this one and those before."""
@@ -73,10 +77,19 @@ class EnvSettings(Settings):
     level: Level = "default"
     """Of tasks with a scripted grasp: `easy` varies little of the object."""
 
-    @field_validator("randomise", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _named(cls, value: Any) -> Any:
-        return preset(value)
+    def _named(cls, given: Any) -> Any:
+        """`default` is what there is to vary of that very hand."""
+        if not isinstance(given, dict) or "randomise" not in given:
+            return given
+        return given | {"randomise": preset(given["randomise"], _spec_of(given))}
+
+
+def _spec_of(given: dict[str, Any]) -> HandSpec | None:
+    """Of the hand that is asked for, where it is not the usual one; None, too, where the answer is no name of one."""
+    hand, side = given.get("hand", HAND), given.get("side", "right")
+    return None if hand == HAND or not isinstance(hand, str) or side not in SIDES else load_spec(hand, side)
 
 
 class Options(Settings):

@@ -24,7 +24,6 @@ class State:
 
     def __init__(self, worlds: Worlds, thing: Body | None) -> None:
         self._worlds, self._thing = worlds, thing
-        self._external = worlds.external()
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray
         self._middle, self._half = place((spec.lower + spec.upper) / 2), place((spec.upper - spec.lower) / 2)
@@ -44,8 +43,8 @@ class State:
         parts = [
             (worlds.position - self._middle) / self._half,
             worlds.velocity / SPEED,
-            xp.where(begun, xp.clip(worlds.torque, -self._limit, self._limit), 0.0) / self._limit,
-            xp.where(begun, self._external, 0.0) / self._limit,
+            xp.where(begun, worlds.given(), 0.0) / self._limit,
+            xp.where(begun, worlds.external(), 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
             pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from allegro_twin.build.simulated import following
 from allegro_twin.config import (
     VIRTUAL,
     VIRTUAL_PORT,
@@ -20,7 +21,7 @@ from allegro_twin.hand.cartesian import agreed
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.library.gains import gains_names
 from allegro_twin.library.library import Library
-from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.library.named import load_grasp, load_posture, posture_names
 from allegro_twin.panel.eyes import scenery_of
 from allegro_twin.panel.frame import Opened, Shelf
 from allegro_twin.panel.opened import OpenHand
@@ -53,11 +54,15 @@ def shelf(spec: HandSpec) -> Shelf:
     """Postures and grasps that this hand can have; what is not for it is left out."""
     postures, grasps, library = {}, {}, Library()
     for listed in library.list("posture"):
+        if listed.entry.hand != spec.model:
+            continue
         try:
             postures[listed.name] = load_posture(listed.name, spec)
         except ConfigError:
-            continue  # Of another hand.
+            continue  # Outside the limits of this very hand.
     for listed in library.list("grasp"):
+        if listed.entry.hand != spec.model:
+            continue
         try:
             grasps[listed.name] = load_grasp(listed.name, spec).close
         except ConfigError:
@@ -71,9 +76,10 @@ def scene_of(config: RunConfig, wish: Scene) -> RunConfig:
         raise ConfigError(f"only a simulated hand has a scene to change; this one is {_where(config)}")
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
     if wish.scenario is None:
-        return parse(RunConfig, content | {"task": {"posture": "home"}}, "the scene")
+        home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
+        return parse(RunConfig, content | home, "the scene")
     task = {"scenario": wish.scenario} | ({} if wish.thing is None else {"object": wish.thing})
-    return parse(RunConfig, content | {"task": task, "controller": {"kind": "pd"}}, "the scene")
+    return parse(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
 
 
 def _has_scene(config: RunConfig) -> bool:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, parse
+from allegro_twin.library.entries import HAND
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_grasp
 from allegro_twin.policy.interface import VERSION, Interface, Mode
@@ -49,6 +50,8 @@ class Card(Settings):
     """Of the meaning of observations and actions."""
     task: str
     """Id of the environment."""
+    hand: str = HAND
+    """The model of hand."""
     side: Side
     mode: Mode
     period: Positive
@@ -78,6 +81,8 @@ class Card(Settings):
         real hand can serve."""
         if self.version != VERSION:
             raise ConfigError(f"this policy is of version {self.version}; this package runs {VERSION}: train it anew")
+        if self.hand != spec.model:
+            raise ConfigError(f"this policy is for a hand of the model {self.hand}; this one is {spec.model}")
         if self.side != spec.side:
             raise ConfigError(f"this policy is for the {self.side} hand; this one is the {spec.side} hand")
         if self.privileged:

@@ -1,4 +1,5 @@
-"""A policy as a controller like any other: it decides every few periods, and a PD law holds its set-points between."""
+"""A policy as a controller like any other: it decides every few periods, and between them its set-points are held by
+a PD law, or by the hand's own."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.policy.interface import Floats, Interface, Observation
 from allegro_twin.policy.memory import Course, Memory
-from allegro_twin.types import HandState, TorqueCommand, Vector
+from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 
 class Policy(Protocol):
@@ -61,7 +62,7 @@ class PolicyController:
     def start(self, state: HandState) -> Deciding:
         return self._decided(state, self.interface.start(state.position, self.script), 0)
 
-    def __call__(self, state: HandState, memory: Deciding) -> tuple[TorqueCommand, Deciding]:
+    def __call__(self, state: HandState, memory: Deciding) -> tuple[Command, Deciding]:
         inner, age = memory.memory, memory.age + state.tick - memory.tick
         while age >= self.interface.decimation:
             inner, age = self.interface.elapsed(inner), age - self.interface.decimation
@@ -69,8 +70,8 @@ class PolicyController:
             memory = memory._replace(age=age, tick=state.tick)
         else:
             memory = self._decided(state, inner, age)
-        torque = self.interface.torque(state.position, state.velocity, memory.course, age)
-        return TorqueCommand(torque), memory
+        told = self.interface.told(state.position, state.velocity, memory.course, age)
+        return PositionCommand(told) if self.interface.leads else TorqueCommand(told), memory
 
     def _decided(self, state: HandState, memory: Memory, age: int) -> Deciding:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)

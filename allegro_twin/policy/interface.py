@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.chains import ChainTips
+from allegro_twin.kinematics.geometry import has_closed_form
 from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.memory import Course, Memory
-from allegro_twin.policy.numbers import Numbers
+from allegro_twin.policy.numbers import Numbers, numbers_of, radian_of
 from allegro_twin.policy.script import Scripts
+from allegro_twin.sim.statics import tree_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -38,12 +41,12 @@ SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to torque.
+    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to what it takes.
 
     The base is the script's set-point or, without a script, the middle of the joint range. In the mode `delta` an
     action adds `step` times itself to the offset from the base, in `absolute` it is the offset in units of `span`; the
     target travels there in a straight line until the next decision. In `torque` it is a part of the torque limit, on
-    top of what holds the script where there is one.
+    top of what holds the script where there is one. A hand that closes its own loop is told the set-points themselves.
     """
 
     spec: HandSpec
@@ -54,10 +57,10 @@ class Interface:
     decimation: int = 13
     """Control periods between two decisions."""
     step: float = 0.1
-    """rad a decision, in the mode `delta`."""
+    """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
     scripts: Scripts | None = None
     reach: float = 0.3
-    """With a script: the farthest that a policy may go from it, rad."""
+    """With a script: the farthest that a policy may go from it, rad, likewise."""
     goal: Literal["none", "fingertips"] = "none"
     """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
 
@@ -69,8 +72,17 @@ class Interface:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
+        if self.mode == "torque" and self.leads:
+            raise ConfigError(
+                f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute"
+            )
         if self.decimation < 1:
             raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
+
+    @property
+    def leads(self) -> bool:
+        """Whether the hand closes its own loop, and is told where to be."""
+        return "torque" not in self.spec.commands
 
     @cached_property
     def middle(self) -> Vector:
@@ -83,28 +95,14 @@ class Interface:
     @cached_property
     def span(self) -> Vector:
         """The largest offset from the base, shape (n,), rad."""
-        return self.half if self.scripts is None else np.full_like(self.half, self.reach)
+        return self.half if self.scripts is None else self.reach * radian_of(self.spec)
 
     @cached_property
     def _numbers(self) -> Numbers:
         """What is reckoned with at every decision, lying where the arrays do."""
-        parts = [self.half, np.full_like(self.half, SPEED), self.spec.actuation.torque_limit * np.ones_like(self.half)]
-        scale = np.concatenate([*parts, self.span, [] if self.scripts is None else [float(self.scripts.periods)]])
-        scripts = None if self.scripts is None else (self.scripts.position, self.scripts.velocity)
-        place, spec = self.xp.asarray, self.spec
-        return Numbers(
-            middle=place(self.middle),
-            rest=place(np.zeros_like(self.middle)),
-            lower=place(spec.lower),
-            upper=place(spec.upper),
-            span=place(self.span),
-            kp=place(self.gains.kp),
-            kd=place(self.gains.kd),
-            limit=place(spec.actuation.torque_limit),
-            scale=place(scale),
-            parts=place(np.arange(1, self.decimation + 1) / self.decimation),
-            scripts=None if scripts is None else (place(scripts[0]), place(scripts[1])),
-        )
+        unit = radian_of(self.spec)
+        sizes = self.half, SPEED * unit, self.span, self.step * unit
+        return numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp)
 
     @property
     def frame(self) -> int:
@@ -148,7 +146,7 @@ class Interface:
             case "torque":
                 return Memory(begin, end, wish * own.limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(xp, end + self.step * wish, -own.span, own.span), push, tick, script, past)
+                return Memory(end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past)
             case _:
                 return Memory(end, wish * own.span, push, tick, script, past)
 
@@ -164,6 +162,12 @@ class Interface:
         target = own.parts.reshape(*lead, 1) * travel + memory.begin + base
         rate = speed + travel / self.seconds + xp.zeros(target.shape[:1] + (1,) * travel.ndim)
         return Course(xp.stack([_within(xp, target, own.lower, own.upper), rate], axis=1), push)
+
+    def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+        """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
+        if self.leads and course.wish is not None:
+            return np.asarray(course.wish[k, 0])
+        return self.torque(position, velocity, course, k, gains)
 
     def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
@@ -219,8 +223,10 @@ class Interface:
         return tips.reshape(*tips.shape[:-2], -1)
 
     @cached_property
-    def _fingertips(self) -> Fingertips:
-        return Fingertips(self.spec, self.xp)
+    def _fingertips(self) -> Fingertips | ChainTips:
+        if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
+            return Fingertips(self.spec, self.xp)
+        return ChainTips(self.spec, tree_of(self.spec))
 
     def _base(self, memory: Memory, k: NDArray[np.int64]) -> Pair:
         """What offsets are counted from, and its rate, `k` periods after the decision."""

@@ -18,7 +18,9 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.backend import span
+from allegro_twin.sim.bodies import Body as Body
+from allegro_twin.sim.driven import Driven
+from allegro_twin.sim.presenter import NAME as PRESENTER
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -42,15 +44,35 @@ class Worlds:
         self._palettes: dict[str, NDArray[Any]] = {}
         self.variant: Rows = self.xp.zeros(n, np.int64)
         self._make(threads)
-        place, motion, motors = _columns(spec, model)
-        self.position: Array = self._qpos[:, place]
-        """Of the joints, (n, joints), rad."""
-        self.velocity: Array = self._qvel[:, motion]
-        """(n, joints), rad/s."""
-        self.torque: Array = self._ctrl[:, motors]
-        """What the motors are told, (n, joints), N·m."""
-        self._motion_columns = motion
+        self._driven = Driven(spec, model)
+        self.leads = self._driven.leads
+        """Whether the motors are told where to be, for the hands close the loop; else torques."""
+        self.torque: Array = self._ctrl[:, self._driven.motors]
+        """What motors that take torques are told, (n, joints), N·m."""
+        columns = self._driven.columns
+        self._live = None if columns is None else (self._qpos[:, columns[0]], self._qvel[:, columns[1]])
         self._learn_start(model)
+
+    @property
+    def position(self) -> Array:
+        """Of what is driven, (n, joints), rad; live where every motor turns a joint of its own, for writing, too."""
+        return self._driven.position(self._qpos) if self._live is None else self._live[0]
+
+    @property
+    def velocity(self) -> Array:
+        """(n, joints), rad/s; live likewise."""
+        return self._driven.velocity(self._qvel) if self._live is None else self._live[1]
+
+    def place(self, rows: Rows, posture: Array) -> None:
+        """Put hands into postures, (m, joints), rad, with what follows where nothing is in its way."""
+        if self._live is None:
+            self._qpos[rows] = self._driven.placed(posture, self._qpos[rows])
+        else:
+            self._live[0][rows] = posture
+
+    def tell(self, values: Array) -> None:
+        """Tell all motors a torque, N·m, or where the hands close the loop a position, rad, (n, joints)."""
+        self.torque[...] = self._driven.told(values)
 
     def _make(self, threads: int) -> None:
         """The simulations, and their arrays."""
@@ -61,8 +83,9 @@ class Worlds:
 
     @cached_property
     def motion(self) -> Array | None:
-        """Positions and velocities in one array, (2, n, joints), for reading; None where they are not neighbours."""
-        return _both(self.position, self.velocity)
+        """Positions and velocities of hands that take torques in one array, (2, n, joints), for reading; None where
+        they are not neighbours."""
+        return None if self._live is None or self.leads else _both(*self._live)
 
     def add(self, model: mujoco.MjModel) -> int:
         """The number of a further variant. Raises ConfigError unless its layout is the first one's."""
@@ -127,16 +150,48 @@ class Worlds:
         known: NDArray[np.bool_] = self.xp.asarray(np.array(found))
         return known
 
+    @cached_property
+    def _constraint(self) -> Array:
+        """(n, nv), N·m."""
+        return self._batch.bind("qfrc_constraint")  # type: ignore[no-any-return]  # Its arrays have no type.
+
+    @cached_property
+    def _given(self) -> Array:
+        """By all actuators, (n, nu), N·m."""
+        return self._batch.bind("actuator_force")  # type: ignore[no-any-return]  # Likewise.
+
+    @property
+    def dofs(self) -> NDArray[np.int64]:
+        """Of all that moves in the hand, in a model's speeds."""
+        return self._driven.dofs
+
+    @property
+    def motors(self) -> slice:
+        """Of the hand, among a model's actuators."""
+        return self._driven.motors
+
     def external(self) -> Array:
-        """What contacts, dry friction and end stops do to the joints, (n, joints), N·m: as of the last step, live."""
-        forces: Array = self._batch.bind("qfrc_constraint")[:, self._motion_columns]
-        return forces
+        """What contacts, dry friction and end stops do to what is driven, (n, joints), N·m, as of the last step; where
+        a motor moves several joints, by virtual work along the hand's free way."""
+        columns = self._driven.columns
+        if columns is None:
+            return self._driven.reduced(self._constraint, self.position)
+        return self._constraint[:, columns[1]]
+
+    def given(self) -> Array:
+        """What the motors gave at the last step, (n, joints), N·m; of hands that take torques what they were told,
+        within their limits."""
+        if self.leads:
+            return self._given[:, self.motors]
+        limit = self.xp.asarray(self.spec.actuation.torque_limit)
+        found: Array = self.xp.clip(self.torque, -limit, limit)
+        return found
 
     def presenter(self) -> tuple[Array, Array, Array]:
         """Where the presenter's hand is, (n, 3), m, its quaternion, (n, 4), and whether it holds, (n,), 1 or 0;
         live."""
         place, turn = self._batch.bind("mocap_pos"), self._batch.bind("mocap_quat")
-        return place[:, 0], turn[:, 0], self._batch.bind("eq_active")[:, 0]
+        return place[:, 0], turn[:, 0], self._batch.bind("eq_active")[:, self.model.equality(PRESENTER).id]
 
     def state(self, row: int) -> Array:
         """A copy of everything that decides how a simulation goes on."""
@@ -184,44 +239,8 @@ class Snapshot:
     spec: HandSpec
 
 
-class Body:
-    """A free body in every simulation: its pose, its motion, and what pushes it. Live views, one row each."""
-
-    def __init__(self, model: mujoco.MjModel, name: str, qpos: Array, qvel: Array, push: Array) -> None:
-        body, joint = model.body(name), model.joint(name)
-        self.id, self.geoms = int(body.id), slice(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0]))
-        first = int(model.body_bvhadr[self.id])
-        self.boxes = slice(first, first + int(model.body_bvhnum[self.id]))
-        """Its rows of `bvh_aabb`."""
-        place, motion = int(joint.qposadr[0]), int(joint.dofadr[0])
-        self.pose: Array = qpos[:, place : place + 7]
-        """Position and quaternion in the world, (n, 7), m."""
-        self.velocity: Array = qvel[:, motion : motion + 3]
-        """World, (n, 3), m/s."""
-        self.spin: Array = qvel[:, motion + 3 : motion + 6]
-        """In the body's own axes, (n, 3), rad/s."""
-        self.force: Array = push[:, self.id, :3]
-        """On its centre of mass, world, (n, 3), N."""
-        self.moment: Array = push[:, self.id, 3:]
-        """World, (n, 3), N·m."""
-
-
 def _both(first: Array, second: Array) -> Array:
     """Two parts of the same rows as one view, so that one operation reads both."""
     apart = second.__array_interface__["data"][0] - first.__array_interface__["data"][0]
     assert first.strides == second.strides
     return as_strided(first, (2, *first.shape), (apart, *first.strides), writeable=False)
-
-
-def _columns(spec: HandSpec, model: mujoco.MjModel) -> tuple[slice, slice, slice]:
-    """Of the joints in qpos, in qvel and in ctrl. Raises ConfigError unless they follow one another."""
-    joints = [model.joint(name) for name in spec.joints]
-    found = (
-        span([joint.qposadr[0] for joint in joints]),
-        span([joint.dofadr[0] for joint in joints]),
-        span([model.actuator(name).id for name in spec.joints]),
-    )
-    match found:
-        case (slice() as place, slice() as motion, slice() as motors):
-            return place, motion, motors
-    raise ConfigError(f"{spec.name}: the joints of this model do not follow one another, as a batch needs them to")

@@ -6,6 +6,7 @@ import copy
 
 import mujoco
 
+from allegro_twin.sim.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -24,8 +25,7 @@ def overlap(model: mujoco.MjModel, spec: HandSpec, posture: Vector, thing: str, 
     boxes = slice(int(model.body_bvhadr[body.id]), int(model.body_bvhadr[body.id] + model.body_bvhnum[body.id]))
     model.bvh_aabb[boxes] *= scale
     data = mujoco.MjData(model)
-    for name, angle in zip(spec.joints, posture, strict=True):
-        data.joint(name).qpos[0] = angle
+    Posed(spec, model)(posture, data.qpos)
     data.joint(thing).qpos[:] = pose
     mujoco.mj_forward(model, data)
     deepest = 0.0

@@ -23,10 +23,10 @@ class Posed:
         """Of each of them the motor that moves it."""
 
     def __call__(self, posture: Array, qpos: Array) -> None:
-        """Write a posture, (n,), rad, into a state."""
-        qpos[self._places] = posture[self._driven]
+        """Write postures, (..., n), rad, into states, (..., nq)."""
+        qpos[..., self._places] = posture[..., self._driven]
         if self._followers:
-            qpos[self._followers] = self._spec.followed(posture)
+            qpos[..., self._followers] = self._spec.followed(posture)
 
     def each(self, motors: Vector, qpos: Array) -> None:
         """Write where `joints` are if each had a motor to itself, at `motors`, (joints,), rad: what has met something

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from allegro_twin.arrays import host, tensors
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch import Rows, Snapshot, Worlds
+from allegro_twin.sim.presenter import NAME as PRESENTER
 from allegro_twin.sim.warp_model import Device, device_named, fields_of, libraries, on_device
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -47,6 +48,8 @@ class WarpWorlds(Worlds):
         contacts: int = 64,
         constraints: int = 256,
     ) -> None:
+        if "torque" not in spec.commands:
+            raise ConfigError(f"device {device}: {spec.name} closes its own loop, which is simulated on cpu only")
         self._wp, self._mjw = libraries()
         self._device = device_named(self._wp, device)
         self.xp = tensors(self._wp.device_to_torch(self._device))
@@ -95,13 +98,14 @@ class WarpWorlds(Worlds):
             self._run("derive", lambda: self._mjw.set_const(self._m, self._d))
         self._displaced = bool(_PLACES & self._rows.keys())
 
-    def external(self) -> Array:
-        forces: Array = self._wp.to_torch(self._d.qfrc_constraint)[:, self._motion_columns]
+    @cached_property
+    def _constraint(self) -> Array:
+        forces: Array = self._wp.to_torch(self._d.qfrc_constraint)
         return forces
 
     def presenter(self) -> tuple[Array, Array, Array]:
         own = self._own
-        return own["mocap_pos"][:, 0], own["mocap_quat"][:, 0], own["eq_active"][:, 0]
+        return own["mocap_pos"][:, 0], own["mocap_quat"][:, 0], own["eq_active"][:, self.model.equality(PRESENTER).id]
 
     def step(self, rows: Rows | None, count: int) -> None:
         if self._displaced:

@@ -11,6 +11,7 @@ import numpy as np
 
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.wiring import load_wiring
+from allegro_twin.errors import ConfigError
 from allegro_twin.gym.episode import Episode
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.loop import run
@@ -31,6 +32,8 @@ def over_can(
     """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. Raises
     ConfigError for a policy of another task."""
     loaded, episode = load_policy(policy), Episode(task, settings)
+    if "torque" not in episode.spec.commands:
+        raise ConfigError(f"{episode.spec.name} is on no CAN bus: leave out --can")
     fitting(loaded.card, episode.engine.task.card())
     success: list[bool] = []
     returned: list[float] = []

@@ -11,6 +11,7 @@ from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.gym.tasks import TASKS
+from allegro_twin.library.entries import HAND
 
 Count = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -102,14 +103,16 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are
     None are left out. Raises ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
+    own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
-    if ":" in name or (name in TASKS and name.lower() not in shipped):
-        return parse(Recipe, {"task": name} | given, "recipe")
+    # What ships is for one hand, with its objects: for another a task's name means the defaults.
+    foreign = name in TASKS and own.get("hand", HAND) != HAND
+    if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):
+        return parse(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:
         raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
     path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
     content = read_yaml(path)
-    for key in ("side", "device"):
-        if key in given:
-            content["environment"] = content.get("environment", {}) | {key: given.pop(key)}
+    if own:
+        content["environment"] = content.get("environment", {}) | own
     return parse(Recipe, content | given, str(path))

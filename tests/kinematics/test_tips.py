@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.chains import ChainTips
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.tips import Fingertips
+from allegro_twin.sim.statics import hand_model, tree_of
 from allegro_twin.spec import Side
 
 
@@ -28,3 +30,16 @@ def test_a_hand_s_fingertips_do_not_depend_on_how_many_hands_there_are() -> None
     for row in (0, 1, 100, 256):
         np.testing.assert_array_equal(fingertips(position[row]), many[row])
         np.testing.assert_array_equal(fingertips(position[None, row])[0], many[row])
+
+
+@pytest.mark.parametrize("hand", ["allegro", "leap", "model_o", "sih", "qb_softhand"])
+def test_fingertips_of_any_chain_are_those_of_the_whole_model_alone_and_in_a_batch(hand: str) -> None:
+    spec = load_spec(hand)
+    tips, model = ChainTips(spec, tree_of(spec)), hand_model(spec)
+    position = np.random.default_rng(2).uniform(spec.lower, spec.upper, (30, spec.n_joints))
+    many = tips(position)
+    for row, posture in enumerate(position):
+        own = np.array([pose.position for pose in model.fingertips(posture).values()])
+        np.testing.assert_allclose(many[row], own, atol=1e-15)
+        np.testing.assert_array_equal(tips(posture), many[row])
+    assert np.ptp(many, axis=0).max() > 0.02, "no tip moved"

@@ -80,12 +80,12 @@ def panel(tmp_path: Path) -> Iterator[Served]:
         yield found
 
 
-def tab(browser: Any, url: str) -> Any:
+def tab(browser: Any, url: str, joint: str = "index_0") -> Any:
     """A browser's tab of its own, once the hand is in it."""
     page = browser.new_context(viewport={"width": 820, "height": 460}).new_page()
     page.set_default_timeout(PATIENCE)
     page.goto(f"{url}{'&' if '?' in url else '?'}fixedDpr={COARSE}")
-    sees(page, "index_0")
+    sees(page, joint)
     return page
 
 
@@ -270,3 +270,24 @@ def test_what_was_recorded_is_a_recording(browser: Any, panel: Served) -> None:
     recording = load(panel.folder / "out" / "panel_001.arrow")
     assert recording.complete
     assert len(recording) > 150  # Half a second of them is shown as 1 s.
+
+
+@pytest.mark.parametrize(
+    ("hand", "joint", "motors", "closed"), [("model_o", "thumb", 4, 2.6), ("qb_softhand", "closure", 1, 0.95)]
+)
+def test_a_hand_on_tendons_has_a_slider_for_each_motor_and_grasps_of_its_own(
+    hand: str, joint: str, motors: int, closed: float, browser: Any, tmp_path: Path
+) -> None:
+    with served(tmp_path, config=f"sim_{hand}") as panel:
+        page = tab(browser, panel.url, joint)
+        sees(page, "You drive")
+        assert len(page.evaluate(_SLIDERS)) == motors
+        open_tab(page, "Library")
+        sees(page, "none for this hand")
+        press(page, "lemon" if hand == "model_o" else "mug")
+        open_tab(page, "Joints")
+        wait_until(page, joint, closed, within=0.2 * closed)
+        open_tab(page, "Control")
+        sees(page, "Scenario")
+        assert not page.get_by_text("Gains").is_visible()
+        assert not page.get_by_text("As the hand reports").is_visible()

@@ -6,11 +6,14 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
-from allegro_twin.library.named import load_posture
+from allegro_twin.description.hands import load_spec
+from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.look.scenery import scenery
 from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.bars import banner, finger_bars, health
+from allegro_twin.panel.page.bars import banner, group_bars, health
+from allegro_twin.panel.page.groups import groups, units
 from allegro_twin.panel.page.pictures import pictures
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import Vector
@@ -25,7 +28,7 @@ def frame(spec: HandSpec, position: Vector, temperature: float = np.nan) -> Fram
 
 def test_a_bar_says_where_a_joint_is_between_its_limits(spec: HandSpec) -> None:
     middle = (spec.lower + spec.upper) / 2
-    text = finger_bars(spec, spec.fingers[0], frame(spec, middle))
+    text = group_bars(spec, groups(spec)[0], frame(spec, middle))
     assert text.count("left:0.0%;width:50.0%") == len(spec.fingers[0].joints)
     assert f"{middle[0]:+.3f}" in text
 
@@ -33,7 +36,7 @@ def test_a_bar_says_where_a_joint_is_between_its_limits(spec: HandSpec) -> None:
 def test_a_hand_of_two_fingers_with_three_joints_has_bars_and_drawings_as_well(spec: HandSpec) -> None:
     fingers = (Finger("a", (0, 1, 2), "x"), Finger("b", (4, 5, 6), "y"))
     other = replace(spec, fingers=fingers)
-    assert finger_bars(other, fingers[1], frame(spec, spec.lower)).count("index_") == 0
+    assert group_bars(other, groups(other)[1], frame(spec, spec.lower)).count("index_") == 0
     drawn = pictures(other, scenery(spec, {}), {"home": load_posture("home", spec)})
     assert drawn["home"].count("<polyline") == 2
 
@@ -57,3 +60,33 @@ def test_temperatures_are_shown_where_there_are_any(spec: HandSpec) -> None:
     assert "&lt;b&gt;" in cold
     assert hot.count(">61<") == spec.n_joints
     assert "#c8102e" in hot
+
+
+@pytest.mark.parametrize(
+    ("hand", "found"),
+    [
+        ("leap", {"index": 4, "middle": 4, "ring": 4, "thumb": 4}),
+        ("model_o", {"forward, reverse": 1, "forward": 1, "reverse": 1, "thumb": 1}),
+        ("sih", {"index": 1, "middle": 1, "ring, little": 1, "thumb": 2}),
+        ("qb_softhand", {"all fingers": 1}),
+    ],
+)
+def test_a_motor_of_several_fingers_has_one_slider(hand: str, found: dict[str, int]) -> None:
+    spec = load_spec(hand)
+    made = groups(spec)
+    assert {group.name: len(group.joints) for group in made} == found
+    assert sorted(joint for group in made for joint in group.joints) == list(range(spec.n_joints))
+    assert units(spec) == ("rad" if hand == "leap" else "of the motor")
+    bars = "".join(group_bars(spec, group, frame(spec, spec.lower)) for group in made)
+    assert all(bars.count(f">{name}<") == 1 for name in spec.readable)
+
+
+@pytest.mark.parametrize(("hand", "fingers"), [("leap", 4), ("model_o", 3), ("sih", 5), ("qb_softhand", 5)])
+def test_a_hand_on_tendons_is_drawn_with_every_finger_and_closes(hand: str, fingers: int) -> None:
+    spec = load_spec(hand)
+    grasp = load_grasp(f"{hand}_mug", spec)
+    drawn = pictures(spec, scenery(spec, {}), {"open": grasp.preshape, "closed": grasp.close})
+    for text in drawn.values():
+        assert ElementTree.fromstring(text) is not None
+        assert text.count("<polyline") == fingers
+    assert drawn["open"] != drawn["closed"]

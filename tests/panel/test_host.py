@@ -239,3 +239,57 @@ def test_a_hand_that_cannot_be_opened_is_an_error_and_no_page(tmp_path: Path) ->
     config.write_text("backend: {kind: replay, file: nowhere.arrow}\ncontroller: {kind: torque}\n")
     with pytest.raises(ConfigError, match="nowhere"):
         Desk(tmp_path, load_config(config))
+
+
+MOTORS = {"leap": 16, "model_o": 4, "sih": 5, "qb_softhand": 1}
+
+
+@pytest.mark.parametrize("config", [f"sim_{hand}" for hand in MOTORS] + [f"{hand}_virtual" for hand in MOTORS])
+def test_every_hand_is_opened_with_what_is_its_own_and_does_what_is_wished(
+    config: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    hand = config.removeprefix("sim_").removesuffix("_virtual")
+    settings = load_config(config)
+    if settings.backend.kind == "dynamixel":
+        pytest.importorskip("dynamixel_sdk", reason="servos need the vendor's SDK: extra dynamixel")
+    desk = Desk(tmp_path, settings)
+    try:
+        desk.until(lambda: len(desk.page.said) > 1)
+        opened, shelf = desk.page.said[:2]
+        assert isinstance(opened, Opened)
+        assert isinstance(shelf, Shelf)
+        assert opened.kinds == ("limp", "position")
+        assert opened.gains == ("default",)
+        assert len(opened.scenarios) == len(shelf.grasps) == 12
+        assert all(name.startswith(hand) for name in (*shelf.postures, *shelf.grasps))
+        assert desk.page.frame().position.shape == (MOTORS[hand],)
+        spec, last = opened.spec, opened.spec.fingers[0].joints[-1]
+        goal = np.clip(desk.page.frame().position, spec.lower, spec.upper)
+        goal[last] = spec.lower[last] + 0.4 * (spec.upper - spec.lower)[last]
+        desk.wish(w.Joints(tuple(goal)))
+        desk.until(lambda: desk.page.frame().kind == "position")
+        near = 0.1 * (spec.upper - spec.lower)[last]
+        desk.until(lambda: abs(desk.page.frame().position[last] - goal[last]) < near)
+        desk.wish(w.Stop())
+        desk.until(lambda: desk.page.frame().stopped)
+        assert desk.page.frame().kind == "limp"
+    finally:
+        desk.host.close()
+
+
+def test_a_hand_that_closes_its_own_loop_performs_a_scenario_by_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    desk = Desk(tmp_path, load_config("sim_model_o"))
+    try:
+        desk.wish(w.Scene("model_o_lemon", None, perform=True))
+        desk.until(lambda: desk.page.notices() != "" or desk.page.frame().hand == 2)
+        assert desk.page.notices() == ""
+        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
+        desk.wish(w.Scene(None, None, perform=False))
+        desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 3)
+        assert desk.page.notices() == ""
+    finally:
+        desk.host.close()

@@ -230,6 +230,7 @@ def test_recipes_ship_for_tasks_and_wrong_names_are_answered_with_the_nearest() 
     assert load_recipe("Reach", seed=4).seed == 4
     assert load_recipe("grasp", side="left").environment.side == "left"
     assert load_recipe("Lift").task == "Lift"
+    assert load_recipe("Lift", side="left").environment.side == "left"
     with pytest.raises(ConfigError, match="no task or recipe named 'Grap'; did you mean 'Grasp'"):
         load_recipe("Grap")
 
@@ -238,3 +239,11 @@ def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(ConfigError, match=r"training needs stable_baselines3: pip install 'allegro-twin\[rl\]'"):
         train(recipe(), tmp_path)
+
+
+def test_a_task_by_its_name_with_another_hand_has_the_defaults_for_that_hand() -> None:
+    recipe = load_recipe("Grasp", hand="model_o", steps=1000)
+    assert (recipe.environment.hand, recipe.environment.objects, recipe.steps) == ("model_o", None, 1000)
+    assert load_recipe("Grasp", hand="allegro").environment == load_recipe("Grasp").environment.model_copy(
+        update={"hand": "allegro"}
+    )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.noise import Draws
+from allegro_twin.gym.randomise import applicable
 from allegro_twin.gym.settings import OWN, EnvSettings, Options
 from allegro_twin.library.gains import load_gains
 from allegro_twin.look.marks import Mark
@@ -50,7 +51,7 @@ class Task(ABC):
     name: ClassVar[str]
     purpose: ClassVar[str]
     """One line for lists."""
-    seconds: ClassVar[float]
+    seconds: float
     """How long an episode takes."""
     options: ClassVar[tuple[str, ...]]
     """Which `Options` a reset takes."""
@@ -77,7 +78,8 @@ class Task(ABC):
                 f"an action of {settings.decimation} periods of {settings.period:g} s takes {action:g} s, and an "
                 f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
             )
-        self.spec = load_spec(side=settings.side)
+        self.spec = load_spec(settings.hand, settings.side)
+        applicable(settings.randomise, self.spec)
         self.gains = load_gains(settings.gains, self.spec)
 
     @abstractmethod
@@ -157,6 +159,7 @@ class Task(ABC):
         interface, settings = self.interface, self.settings
         return Card(
             task=self.id,
+            hand=self.spec.model,
             side=self.spec.side,
             mode=interface.mode,
             period=interface.period,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ from allegro_twin.sim.batch import Rows
 from allegro_twin.sim.fit import overlap
 from allegro_twin.types import Array, Vector
 
+MARGIN = 0.1  # s, for the last action.
 DEEPEST = 0.012  # m. How far an object may begin inside the pre-shaped hand: more would be thrown out, not grasped.
 
 
@@ -45,13 +47,16 @@ class Closing(Task):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self.variation = self.levels[settings.level]
+        first = [(given, self.scene(given, None)) for given in self.things()]
+        latest = max(self.verdict(scene) for _, scene in first)
+        if latest > self.seconds:  # A slower hand: its episodes are longer.
+            self.seconds = math.ceil(10.0 * (latest + MARGIN)) / 10.0
         self.periods = round(self.seconds / settings.period)
         self.scenes: list[Scene] = []
         self._numbers: dict[tuple[Given, str | None], int] = {}
         self._scripts: list[Script] = []
         self._named = {name_of(given): given for given in self.things()}
-        for index, given in enumerate(self.things()):
-            scene = self.scene(given, None)
+        for index, (given, scene) in enumerate(first):
             if index == 0:
                 self.worlds = worlds(self.spec, scene.model, n, threads, settings)
             self._learn(scene, given, None)
@@ -75,6 +80,10 @@ class Closing(Task):
     @abstractmethod
     def apart(self, scene: Scene, size: float) -> Vector:
         """From where the scene's model has the object to where the hand at rest in that model would grasp it, m."""
+
+    def verdict(self, scene: Scene) -> float:
+        """When an episode in a scene is decided, s."""
+        return closed_after(scene.grasp, self.wait, self.squeeze) + self.after
 
     @abstractmethod
     def things(self) -> tuple[Given, ...]:
@@ -103,7 +112,7 @@ class Closing(Task):
         start = self._starts[variant]
         if options.posture is not None:
             start = 0.0 * start + self.worlds.xp.asarray(load_posture(options.posture, self.spec))
-        self.worlds.position[rows] = start
+        self.worlds.place(rows, start)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._poses[variant, :3]
         self.thing.pose[rows, 3:] = turned_by(self._poses[variant, 3:], yaw)
@@ -133,7 +142,7 @@ class Closing(Task):
         return self._numbers[given, grasp]
 
     def _learn(self, scene: Scene, given: Given, grasp: str | None) -> None:
-        end = closed_after(scene.grasp, self.wait, self.squeeze) + self.after
+        end = self.verdict(scene)
         action = self.settings.period * self.settings.decimation
         if end > self.seconds:
             raise ConfigError(

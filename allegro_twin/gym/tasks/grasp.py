@@ -11,7 +11,7 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
-from allegro_twin.gym.tasks.scenes import Scene, known, presented
+from allegro_twin.gym.tasks.scenes import Scene, known, presented, some
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
@@ -49,7 +49,7 @@ class Grasp(Closing):
         self._periods = xp.arange(settings.decimation)[:, None]
 
     def things(self) -> tuple[Given, ...]:
-        return self.settings.objects or tuple(known())[:12]
+        return self.settings.objects or some(tuple(known(self.spec.model))[:12], self.spec, self.name)
 
     def scene(self, given: Given, grasp: str | None) -> Scene:
         return presented(given, self.spec, self.settings, grasp)

@@ -17,6 +17,7 @@ from allegro_twin.gym.tasks.base import Flags, Task
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
 from allegro_twin.gym.tasks.vectors import length
+from allegro_twin.library.entries import HAND
 from allegro_twin.sim import objects
 from allegro_twin.sim.batch import Rows
 from allegro_twin.types import Array
@@ -43,6 +44,9 @@ class InHand(Task):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
+        if self.spec.model != HAND:
+            raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold "
+                              f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
         self._names: list[str] = []

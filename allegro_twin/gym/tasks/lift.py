@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from allegro_twin.gym.given import Given
@@ -9,7 +11,7 @@ from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.closing import Closing
-from allegro_twin.gym.tasks.scenes import Scene, from_above, on_table
+from allegro_twin.gym.tasks.scenes import Scene, from_above, known, on_table, some
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim import wrist
@@ -41,7 +43,11 @@ class Lift(Closing):
         _, self._wish = self.worlds.joint("wrist_z")
 
     def things(self) -> tuple[Given, ...]:
-        return self.settings.objects or from_above()[: 10 if self.settings.level == "easy" else None]
+        """Those of the demo alone, or all."""
+        names, demo = from_above(self.spec.model), known(self.spec.model)
+        if self.settings.level == "easy":
+            names = tuple(name for name in names if Path(demo[name]).parent.name != "more")
+        return self.settings.objects or some(names, self.spec, self.name)
 
     def scene(self, given: Given, grasp: str | None) -> Scene:
         return on_table(given, self.spec, self.settings, grasp)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.gym.given import Given, name_of
 from allegro_twin.gym.settings import Level
 from allegro_twin.gym.tasks.grasp import Grasp
 from allegro_twin.gym.tasks.levels import EASY, HARD, Variation
 from allegro_twin.gym.tasks.scenes import Scene, presented
+from allegro_twin.library.entries import HAND
 
 # A scenario of the taxonomy for each: where the palm goes, and the grasp.
 _SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
@@ -26,7 +28,11 @@ class Pinch(Grasp):
     }
 
     def things(self) -> tuple[Given, ...]:
+        if self.settings.objects is None and self.spec.model != HAND:
+            raise ConfigError(f"Pinch: the library has no pinches of small balls with {self.spec.model}: give "
+                              "objects=('scenario.yaml', …), or take the task Grasp")  # fmt: skip
         return self.settings.objects or tuple(_SCENARIOS)
 
     def scene(self, given: Given, grasp: str | None) -> Scene:
-        return presented(given, self.spec, self.settings, grasp, _SCENARIOS.get(name_of(given)))
+        scenario = _SCENARIOS.get(name_of(given)) if self.spec.model == HAND else None
+        return presented(given, self.spec, self.settings, grasp, scenario)

@@ -13,7 +13,7 @@ from allegro_twin.gym.tasks.base import Outcome, Task, Ticks
 from allegro_twin.gym.tasks.scenes import compiled, worlds
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.library.named import load_posture
+from allegro_twin.library.named import load_posture, posture_names
 from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
 from allegro_twin.sim.batch import Rows
@@ -49,7 +49,8 @@ class Reach(Task):
         free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
-        self._start = xp.asarray(load_posture("home", self.spec))
+        home = load_posture("home", self.spec) if posture_names(self.spec.model) else self.spec.rest
+        self._start = xp.asarray(home)
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
         found: Rows = self.worlds.xp.zeros(len(rows), np.int64)
@@ -58,7 +59,7 @@ class Reach(Task):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
         xp = self.worlds.xp
         start = self._start if options.posture is None else xp.asarray(load_posture(options.posture, self.spec))
-        self.worlds.position[rows] = start
+        self.worlds.place(rows, start)
         self._goal[rows] = self._goals[draws.number(len(self._goals))]
 
     def marks(self, row: int) -> list[Mark]:

@@ -14,6 +14,7 @@ from allegro_twin.evaluate.timeline import stage
 from allegro_twin.gym.given import Given, name_of, scenario_of, scenarios
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.kinematics.orientation import quaternion_facing
+from allegro_twin.library.entries import HAND
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim.batch import Worlds
@@ -45,14 +46,22 @@ class Scene:
 
 
 @cache
-def known() -> dict[str, str]:
-    """The scenarios of the catalogue's objects, read once."""
-    return scenarios()
+def known(hand: str = HAND) -> dict[str, str]:
+    """The scenarios of the catalogue's objects for a model of hand, read once."""
+    return scenarios(hand)
 
 
-def from_above() -> tuple[str, ...]:
+def from_above(hand: str = HAND) -> tuple[str, ...]:
     """The objects that are grasped from above."""
-    return tuple(name for name, path in known().items() if load_scenario(path)[0].wrist.retreat[2] > 0)
+    return tuple(name for name, path in known(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
+
+
+def some(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
+    """The objects of a task by default. Raises ConfigError for a hand that the package knows no grasps of."""
+    if not names:
+        raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
+                          f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
+    return names
 
 
 def presented(
@@ -69,12 +78,17 @@ def on_table(given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | N
     """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
     found, around, retreat = _found(given, spec)
     if retreat[2] <= 0:
-        raise ConfigError(f"{name_of(given)} is grasped from its side; the slide serves {', '.join(from_above())}")
+        raise ConfigError(
+            f"{name_of(given)} is grasped from its side; the slide serves {', '.join(from_above(spec.model))}"
+        )
     return _built(name_of(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
 
 
 def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
-    settings, folder = scenario_of(given, known())
+    settings, folder = scenario_of(given, known(spec.model))
+    if settings.model != spec.model:
+        raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one is "
+                          f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, around, mirror * settings.wrist.retreat

@@ -31,10 +31,10 @@ def played(
     """The state after the hand has followed a script; `around` acts on the one simulation before every period."""
     worlds = Worlds(spec, model, 1, 1)
     worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
-    worlds.position[0] = script.position[0]
+    worlds.place(np.zeros(1, np.int64), script.position[:1])
     for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):
         around(worlds, k)
         error, rate = position - worlds.position[0], velocity - worlds.velocity[0]
-        worlds.torque[0] = laws.pd(error, rate, gains.kp, gains.kd)
+        worlds.tell(position[None] if worlds.leads else laws.pd(error, rate, gains.kp, gains.kd)[None])
         worlds.step(None, substeps(settings.period, settings.timestep))
     return worlds.state(0)

@@ -8,26 +8,30 @@ from html import escape
 
 from allegro_twin.description.appearance import of_series
 from allegro_twin.panel.frame import Frame
-from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.panel.page.groups import Group, groups
+from allegro_twin.spec import HandSpec
 
 _WARM = 60.0  # °C, from which on the guard fades torques: docs/safety.md.
-_ROW = "display:grid;grid-template-columns:5.2em 1fr 4em 1fr 4.2em;gap:6px;align-items:center"
+_ROW = "display:grid;grid-template-columns:{wide:.1f}em 1fr 4em 1fr 4.2em;gap:6px;align-items:center"
+_NAME, _LETTER = 5.2, 0.55
+"""em: room for a name, and of a letter."""
 _TRACK = "position:relative;height:8px;border-radius:4px;background:#e6eaef"
 FONT = "font:12px/1.5 system-ui,sans-serif;color:#333;padding:2px 12px"
 
 
-def finger_bars(spec: HandSpec, finger: Finger, frame: Frame) -> str:
+def group_bars(spec: HandSpec, group: Group, frame: Frame) -> str:
     """A row a joint: where it is between its limits, with a mark where it should be, and what torque it gives."""
-    rows = [f'<div style="{_ROW};color:#777"><span></span><span>position</span><span></span><span>torque</span>'
+    row = _ROW.format(wide=max(_NAME, *(_LETTER * len(name_of(spec, joint)) for joint in group.joints)))
+    rows = [f'<div style="{row};color:#777"><span></span><span>position</span><span></span><span>torque</span>'
             "<span></span></div>"]  # fmt: skip
-    for place, joint in enumerate(finger.joints):
+    for place, joint in enumerate(group.joints):
         color, lower, upper = hexed(place), spec.lower[joint], spec.upper[joint]
         part = (frame.position[joint] - lower) / (upper - lower)
         wanted = (frame.target[joint] - lower) / (upper - lower)
         mark = "" if math.isnan(wanted) else _mark(wanted)
         torque = frame.torque[joint] / spec.actuation.torque_limit[joint]
         rows.append(
-            f'<div style="{_ROW}"><span>{escape(name_of(spec, joint))}</span>'
+            f'<div style="{row}"><span>{escape(name_of(spec, joint))}</span>'
             f'<div style="{_TRACK}">{_fill(0.0, part, color)}{mark}</div><span>{frame.position[joint]:+.3f}</span>'
             f'<div style="{_TRACK}">{_fill(0.5, 0.5 + torque / 2, color)}{_mark(0.5)}</div>'
             f"<span>{frame.torque[joint]:+.3f}</span></div>"
@@ -46,13 +50,13 @@ def _temperatures(spec: HandSpec, frame: Frame) -> str:
     if not any(math.isfinite(value) for value in frame.temperature):
         return "<br>this hand reports no temperatures"
     cells = []
-    for finger in spec.fingers:
+    for group in groups(spec):
         values = "".join(
             f'<td style="padding:0 8px;color:{"#c8102e" if frame.temperature[joint] >= _WARM else "#333"}">'
             f"{frame.temperature[joint]:.0f}</td>"
-            for joint in finger.joints
+            for joint in group.joints
         )
-        cells.append(f"<tr><td>{escape(finger.name)}</td>{values}</tr>")
+        cells.append(f"<tr><td>{escape(group.name)}</td>{values}</tr>")
     return f'<table style="margin-top:8px"><tr><td>°C</td></tr>{"".join(cells)}</table>'
 
 

@@ -13,6 +13,12 @@ if TYPE_CHECKING:
     from allegro_twin.panel.page.parts import Board, Tab
 
 _NONE, _OWN = "no scenario", "the scenario's own"
+_KINDS = {
+    "torque": "zero torque",
+    "gravity": "only its own weight",
+    "limp": "the motors let go",
+    "position": "its own loop holds it where it is",
+}
 _DOWN = (0.0, 0.0, -9.81)  # m/s², palm frame: fingers up.
 
 
@@ -24,18 +30,26 @@ class Choosing:
         opened = board.opened
         assert opened is not None
         with gui.add_folder("Controller"):
-            kinds = gui.add_button_group("", opened.kinds, hint="torque: zero torque. gravity: only its own weight")
-            gains = gui.add_dropdown("Gains", opened.gains, initial_value=opened.used)
+            hint = ". ".join(f"{kind}: {_KINDS[kind]}" for kind in opened.kinds if kind in _KINDS)
+            kinds = gui.add_button_group("", opened.kinds, hint=hint)
+            kinds.on_click(self._asking(lambda value: w.Control(value)))
+            self._inputs: list[Any] = []
+            if len(opened.gains) > 1:
+                gains = gui.add_dropdown("Gains", opened.gains, initial_value=opened.used)
+                gains.on_update(self._asking(lambda value: w.UseGains(value)))
+                self._inputs.append(gains)
+        if "gravity" in opened.kinds:  # Else no controller carries the hand's weight: it does so itself.
+            self._weight(gui)
+        if opened.scenarios:
+            self._scene(gui, opened.scenarios, opened.things, opened.scenario, opened.thing)
+
+    def _weight(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Gravity"):
             self._reported = gui.add_checkbox("As the hand reports", initial_value=True)
             self._vector = gui.add_vector3("m/s², palm", _DOWN, step=0.01, visible=False)
-        self._inputs: list[Any] = [gains, self._reported, self._vector]
-        kinds.on_click(self._asking(lambda value: w.Control(value)))
-        gains.on_update(self._asking(lambda value: w.UseGains(value)))
+        self._inputs += [self._reported, self._vector]
         self._reported.on_update(self._gravity)
         self._vector.on_update(self._gravity)
-        if opened.scenarios:
-            self._scene(gui, opened.scenarios, opened.things, opened.scenario, opened.thing)
 
     def _scene(
         self,

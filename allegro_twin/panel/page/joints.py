@@ -1,4 +1,4 @@
-"""A slider for every joint, finger by finger, with what the joint does below."""
+"""A slider for every motor, finger by finger, with what it does below."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.bars import finger_bars, name_of
+from allegro_twin.panel.page.bars import group_bars, name_of
+from allegro_twin.panel.page.groups import groups, units
 
 if TYPE_CHECKING:
     from allegro_twin.panel.page.parts import Board, Tab
@@ -30,9 +31,10 @@ class JointSliders:
         self._bars: list[Any] = []
         self._left_alone = 0
         self._before = np.full(self._spec.n_joints, np.nan)
-        for finger in self._spec.fingers:
-            with gui.add_folder(finger.name):
-                for joint in finger.joints:
+        self._groups = groups(self._spec)
+        for group in self._groups:
+            with gui.add_folder(group.name):
+                for joint in group.joints:
                     self._sliders[joint] = self._slider(gui, joint)
                 self._bars.append(gui.add_html(""))
 
@@ -40,7 +42,7 @@ class JointSliders:
         spec = self._spec
         lower, upper = _ceiled(spec.lower[joint]), _floored(spec.upper[joint])
         start = min(max(0.0, lower), upper)
-        slider = gui.add_slider(name_of(spec, joint), lower, upper, 0.001, start, hint="rad")
+        slider = gui.add_slider(name_of(spec, joint), lower, upper, 0.001, start, hint=units(spec))
 
         async def moved(event: viser.GuiEvent[Any]) -> None:
             if event.client_id is None:
@@ -55,8 +57,8 @@ class JointSliders:
         return slider
 
     def refresh(self, frame: Frame) -> None:
-        for finger, bars in zip(self._spec.fingers, self._bars, strict=True):
-            content = finger_bars(self._spec, finger, frame)
+        for group, bars in zip(self._groups, self._bars, strict=True):
+            content = group_bars(self._spec, group, frame)
             if content != bars.content:
                 bars.content = content
         self._left_alone -= 1

@@ -27,12 +27,28 @@ def pictures(spec: HandSpec, scenery: Scenery, postures: Mapping[str, Vector]) -
     ends = [_end(skeleton, body) for body in range(len(skeleton.bodies))]
     look = _view(spec, skeleton)
     chains = []
-    for finger in spec.fingers:
-        bodies = [k for joint in finger.joints for k, body in enumerate(skeleton.bodies) if body.joint == joint]
+    for bodies in _ways(spec, skeleton):
         points = [places[k][0] for k in bodies]
         last, turn = places[bodies[-1]]
         chains.append(np.stack([*points, last + turn @ ends[bodies[-1]]], axis=1))  # (k, joints + 1, 3)
     return {name: _drawn([chain[row] for chain in chains], look) for row, name in enumerate(postures)}
+
+
+def _ways(spec: HandSpec, skeleton: Skeleton) -> list[list[int]]:
+    """For every link that carries nothing further, the links that fingers' motors move from the palm to it; a link that
+    several share is in each."""
+    bodies, motors = skeleton.bodies, [*range(spec.n_joints), *(each.driven for each in spec.followers)]
+    fingers = {joint for finger in spec.fingers for joint in finger.joints}
+    carrying = {body.parent for body in bodies if body.joint >= 0}
+    ways = []
+    for last in (k for k, body in enumerate(bodies) if body.joint >= 0 and k not in carrying):
+        way, at = [], last
+        while at >= 0:
+            if bodies[at].joint >= 0 and motors[bodies[at].joint] in fingers:
+                way.append(at)
+            at = bodies[at].parent
+        ways.append(way[::-1])
+    return [way for way in ways if way]
 
 
 def _view(spec: HandSpec, skeleton: Skeleton) -> Array:

@@ -11,7 +11,7 @@ from viser import uplot
 from allegro_twin.description.appearance import LIMIT, lighter, of_series
 from allegro_twin.panel.frame import Frame
 from allegro_twin.panel.page.bars import name_of
-from allegro_twin.spec import Finger
+from allegro_twin.panel.page.groups import Group, groups, units
 
 if TYPE_CHECKING:
     from allegro_twin.panel.page.parts import Board
@@ -27,17 +27,18 @@ class Plots:
         opened = board.opened
         assert opened is not None
         self._board, self._gui, self._spec = board, gui, opened.spec
-        names = tuple(finger.name for finger in self._spec.fingers)
+        self._groups = {group.name: group for group in groups(self._spec)}
         self._on = gui.add_checkbox("Live", initial_value=False, hint="They cost the browser and the link their share")
-        self._finger = gui.add_dropdown("Finger", names)
+        self._finger = gui.add_dropdown("Finger", tuple(self._groups))
+        self._place = gui.add_folder("Curves")
         self._charts: tuple[Any, Any] | None = None
         self._shown = ""
 
     def refresh(self, frame: Frame) -> None:
         if not self._on.value:
             return
-        finger = self._spec.finger(self._finger.value)
-        joints = list(finger.joints)
+        group = self._groups[self._finger.value]
+        joints = list(group.joints)
         t, position, target, torque = self._board.history.rows(_SECONDS, _ROWS)
         if len(t) < 2:
             return
@@ -45,8 +46,8 @@ class Plots:
         limits = np.unique(self._spec.actuation.torque_limit[joints])
         lines = np.tile(np.concatenate([limits, -limits])[:, None], len(t))
         rows = ((t, *position[:, joints].T, *target[:, joints].T), (t, *torque[:, joints].T, *lines))
-        if self._charts is None or self._shown != finger.name:
-            self._draw(finger, rows, len(limits))
+        if self._charts is None or self._shown != group.name:
+            self._draw(group, rows, len(limits))
             return
         for chart, data in zip(self._charts, rows, strict=True):
             chart.data = tuple(np.ascontiguousarray(column) for column in data)
@@ -54,17 +55,18 @@ class Plots:
     def enable(self, on: bool) -> None:
         """Who looks on may look at curves."""
 
-    def _draw(self, finger: Finger, rows: Any, limits: int) -> None:
+    def _draw(self, group: Group, rows: Any, limits: int) -> None:
         for chart in self._charts or ():
             chart.remove()
-        names = [name_of(self._spec, joint) for joint in finger.joints]
+        names = [name_of(self._spec, joint) for joint in group.joints]
         color = [_css(of_series(k)) for k in range(len(names))]
         goals = [_series(f"{n} goal", _css(lighter(of_series(k))), 1) for k, n in enumerate(names)]
         ends = [_series("limit", _css(LIMIT), 1) for _ in range(2 * limits)]
         measured = [_series(name, c, 2) for name, c in zip(names, color, strict=True)]
-        self._charts = (self._chart("position, rad", rows[0], [*measured, *goals]),
-                        self._chart("torque, N·m", rows[1], [*measured, *ends]))  # fmt: skip
-        self._shown = finger.name
+        with self._place:  # Else they would stand below every tab.
+            self._charts = (self._chart(f"position, {units(self._spec)}", rows[0], [*measured, *goals]),
+                            self._chart("torque, N·m", rows[1], [*measured, *ends]))  # fmt: skip
+        self._shown = group.name
 
     def _chart(self, title: str, data: Any, series: list[Any]) -> Any:
         return self._gui.add_uplot(

@@ -9,6 +9,7 @@ import viser
 
 from allegro_twin.panel import wishes as w
 from allegro_twin.panel.frame import Frame
+from allegro_twin.panel.page.bars import FONT
 
 if TYPE_CHECKING:
     from allegro_twin.panel.page.parts import Board, Tab
@@ -40,12 +41,25 @@ class Shelves:
             for child in list(folder._children.values()):
                 child.remove()
             with folder:
-                for row in _rows(entries):
+                if not entries:
+                    self._gui.add_html(f'<div style="{FONT}">none for this hand</div>')
+                for row in _rows([self._short(name, entries) for name in entries]):
                     self._row(row, wish)
+
+    def _short(self, name: str, entries: Sequence[str]) -> str:
+        short = name.removeprefix(f"{self._model()}_")
+        return name if short in entries else short
+
+    def _model(self) -> str:
+        """With whose name and `_` what ships for one model of hand begins; the library finds it without."""
+        opened = self._board.opened
+        return "" if opened is None else opened.spec.model
 
     def _row(self, names: Sequence[str], wish: Callable[[str], w.Wish]) -> None:
         cell = "flex:1;text-align:center"
-        cells = "".join(f'<div style="{cell}">{self._board.pictures.get(name, "")}</div>' for name in names)
+        own = f"{self._model()}_"
+        pictures = [self._board.pictures.get(name) or self._board.pictures.get(own + name, "") for name in names]
+        cells = "".join(f'<div style="{cell}">{picture}</div>' for picture in pictures)
         self._gui.add_html(f'<div style="display:flex;padding:6px 8px 0 {_ASIDE}">{cells}</div>')
         group = self._gui.add_button_group("", names)
 

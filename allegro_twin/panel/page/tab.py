@@ -44,7 +44,7 @@ class Tab:
         self._sections: list[Section] = []
         self._enabled: bool | None = None
         gui = client.gui
-        gui.set_panel_label("Allegro hand" if board.opened is None else board.opened.title)
+        gui.set_panel_label("A hand" if board.opened is None else board.opened.title)
         self._banner = gui.add_html("")
         self._wheel = gui.add_button("Drive", icon=viser.Icon.STEERING_WHEEL)
         self._free = gui.add_button("Release the stop", color="red", visible=False)
@@ -161,7 +161,7 @@ class Tab:
 
 
 def _kind(frame: Frame) -> str:
-    return "off, the hand is limp" if frame.kind == "torque" else frame.kind
+    return "off, the hand is limp" if frame.kind in ("torque", "limp") else frame.kind
 
 
 def _put(handle: object, **properties: object) -> None:

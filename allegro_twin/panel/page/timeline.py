@@ -29,7 +29,9 @@ class Timeline:
             self._back = gui.add_slider("s ago", 0.0, SECONDS, 0.1, 0.0, visible=False)
             self._play = gui.add_button("Play from there", icon=viser.Icon.PLAYER_PLAY, visible=False)
         with gui.add_folder("Teach"):
-            self._teach = gui.add_button("Teach", hint="Gravity compensation: lead the fingers")
+            carried = board.opened is not None and "gravity" in board.opened.kinds
+            how = "Gravity compensation: lead the fingers" if carried else "The motors let go: lead the fingers"
+            self._teach = gui.add_button("Teach", hint=how)
             self._repeat = gui.add_button("Repeat what was shown")
             self._name = gui.add_text("Name", "mine", hint="In the library")
             self._keep = gui.add_button_group("Store the", ("posture", "motion"))

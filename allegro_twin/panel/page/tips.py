@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _SCALE = 0.035
 """m: how long the arrows are that one drags."""
 _DOT = 0.006  # m: of the mark where a tip cannot be.
+_BAD, _CALM = "#c8102e", "#777"
 _PAUSE, _SAME = 3, 1e-4  # Refreshes, as of the sliders; m.
 
 
@@ -34,7 +35,7 @@ class Tips:
         assert opened is not None
         self._said = gui.add_html("")
         if board.reach is None:
-            self._say(opened.no_tips)
+            self._say(f"fingertips of this hand cannot be dragged: {opened.no_tips}", _CALM)
             self._box = None
             return
         self._box = gui.add_checkbox("Drag fingertips", initial_value=True, hint="Three arrows at each tip")
@@ -117,8 +118,8 @@ class Tips:
         self._marks = []
         self._say("")
 
-    def _say(self, text: str) -> None:
-        content = f'<div style="font:12px system-ui;padding:2px 12px;color:#c8102e">{text}</div>' if text else ""
+    def _say(self, text: str, color: str = _BAD) -> None:
+        content = f'<div style="font:12px system-ui;padding:2px 12px;color:{color}">{text}</div>' if text else ""
         if self._said.content != content:
             self._said.content = content
 
