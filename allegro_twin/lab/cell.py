@@ -15,7 +15,9 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.nothing import PERIOD
 from allegro_twin.lab.settings import LabSettings, ThingSettings
+from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
 from allegro_twin.sim.objects import Placement, named, orientation
@@ -46,6 +48,8 @@ class Room:
     """Of the arm there, (7,), rad."""
     open: Vector
     """Of the hand, (n,), rad."""
+    stiffness: Vector
+    """Of its controller, (n,), N·m/rad."""
 
     def close(self) -> None:
         """Let go of everything."""
@@ -61,7 +65,7 @@ def make_room(settings: LabSettings) -> Room:
     things, arm = [_placed(thing) for thing in settings.objects], settings.arm
 
     def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:
-        periods = (arm.period, 0.003)
+        periods = (arm.period, PERIOD)
         return make_cell(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods)  # fmt: skip
 
@@ -72,7 +76,7 @@ def make_room(settings: LabSettings) -> Room:
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open,
+        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
     )  # fmt: skip
 
 

@@ -95,8 +95,8 @@ class DecideSettings(Settings):
 class ValidateSettings(Settings):
     """When a thing counts as held."""
 
-    by: Literal["force", "torque"] = "torque"
-    """Which of the two decides; both are told."""
+    by: Literal["force", "torque", "fingers"] = "fingers"
+    """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
     samples: Annotated[int, Field(ge=1)] = 100
     """Of the force, before and after."""
     least: Positive = 0.053
@@ -104,7 +104,12 @@ class ValidateSettings(Settings):
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.15
-    """N·m: the fingers press, when the torques that stop them sum up to more than this."""
+    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be around
+    nothing, sum up to more than this."""
+    most: Positive = 1.7
+    """kg: nothing heavier can hang on the hand. A Franka arm carries 3 kg, and the hand is 1.3 of them."""
+    drift: Positive = 0.5
+    """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
 
 
 class LabSettings(Settings):
