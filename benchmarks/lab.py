@@ -1,10 +1,10 @@
 """The whole cell on all 22 things: drawn places, perception in the loop; who is held, and what the checks say.
 
-`python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--minutes 60] [--rows FILE]` prints
-the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes something is
-done twice more, without a second try: with the thing taken away once it was seen, and with it moved by 5 cm in a drawn
-direction when the approach begins. `--unlike`: the hand in the cell is not the one that the checks know: its joints'
-friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.
+`python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--minutes 60] [--rows FILE]`
+prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
+something is done twice more, without a second try: with the thing taken away once it was seen, and with it moved by
+5 cm in a drawn direction when the approach begins. `--unlike`: the hand in the cell is not the one that the checks
+know: its joints' friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def tried(
     settings: LabSettings, name: str, *, vanish: bool = False, moved: Array | None = None,
     unlike: tuple[int, ...] | None = None,
 ) -> Row:  # fmt: skip
-    """One run, as a row. `vanish`: the thing is gone once it was seen; `moved`: by so much when the approach begins, (2,), m;
-    `unlike`: draws by which the hand differs from the one that the checks know."""
+    """One run, as a row. `vanish`: the thing is gone once it was seen; `moved`: by so much when the approach begins,
+    (2,), m; `unlike`: the seed by which the hand differs from the one that the checks know."""
     room = make_room(settings)
     if unlike is not None:
         _alter(room, np.random.default_rng(unlike))
@@ -111,18 +111,18 @@ def told(rows: Sequence[Row]) -> list[str]:
         "| check | held, said held | held, said missed | empty, said held | empty, said missed |",
         "|---|---|---|---|---|",
     ]  # fmt: skip
-    checks = rows + [row[other] for other in ("empty", "moved") for row in rows if other in row]
+    checks = [*rows] + [row[other] for other in ("empty", "moved") for row in rows if other in row]
     for by in ("force", "torque", "fingers"):
         counts = [[sum(row["truly"] == is_ and row[by] is said for row in checks) for said in (True, False)]
                   for is_ in (True, False)]  # fmt: skip
         lines.append(f"| {by} | {counts[0][0]} | {counts[0][1]} | {counts[1][0]} | {counts[1][1]} |")
     doubts = sum(row["doubt"] for row in checks)
-    ends = Counter(row["moved"]["end"] for row in rows if "moved" in row)
+    after = Counter(row["moved"]["end"] for row in rows if "moved" in row)
     wrong = [f"{row['name']}, {row['end']}, lifted by {1e3 * row['lifted']:.0f} mm" for row in checks
              if row["fingers"] is not None and row["fingers"] != row["truly"]]  # fmt: skip
     return [
         *lines, f"the force sensor was doubted in {doubts} of {len(checks)} runs",
-        "a thing that was moved: " + ", ".join(f"{end} {count}" for end, count in ends.most_common()),
+        "a thing that was moved: " + ", ".join(f"{end} {count}" for end, count in after.most_common()),
         *(f"fingers were wrong: {each}" for each in wrong),
     ]  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Whether the force sensor is to be trusted: it must feel nothing where nothing touches, and weight only downwards. Pure."""
+"""Whether the force sensor is to be trusted: it must feel nothing where nothing touches, and weight downwards. Pure."""
 
 from __future__ import annotations
 

@@ -44,8 +44,8 @@ class Nothing(NamedTuple):
     position: Vector
     """Of the joints, (n,), rad."""
     telling: NDArray[np.bool_]
-    """Joints of fingers that meet no other, (n,): where two fingertips come to rest on each other is chance, so that the
-    others tell whether something is there. All, where every finger meets another."""
+    """Joints of fingers that meet no other, (n,): where two fingertips come to rest on each other is chance, so that
+    the others tell whether something is there. All, where every finger meets another."""
 
 
 def around_nothing(hand: HandSettings, grasp: str, palm: Array) -> Nothing:

@@ -104,8 +104,8 @@ class ValidateSettings(Settings):
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.15
-    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be around
-    nothing, sum up to more than this."""
+    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
+    around nothing, sum up to more than this."""
     most: Positive = 1.7
     """kg: nothing heavier can hang on the hand. A Franka arm carries 3 kg, and the hand is 1.3 of them."""
     drift: Positive = 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+
 import numpy as np
 
 from allegro_twin.arm.limits import at_limit

@@ -76,7 +76,7 @@ def empty(weight: float, between: float, by: str = "fingers") -> tuple[Checked, 
 
 @pytest.mark.parametrize(("weight", "between", "by", "why"), [
     (0.3, 1.0, "fingers", ""), (0.3, 1.0, "force", ""), (0.02, 1.0, "fingers", ""), (0.02, 0.0, "force", ""),
-    (0.3, 0.0, "fingers", "where they would be around nothing"), (0.3, 0.0, "force", "where they would be around nothing"),
+    (0.3, 0.0, "fingers", "would be around nothing"), (0.3, 0.0, "force", "would be around nothing"),
     (0.02, 1.0, "force", "something is between the fingers"), (2.0, 1.0, "fingers", "more than the arm carries"),
     (-0.2, 1.0, "fingers", "upwards"),
 ])  # fmt: skip

@@ -1,4 +1,4 @@
-"""What goes wrong in the running cell ends by its name: a sensor that drifts, a thing that is moved, an arm at its end."""
+"""What goes wrong in the running cell ends by its name: a sensor that drifts, a thing that moves, an arm at its end."""
 
 from __future__ import annotations
 
