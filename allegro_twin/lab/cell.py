@@ -15,6 +15,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.itself import Itself
 from allegro_twin.lab.nothing import PERIOD
 from allegro_twin.lab.settings import LabSettings, ThingSettings
 from allegro_twin.library.gains import load_gains
@@ -50,10 +51,14 @@ class Room:
     """Of the hand, (n,), rad."""
     stiffness: Vector
     """Of its controller, (n,), N·m/rad."""
+    itself: Itself | None = None
+    """What a camera at the wrist sees of arm and hand."""
 
     def close(self) -> None:
         """Let go of everything."""
         self.camera.close()
+        if self.itself is not None:
+            self.itself.close()
         self.cell.close()
 
 
@@ -77,6 +82,7 @@ def make_room(settings: LabSettings) -> Room:
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
         hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        Itself(cell, settings.camera) if settings.at_the_wrist else None,
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ class Reached(NamedTuple):
 
 
 def best_way(solid: Solid, room: Room) -> Reached:
-    """The way whose approach and grasp the arm reaches with the least turn of a joint from where it waits.
+    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits.
 
     Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
     """
@@ -61,7 +61,8 @@ def best_way(solid: Solid, room: Room) -> Reached:
 
 def _from(way: Way, top: float, room: Room, at: Vector) -> Reached | None:
     model, spec, postures = room.cell.model, room.cell.spec, []
-    for palm in (way.before, way.palm):
+    lifted = Pose(way.palm.position + np.array([0.0, 0.0, room.settings.lift]), way.palm.rotation)
+    for palm in (way.before, way.palm, lifted):
         try:
             at = model.reach(room.cell.flange_for(palm), at, _NEAR)
         except ConfigError:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from allegro_twin.camera.settings import CameraSettings
 from allegro_twin.files.schema import Settings
 from allegro_twin.perception.settings import PerceptionSettings
+from allegro_twin.sim.mounted import CAMERA
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]
@@ -130,3 +131,16 @@ class LabSettings(Settings):
     validation: ValidateSettings = ValidateSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
+
+    @field_validator("camera", mode="before")
+    @classmethod
+    def _at_the_wrist(cls, value: Any) -> Any:
+        """`mount: wrist` is where the hand's mount has a place for a camera."""
+        if isinstance(value, dict) and value.get("mount") == "wrist":
+            return value | {"mount": {"site": CAMERA, "position": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}}
+        return value
+
+    @property
+    def at_the_wrist(self) -> bool:
+        """Whether the camera moves with the arm."""
+        return self.camera.mount.site is not None or self.camera.mount.body is not None

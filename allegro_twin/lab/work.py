@@ -46,7 +46,7 @@ class Work:
         """When the picture was taken, s."""
         self.checked: Checked | None = None
         self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
-        self._asked: Frame | None = None
+        self._asked: tuple[Frame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: End | None = None
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
@@ -168,8 +168,8 @@ class Work:
     def _look(self, state: HandState) -> None:
         room = self.room
         if self._asked is None:
-            self._asked = room.camera.capture(room.cell.world.data)
-        frame = self._asked
+            self._asked = room.camera.capture(room.cell.world.data), state.position
+        frame, posture = self._asked
         if state.t < frame.ready - 1e-9:
             return
         self._asked = None
@@ -178,7 +178,10 @@ class Work:
             self._refused = None if old is None else End("fault", "camera", old.sentence)
             return
         self._last = frame
-        seen = room.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+        cloud = frame.cloud
+        if room.itself is not None:
+            cloud = room.itself.cut_out(cloud, posture, room.open if self._hand is None else self._hand.position)
+        seen = room.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return
