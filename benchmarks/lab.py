@@ -54,7 +54,7 @@ def main() -> None:
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
             thing = ThingSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
             turn = float(draws.uniform(0.0, 2.0 * np.pi))
-            here = with_things(settings, [thing], 1000 * asked.seed + number)
+            here = with_things(settings, [thing], 1000 * asked.seed + len(catalogue()) * number + index)
             unlike = (asked.seed, number, index, 1) if asked.unlike else None
             row = tried(here, name, unlike=unlike)
             if row["grasp"] is not None:

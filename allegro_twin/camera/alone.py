@@ -17,7 +17,7 @@ AROUND = 4
 
 
 class Alone:
-    """A model without its surroundings. For one thread; `close` it. Raises ConfigError where nothing can be rendered."""
+    """A model without surroundings. For one thread; `close` it. Raises ConfigError where nothing can be rendered."""
 
     def __init__(self, model: mujoco.MjModel, settings: CameraSettings) -> None:
         self._model, self._data = model, mujoco.MjData(model)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from allegro_twin.control.controllers import PD, Follow, Following, Gravity
-from allegro_twin.control.steering import Steering
+from allegro_twin.control.trajectory import Path
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller
@@ -17,9 +17,9 @@ from allegro_twin.types import Vector
 class Wish:
     """A reference whose path is steered from outside."""
 
-    path: Steering
+    path: Path
 
-    def begin(self, position: Vector) -> Steering:
+    def begin(self, position: Vector) -> Path:
         """The path; it begins where the hand was told to be."""
         return self.path
 

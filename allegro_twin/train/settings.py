@@ -10,7 +10,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.gym.tasks import TASKS
+from allegro_twin.gym.tasks import ALONE, TASKS, alone
 
 Count = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -98,6 +98,8 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     None are left out. Raises ConfigError with the nearest names."""
     given = {key: value for key, value in changes.items() if value is not None}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
+    if name == ALONE:
+        raise ConfigError(alone())
     if ":" in name or (name in TASKS and name.lower() not in shipped):
         return parse(Recipe, {"task": name} | given, "recipe")
     if "." not in name and "/" not in name and name.lower() not in shipped:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -34,11 +34,9 @@ _VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
 class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
     """The keywords are those of `PickSettings`. Raises ConfigError. A pickle holds how it was made."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 26}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 26}  # noqa: RUF012  # As Gymnasium has it.
 
-    def __init__(
-        self, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any
-    ) -> None:
+    def __init__(self, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any) -> None:
         EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode not in (None, "rgb_array"):
             raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")

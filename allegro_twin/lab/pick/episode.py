@@ -27,7 +27,7 @@ from allegro_twin.types import Vector
 _TRIES = 40
 """Placements that are drawn until the arm reaches a grasp of one."""
 _LIFT = 0.15  # m.
-_OTHERS = 29  # Numbers of an observation that are no joints': palm, set-point, thing, time.
+_OTHERS = 28  # Numbers of an observation that are no joints': palm, set-point, thing, time.
 _NEAR = 2e-3  # m and rad.
 
 
@@ -45,6 +45,7 @@ class Episodes:
         self._cameras: dict[str, Camera] = {}
         self._pipeline = Pipeline(self._lab.perception) if settings.perception else None
         self._wait: Vector | None = None
+        self.count, self.closed = 0, 0.0
         self.stand = self._of(settings.objects[0])
         self.numbers = 2 * self.stand.cell.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
         """In an observation."""
@@ -111,7 +112,9 @@ class Episodes:
         stand.rest(at, yaw, wait, hand)
         body: Body | None = told(stand, yaw)
         if self._pipeline is not None:
-            body = pictured(stand, self._eye(stand), self._pipeline)
+            eye = self._eye(stand)
+            eye.restart(int(self._draws.integers(2**31)))
+            body = pictured(stand, eye, self._pipeline)
         if body is None:
             raise ConfigError("perception refuses the picture")
         reached = best_of(body, stand.cell, wait, _LIFT)

@@ -1,4 +1,4 @@
-"""A script for `ArmPick`: to where the approach begins, to the thing, close, squeeze, lift. By what was seen at first."""
+"""A script for `ArmPick`: to where the approach begins, to the thing, close, squeeze, lift; by what was seen first."""
 
 from __future__ import annotations
 
@@ -62,9 +62,8 @@ class Script:
             fingers: Vector = np.array([(closed - self._now.closed) / settings.close])
         else:
             fingers = (posture_at(self._now.grasp, closed) - stand.path.goal) / settings.turn
-        return np.clip(np.concatenate([step / settings.step, twist / settings.turn, fingers]), -1.0, 1.0).astype(
-            np.float32
-        )
+        action = np.concatenate([step / settings.step, twist / settings.turn, fingers])
+        return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 
 
 def _there(palm: Pose, goal: Pose) -> bool:

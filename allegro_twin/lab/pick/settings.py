@@ -24,7 +24,7 @@ class PickSettings(Settings):
     """What moves the fingers: every joint, or one number that closes the library's grasp."""
     perception: bool = False
     """The thing is where one picture of the camera at the episode's beginning says, and stays there in observations;
-    else it is known at every decision, as exactly and as late as `camera_shift`, `camera_turn` and `camera_delay` say."""
+    else it is known at every decision, as exactly and as late as the three `camera_…` say."""
     objects: Annotated[tuple[str, ...], Field(min_length=1)] = OBJECTS
     """Of the catalogue; each episode draws one."""
     place: Annotated[float, Field(ge=0, le=0.12)] = 0.08
