@@ -1,4 +1,4 @@
-"""The whole cell on all 22 things: drawn places, perception in the loop; who is held, and what the checks say.
+"""The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; who is held, and what the checks say.
 
 `python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--minutes 60] [--rows FILE]`
 prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
@@ -22,10 +22,10 @@ import numpy as np
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.lab.cell import Room, make_room, with_things
+from allegro_twin.lab.choice import cards
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings, ThingSettings
 from allegro_twin.lab.states import Now
-from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array
 
 _MOVED = 0.05  # m.
@@ -45,16 +45,17 @@ def main() -> None:
     asked = parser.parse_args()
     settings = load(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
     once = settings.decide.model_copy(update={"retries": 0})
+    names = sorted(card.name for card in cards(settings.hand.model))
     began, rows = time.monotonic(), []
     for number in range(asked.placements):
-        for index, name in enumerate(sorted(catalogue())):
+        for index, name in enumerate(names):
             if time.monotonic() - began > 60.0 * asked.minutes:
                 break
             draws = np.random.default_rng((asked.seed, number, index))
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
             thing = ThingSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
             turn = float(draws.uniform(0.0, 2.0 * np.pi))
-            here = with_things(settings, [thing], 1000 * asked.seed + len(catalogue()) * number + index)
+            here = with_things(settings, [thing], 1000 * asked.seed + len(names) * number + index)
             unlike = (asked.seed, number, index, 1) if asked.unlike else None
             row = tried(here, name, unlike=unlike)
             if row["grasp"] is not None:

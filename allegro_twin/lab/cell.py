@@ -65,7 +65,7 @@ class Room:
 def make_room(settings: LabSettings) -> Room:
     """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
     spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
-    hand_open = library.posture(settings.hand.open, spec)
+    hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [_placed(thing) for thing in settings.objects], settings.arm
 
     def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:

@@ -41,8 +41,8 @@ class HandSettings(Settings):
     model: str = "allegro"
     side: Side = "right"
     gains: str = "default"
-    open: str = "home"
-    """Posture in which it waits."""
+    open: str | None = None
+    """Posture of the library in which it waits. None: as it is at rest."""
 
 
 class SecuritySettings(Settings):

@@ -108,8 +108,7 @@ class Episodes:
 
     def _start(self, at: Vector, yaw: float, off: Vector) -> None:
         stand, wait = self.stand, self._waiting()
-        hand = self._library.posture(self._lab.hand.open, self.spec)
-        stand.rest(at, yaw, wait, hand)
+        stand.rest(at, yaw, wait, self.spec.rest)
         body: Body | None = told(stand, yaw)
         if self._pipeline is not None:
             eye = self._eye(stand)
