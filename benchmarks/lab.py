@@ -1,4 +1,4 @@
-"""The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; who is held, and what the checks say.
+"""The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; what the checks say.
 
 `python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--minutes 60] [--rows FILE]`
 prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
