@@ -1,8 +1,8 @@
 """The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; what the checks say.
 
-`python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--minutes 60] [--rows FILE]`
+`python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--once] [--rows FILE]`
 prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
-something is done twice more, without a second try: with the thing taken away once it was seen, and with it moved by
+something is done twice more (not with `--once`), without a second try: with the thing taken away once it was seen, and with it moved by
 5 cm in a drawn direction when the approach begins. `--unlike`: the hand in the cell is not the one that the checks
 know: its joints' friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.
 """
@@ -40,6 +40,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--config", default="lab_allegro")
     parser.add_argument("--unlike", action="store_true")
+    parser.add_argument("--once", action="store_true")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
@@ -58,7 +59,7 @@ def main() -> None:
             here = with_things(settings, [thing], 1000 * asked.seed + len(names) * number + index)
             unlike = (asked.seed, number, index, 1) if asked.unlike else None
             row = tried(here, name, unlike=unlike)
-            if row["grasp"] is not None:
+            if row["grasp"] is not None and not asked.once:
                 here = here.model_copy(update={"decide": once})
                 row["empty"] = tried(here, name, vanish=True, unlike=unlike)
                 row["moved"] = tried(here, name, moved=_MOVED * np.array([np.cos(turn), np.sin(turn)]), unlike=unlike)
