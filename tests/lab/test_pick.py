@@ -91,6 +91,22 @@ def test_what_is_lifted_is_picked_only_after_a_second() -> None:
             return
 
 
+def test_what_is_up_for_a_second_in_all_but_not_at_a_stretch_is_not_picked() -> None:
+    env = apple()
+    env.reset(seed=1)
+    joint, high = env.episodes.stand.cell.world.data.joint("apple"), 0
+    for _ in range(12):
+        for height in (0.35, None, None, 0.04):
+            if height is not None:
+                joint.qpos[:3], joint.qvel[:] = (-0.3, 0.3, height), 0.0
+            *_, lost, _, info = env.step(np.zeros(22, np.float32))
+            assert not lost or info["rise"] < 0.1
+            env._over = False  # It was shoved too far, which does not matter here.
+            high += info["rise"] >= 0.1
+            assert not info["is_success"]
+    assert high * env.episodes.seconds > 1.0
+
+
 def test_an_action_displaces_the_palm_along_the_worlds_axes_and_turns_it() -> None:
     env = apple(off=0.0)
     env.reset(seed=1)

@@ -39,6 +39,9 @@ def test_what_the_wrist_camera_sees_of_the_hand_is_known_to_the_pixel(wrist: Roo
     near = np.nan_to_num(depth, nan=9.0) < 0.35  # The fingers; the table is 0.5 m away.
     assert near.mean() > 0.02
     assert mine[near].mean() > 0.995
+    for axis in (0, 1):  # And a little around it.
+        for step in (-3, 3):
+            assert mine[np.roll(near, step, axis)].mean() > 0.99
     assert 0.05 < mine.mean() < 0.25
 
 
