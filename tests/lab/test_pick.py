@@ -171,9 +171,10 @@ def test_a_camera_that_is_late_shows_where_the_thing_was() -> None:
 
 def test_an_episode_takes_what_it_is_told() -> None:
     env = ArmPick(objects=("apple", "mug"))
-    _, info = env.reset(seed=0, options={"object": "mug", "at": (0.02, -0.03), "yaw": 30.0})
-    assert (info["object"], info["at"]) == ("mug", [0.02, -0.03])
-    np.testing.assert_allclose(env.episodes.stand.there.position[:2], [0.02, -0.03], atol=1e-6)
+    for name in ("mug", "apple"):
+        _, info = env.reset(seed=0, options={"object": name, "at": (0.02, -0.03), "yaw": 30.0})
+        assert (info["object"], info["at"]) == (name, [0.02, -0.03])
+        np.testing.assert_allclose(env.episodes.stand.there.position[:2], [0.02, -0.03], atol=1e-6)
 
 
 @pytest.mark.parametrize(("kwargs", "message"), [
