@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field
 
+from allegro_twin.camera.mount import Mount
 from allegro_twin.camera.settings import CameraSettings
 from allegro_twin.files.schema import Settings
 from allegro_twin.perception.settings import PerceptionSettings
@@ -113,12 +114,25 @@ class ValidateSettings(Settings):
     """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
 
 
+def _at_the_wrist(value: Any) -> Any:
+    if value == "wrist":
+        return Mount(site=CAMERA, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
+    return value
+
+
+class CellCameraSettings(CameraSettings):
+    """The camera of a cell."""
+
+    mount: Annotated[Mount, BeforeValidator(_at_the_wrist, json_schema_input_type=Mount | Literal["wrist"])]
+    """Where it stands; `wrist` is where the hand's mount has a place for one."""
+
+
 class LabSettings(Settings):
     """The whole cell."""
 
     arm: ArmSettings
     hand: HandSettings = HandSettings()
-    camera: CameraSettings
+    camera: CellCameraSettings
     perception: PerceptionSettings
     objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
@@ -131,14 +145,6 @@ class LabSettings(Settings):
     validation: ValidateSettings = ValidateSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
-
-    @field_validator("camera", mode="before")
-    @classmethod
-    def _at_the_wrist(cls, value: Any) -> Any:
-        """`mount: wrist` is where the hand's mount has a place for a camera."""
-        if isinstance(value, dict) and value.get("mount") == "wrist":
-            return value | {"mount": {"site": CAMERA, "position": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}}
-        return value
 
     @property
     def at_the_wrist(self) -> bool:

@@ -135,7 +135,8 @@ class Episodes:
 
     def _of(self, name: str) -> Stand:
         if name not in self._stands:
-            self._stands[name] = Stand(self.settings, self.spec, self._model, name)
+            arm = self.settings.arm or self._lab.arm.model
+            self._stands[name] = Stand(self.settings, arm, self.spec, self._model, name)
         return self._stands[name]
 
     def _eye(self, stand: Stand) -> Camera:

@@ -17,7 +17,8 @@ OBJECTS = ("apple", "tomato_soup_can", "sugar_box", "tennis_ball", "mug", "puddi
 class PickSettings(Settings):
     """The keyword arguments of `gymnasium.make`."""
 
-    arm: str = "fer"
+    arm: str | None = None
+    """None: that of conf/lab_allegro.yaml."""
     hand: str = "allegro"
     side: Side = "right"
     control: Literal["joints", "grasp"] = "joints"

@@ -47,12 +47,12 @@ class Line:
 class Stand:
     """For one kind of thing; an episode begins with `begin`."""
 
-    def __init__(self, settings: PickSettings, spec: HandSpec, model: HandModel, name: str) -> None:
+    def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandModel, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
         self.thing = named(name)
         placed = Placement(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
         self.cell: Cell = make_cell(
-            settings.arm, spec, things=[placed], friction=settings.friction, periods=(settings.period,) * 2
+            arm, spec, things=[placed], friction=settings.friction, periods=(settings.period,) * 2
         )
         self._place = int(self.cell.world.model.joint(name).qposadr[0])
         self.arm: HandState
