@@ -1,8 +1,10 @@
-"""The whole cell on all 22 things: drawn places, perception in the loop; who is held, and what the checks say.
+"""The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; what the checks say.
 
-`python -m benchmarks.lab [--placements 5] [--seed 0] [--minutes 60] [--rows FILE]` prints the tables of docs/lab.md; a
-placement of all things is whole before the next begins. Every trial that takes something is done again with the thing
-taken away once it was seen: what the checks say then is their false alarms.
+`python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--once] [--rows FILE]`
+prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
+something is done twice more (not with `--once`), without a second try: with the thing taken away once it was seen, and
+with it moved by 5 cm in a drawn direction when the approach begins. `--unlike`: the hand in the cell is not the one
+that the checks know: its joints' friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,11 +22,13 @@ import numpy as np
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.lab.cell import Room, make_room, with_things
+from allegro_twin.lab.choice import cards
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings, ThingSettings
 from allegro_twin.lab.states import Now
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.types import Array
 
+_MOVED = 0.05  # m.
 _AWAY = (2.0, 2.0, 1.0)  # m: off the table.
 Row = dict[str, Any]
 
@@ -33,23 +38,31 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--placements", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--config", default="lab_allegro")
+    parser.add_argument("--unlike", action="store_true")
+    parser.add_argument("--once", action="store_true")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
-    settings = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
+    settings = load(LabSettings, data_root() / "conf" / f"{asked.config}.yaml")
     once = settings.decide.model_copy(update={"retries": 0})
+    names = sorted(card.name for card in cards(settings.hand.model))
     began, rows = time.monotonic(), []
     for number in range(asked.placements):
-        for index, name in enumerate(sorted(catalogue())):
+        for index, name in enumerate(names):
             if time.monotonic() - began > 60.0 * asked.minutes:
                 break
             draws = np.random.default_rng((asked.seed, number, index))
             at, yaw = draws.uniform(-0.08, 0.08, 2), float(draws.uniform(-180.0, 180.0))
             thing = ThingSettings(name=name, at=(float(at[0]), float(at[1])), yaw=yaw)
-            row = tried(with_things(settings, [thing], 1000 * asked.seed + number), name)
-            if row["grasp"] is not None:
-                empty = with_things(settings, [thing], 1000 * asked.seed + number)
-                row["empty"] = tried(empty.model_copy(update={"decide": once}), name, vanish=True)
+            turn = float(draws.uniform(0.0, 2.0 * np.pi))
+            here = with_things(settings, [thing], 1000 * asked.seed + len(names) * number + index)
+            unlike = (asked.seed, number, index, 1) if asked.unlike else None
+            row = tried(here, name, unlike=unlike)
+            if row["grasp"] is not None and not asked.once:
+                here = here.model_copy(update={"decide": once})
+                row["empty"] = tried(here, name, vanish=True, unlike=unlike)
+                row["moved"] = tried(here, name, moved=_MOVED * np.array([np.cos(turn), np.sin(turn)]), unlike=unlike)
             rows.append({**row, "placement": number, "yaw": yaw})
             if asked.rows is not None:
                 with asked.rows.open("a") as file:
@@ -57,12 +70,25 @@ def main() -> None:
     print("\n".join(told(rows)))
 
 
-def tried(settings: LabSettings, name: str, *, vanish: bool = False) -> Row:
-    """One run, as a row. `vanish`: the thing is gone once it was seen."""
+def tried(
+    settings: LabSettings, name: str, *, vanish: bool = False, moved: Array | None = None,
+    unlike: tuple[int, ...] | None = None,
+) -> Row:  # fmt: skip
+    """One run, as a row. `vanish`: the thing is gone once it was seen; `moved`: by so much when the approach begins,
+    (2,), m; `unlike`: the seed by which the hand differs from the one that the checks know."""
     room = make_room(settings)
+    if unlike is not None:
+        _alter(room, np.random.default_rng(unlike))
+
+    def entered(now: Now) -> None:
+        if vanish and now.state == "ToTargetPose":
+            room.cell.world.data.joint(name).qpos[:3] = _AWAY
+        if moved is not None and now.state == "Approach":
+            room.cell.world.data.joint(name).qpos[:2] += moved
+
     try:
         began = time.perf_counter()
-        report = perform(room, entered=lambda now: _vanished(room, name, now) if vanish else None)
+        report = perform(room, entered=entered)
         return _row(report, name, time.perf_counter() - began)
     finally:
         room.close()
@@ -87,17 +113,28 @@ def told(rows: Sequence[Row]) -> list[str]:
         "| check | held, said held | held, said missed | empty, said held | empty, said missed |",
         "|---|---|---|---|---|",
     ]  # fmt: skip
-    checks = [(row["truly"], row) for row in rows] + [(False, row["empty"]) for row in rows if "empty" in row]
-    for by in ("force", "torque"):
-        counts = [[sum(truly == is_ and row[by] is said for truly, row in checks) for said in (True, False)]
+    checks = [*rows] + [row[other] for other in ("empty", "moved") for row in rows if other in row]
+    for by in ("force", "torque", "fingers"):
+        counts = [[sum(row["truly"] == is_ and row[by] is said for row in checks) for said in (True, False)]
                   for is_ in (True, False)]  # fmt: skip
         lines.append(f"| {by} | {counts[0][0]} | {counts[0][1]} | {counts[1][0]} | {counts[1][1]} |")
-    return lines
+    doubts = sum(row["doubt"] for row in checks)
+    after = Counter(row["moved"]["end"] for row in rows if "moved" in row)
+    wrong = [f"{row['name']}, {row['end']}, lifted by {1e3 * row['lifted']:.0f} mm" for row in checks
+             if row["fingers"] is not None and row["fingers"] != row["truly"]]  # fmt: skip
+    return [
+        *lines, f"the force sensor was doubted in {doubts} of {len(checks)} runs",
+        "a thing that was moved: " + ", ".join(f"{end} {count}" for end, count in after.most_common()),
+        *(f"fingers were wrong: {each}" for each in wrong),
+    ]  # fmt: skip
 
 
-def _vanished(room: Room, name: str, now: Now) -> None:
-    if now.state == "ToTargetPose":
-        room.cell.world.data.joint(name).qpos[:3] = _AWAY
+def _alter(room: Room, draws: np.random.Generator) -> None:
+    model, spec = room.cell.world.model, room.hand.spec
+    joints = [int(model.joint(name).dofadr[0]) for name in spec.joints]
+    motors = [model.actuator(name).id for name in spec.joints]
+    model.dof_frictionloss[joints] *= np.exp(draws.uniform(np.log(0.5), np.log(2.0), len(joints)))
+    model.actuator_gear[motors, 0] *= draws.uniform(0.85, 1.15, len(motors))
 
 
 def _row(report: Report, name: str, wall: float) -> Row:
@@ -106,7 +143,8 @@ def _row(report: Report, name: str, wall: float) -> Row:
         "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.truly),
         "tries": report.tries, "grasp": report.grasp, "error": report.error, "lifted": report.lifted, "wall": wall,
         "t": report.events[-1][0], "force": None if check is None else check.by_force,
-        "torque": None if check is None else check.by_torque,
+        "torque": None if check is None else check.by_torque, "fingers": None if check is None else check.by_fingers,
+        "between": None if check is None else check.between, "doubt": bool(check is not None and check.doubt),
         "weight": None if check is None else check.weight, "press": None if check is None else check.torque,
     }  # fmt: skip
 

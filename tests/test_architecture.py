@@ -47,7 +47,7 @@ HOMES = {
     "yaml": {"files"},
     "ruamel": {"files"},
     "ruckig": {"control"},
-    "gymnasium": {"gym", "train"},
+    "gymnasium": {"gym", "lab", "train"},
     "onnx": {"policy", "train"},
     "onnxruntime": {"policy"},
     "stable_baselines3": {"policy", "train"},

@@ -58,6 +58,10 @@ class Camera:
         """Depth without any error, (rows, columns), m along z."""
         return self._depth.draw_depth(data, _lens(self.settings.intrinsics, pose))
 
+    def restart(self, seed: int) -> None:
+        """As new, with other noise: the next picture is the first."""
+        self._seed, self._number, self._last = seed, 0, None
+
     def freeze(self) -> None:
         """From now on it repeats its last picture, or takes one more and repeats that: a fault to inject."""
         self._frozen = True

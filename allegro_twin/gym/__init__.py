@@ -11,6 +11,10 @@ SIDES = {"": "right", "Right": "right", "Left": "left"}
 """What follows the task in an id; without a side it is the right hand, or the keyword `side`."""
 
 
+PICK = f"{NAMESPACE}/ArmPick-v{VERSION}"
+"""An arm, a hand and a thing, one environment at a time (docs/rl.md#armpick); its class is higher up in the package."""
+
+
 def ids() -> dict[str, tuple[str, str]]:
     """Every id, with its task and its side."""
     return {f"{NAMESPACE}/{task}{suffix}-v{VERSION}": (task, side) for task in TASKS for suffix, side in SIDES.items()}
@@ -24,3 +28,4 @@ for _id, (_task, _side) in ids().items():
         vector_entry_point="allegro_twin.gym.vector:HandVectorEnv",
         kwargs={"task": _task} | ({"of_side": _side} if _named else {}),
     )
+gymnasium.register(PICK, entry_point="allegro_twin.lab.pick.env:ArmPick")

@@ -15,7 +15,10 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.settings import LabSettings, ThingSettings
+from allegro_twin.lab.itself import Itself
+from allegro_twin.lab.nothing import PERIOD
+from allegro_twin.lab.settings import LabSettings, SecuritySettings, ThingSettings
+from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
 from allegro_twin.sim.objects import Placement, named, orientation
@@ -46,34 +49,45 @@ class Room:
     """Of the arm there, (7,), rad."""
     open: Vector
     """Of the hand, (n,), rad."""
+    stiffness: Vector
+    """Of its controller, (n,), N·m/rad."""
+    itself: Itself | None = None
+    """What a camera at the wrist sees of arm and hand."""
 
     def close(self) -> None:
         """Let go of everything."""
         self.camera.close()
+        if self.itself is not None:
+            self.itself.close()
         self.cell.close()
 
 
 def make_room(settings: LabSettings) -> Room:
     """Everything, at rest at the security pose. Raises ConfigError, one line for the first thing that is wrong."""
-    spec, library, wait = load_spec(settings.hand.model, settings.hand.side), Library(), settings.security
-    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
-    hand_open = library.posture(settings.hand.open, spec)
+    spec, library = load_spec(settings.hand.model, settings.hand.side), Library()
+    hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [_placed(thing) for thing in settings.objects], settings.arm
 
     def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:
-        periods = (arm.period, 0.003)
+        periods = (arm.period, PERIOD)
         return make_cell(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods)  # fmt: skip
 
-    first = made(None, ())
-    posture = first.model.reach(first.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
+    security, posture = waiting(made(None, ()), settings.security)
     cell = made(posture, things)
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open,
+        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        Itself(cell, settings.camera) if settings.at_the_wrist else None,
     )  # fmt: skip
+
+
+def waiting(cell: Cell, wait: SecuritySettings) -> tuple[Pose, Vector]:
+    """Where the palm waits, in the world, and the arm's posture there, (n,), rad. Raises ConfigError out of reach."""
+    security = Pose(np.array(wait.position), facing(wait.facing, wait.fingers))
+    return security, cell.model.reach(cell.flange_for(security), near=np.array(_WAITING), tolerance=2e-3)
 
 
 def with_things(settings: LabSettings, things: Sequence[ThingSettings], seed: int) -> LabSettings:

@@ -1,4 +1,4 @@
-"""Whether a thing is in the hand: by its weight, and by what stops the fingers. Pure."""
+"""Whether a thing is in the hand: by its weight, by what stops the fingers, and by where they are. Pure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.arm.tool import Bridge
+from allegro_twin.lab.nothing import Nothing
 from allegro_twin.lab.settings import ValidateSettings
 from allegro_twin.types import Array, Vector
 
@@ -16,33 +16,50 @@ _GRAVITY = 9.81  # m/s².
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What force and torques say."""
+    """What force, torques and joints say."""
 
     weight: float
     """Of what hangs on the hand, kg."""
     torque: float
     """That stops the fingers, summed over the joints, N·m."""
+    between: float
+    """Beyond what stops them around nothing, by where the fingers are, summed over the joints, N·m."""
     by_force: bool
     by_torque: bool
+    by_fingers: bool
     held: bool
-    """By the one of the two that decides."""
+    """By the one of the three that decides."""
+    doubt: str = ""
+    """Why the force sensor is not to be trusted; nothing where it is."""
 
 
-def checked(weight: float, torque: float, settings: ValidateSettings) -> Checked:
-    """The verdict on both."""
-    force, press = weight > settings.least, torque > settings.torque
-    return Checked(weight, torque, force, press, force if settings.by == "force" else press)
+def checked(weight: float, torque: float, between: float, settings: ValidateSettings) -> Checked:
+    """The verdicts of all three."""
+    force, press, there = weight > settings.least, torque > settings.torque, between > settings.torque
+    held = {"force": force, "torque": press, "fingers": there}[settings.by]
+    return Checked(weight, torque, between, force, press, there, held)
 
 
-def weighed(bridge: Bridge, before: Sequence[Vector], after: Sequence[Vector], axes: Array, gravity: Vector) -> float:
-    """kg, from samples of the flange's sensor at rest, (6,) each, with the same orientation of the flange (3, 3).
+def weighed(before: Sequence[Vector], after: Sequence[Vector], axes: Array) -> float:
+    """kg, from what the flange felt of the world (`Bridge.felt`) at rest, (6,) each; `axes` are the flange's, (3, 3).
 
     The mean of those before is the tare: only what came on between is weighed.
     """
-    tared = bridge.tared([bridge.felt(wrench, axes, gravity) for wrench in before])
-    return float(-tared.outside(np.mean(after, axis=0), axes, gravity, np.zeros(3))[2] / _GRAVITY)
+    return float(-(axes @ came_on(before, after))[2] / _GRAVITY)
+
+
+def came_on(before: Sequence[Vector], after: Sequence[Vector]) -> Vector:
+    """The force that is felt after and was not before, in the flange's axes, (3,), N."""
+    return np.asarray((np.mean(after, axis=0) - np.mean(before, axis=0))[:3])
 
 
 def stopped(torque: Vector, gravity: Vector, friction: Vector) -> float:
     """What the motors give, (n,), beyond the fingers' own weight and twice their dry friction, summed, N·m."""
     return float(np.maximum(np.abs(torque - gravity) - 2.0 * friction, 0.0).sum())
+
+
+def kept_apart(position: Vector, nothing: Nothing, stiffness: Vector, friction: Vector) -> float:
+    """What keeps the telling fingers from where they would be around nothing, beyond twice their dry friction, summed,
+    N·m. `position`, (n,), rad; `stiffness` is their controller's, (n,), N·m/rad; `friction`, (n,), N·m."""
+    off = stiffness * np.abs(position - nothing.position) - 2.0 * friction
+    return float(np.maximum(off, 0.0)[nothing.telling].sum())

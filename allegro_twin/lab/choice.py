@@ -107,16 +107,16 @@ def cards(model: str) -> tuple[Card, ...]:
 def _card(scenario: Scenario) -> Card:
     settings, wrist = scenario.objects[0], scenario.wrist
     thing = catalogue()[settings.name]
-    body = _standing(thing, np.radians(settings.yaw))
+    body = standing(thing, np.radians(settings.yaw))
     offset = np.array(wrist.position)
     if wrist.over is not None:
         offset[2] = max(wrist.over.table - body.extents[2] / 2.0, body.extents[2] / 2.0 + wrist.over.top)
-    back = _about(-body.yaw)
+    back = about(-body.yaw)
     palm = Pose(back @ offset, back @ facing(wrist.facing, wrist.fingers))
     return Card(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
 
 
-def _standing(thing: Thing, yaw: float) -> Body:
+def standing(thing: Thing, yaw: float) -> Body:
     """A thing of the catalogue with its own z up."""
     x, y, height = (2.0 * thing.half_extents()).tolist()
     lying = "lying " if thing.shape == "ellipsoid" else ""
@@ -134,12 +134,12 @@ def _turns(body: Body) -> Array:
 
 
 def _turned(card: Card, body: Body, yaw: float) -> Way:
-    turn = _about(yaw)
+    turn = about(yaw)
     palm = Pose(body.position + turn @ card.palm.position, turn @ card.palm.rotation)
     return Way(card, palm, Pose(palm.position + turn @ card.retreat, palm.rotation))
 
 
-def _about(angle: float) -> Array:
+def about(angle: float) -> Array:
     """A turn about the vertical, (3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

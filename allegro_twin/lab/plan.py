@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allegro_twin.arm.cell import Cell
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
-from allegro_twin.lab.choice import Way, body_of, ways
+from allegro_twin.lab.choice import Body, Way, body_of, ways
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
 from allegro_twin.types import Vector
@@ -40,40 +41,45 @@ class Reached(NamedTuple):
 
 
 def best_way(solid: Solid, room: Room) -> Reached:
-    """The way whose approach and grasp the arm reaches with the least turn of a joint from where it waits.
+    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits.
 
     Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
     """
-    body = body_of(solid)
-    found, top = ways(body, room.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
-    found.sort(key=lambda way: -_across(way.palm, room.cell.base))
+    return best_of(body_of(solid), room.cell, room.posture, room.settings.lift)
+
+
+def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
+    """The same from where the arm waits, (n,), rad, for a lift of so much, m."""
+    found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
+    found.sort(key=lambda way: -_across(way.palm, cell.base))
     sides = [np.array(side) for side in (_RIGHT, _LEFT)]
-    each = (_from(way, top, room, side) for way in found[:_TRIED] for side in sides)
+    each = (_from(way, top, cell, waiting, lift, side) for way in found[:_TRIED] for side in sides)
     reached = [one for one in each if one is not None]
     if not reached:
         best = found[0]
         raise ConfigError(
-            f"{room.cell.spec.name} does not reach the {best.card.name} grasp of the {solid.shape} at "
-            f"{place(solid.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
+            f"{cell.spec.name} does not reach the {best.card.name} grasp of the {body.kind} at "
+            f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
         )
     return min(reached, key=lambda one: one.far)
 
 
-def _from(way: Way, top: float, room: Room, at: Vector) -> Reached | None:
-    model, spec, postures = room.cell.model, room.cell.spec, []
-    for palm in (way.before, way.palm):
+def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Vector) -> Reached | None:
+    model, spec, postures = cell.model, cell.spec, []
+    lifted = Pose(way.palm.position + np.array([0.0, 0.0, lift]), way.palm.rotation)
+    for palm in (way.before, way.palm, lifted):
         try:
-            at = model.reach(room.cell.flange_for(palm), at, _NEAR)
+            at = model.reach(cell.flange_for(palm), at, _NEAR)
         except ConfigError:
             return None  # The answer, not an error.
         postures.append(at)
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
-    far = float(np.abs(np.stack(postures) - room.posture).max())
-    return Reached(far, way, (*_over(way, top, room, postures[0]), postures[0]))
+    far = float(np.abs(np.stack(postures) - waiting).max())
+    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]))
 
 
-def _over(way: Way, top: float, room: Room, at: Vector) -> tuple[Vector, ...]:
+def _over(way: Way, top: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
     """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
     none where it is above already, or the arm does not reach so high."""
     up = top + _CLEAR - float(way.before.position[2])
@@ -82,7 +88,7 @@ def _over(way: Way, top: float, room: Room, at: Vector) -> tuple[Vector, ...]:
     for part in (1.0, 0.6):
         above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:
-            return (room.cell.model.reach(room.cell.flange_for(above), at, _NEAR),)
+            return (cell.model.reach(cell.flange_for(above), at, _NEAR),)
         except ConfigError:
             continue  # Lower, or straight on.
     return ()

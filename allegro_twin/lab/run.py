@@ -9,15 +9,14 @@ import numpy as np
 
 from allegro_twin.arm.impedance import Stiffness, stuck
 from allegro_twin.arm.target import Smoothing
-from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked
+from allegro_twin.lab.grip import Wish, fingers
 from allegro_twin.lab.law import Guided
 from allegro_twin.lab.settings import LabSettings
 from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
-from allegro_twin.lab.work import Wish, Work
-from allegro_twin.library.gains import load_gains
+from allegro_twin.lab.work import Work
 from allegro_twin.loop import run, together
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.types import Sample
@@ -60,8 +59,7 @@ def perform(
     """
     work, seen, now = Work(room), _Story(room), begun(0.0)
     law = _law(room, work)
-    spec = room.hand.spec
-    grip = PD(Wish(work.fingers), load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
+    grip = fingers(Wish(work.fingers), room.settings.hand.gains, room.hand.spec, room.model)
     arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
     rules, clock = rules_of(room.settings), _Clock(room.settings)
     last: Sample | None = None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
+from allegro_twin.camera.mount import Mount
 from allegro_twin.camera.settings import CameraSettings
 from allegro_twin.files.schema import Settings
 from allegro_twin.perception.settings import PerceptionSettings
+from allegro_twin.sim.mounted import CAMERA
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]
@@ -40,8 +42,8 @@ class HandSettings(Settings):
     model: str = "allegro"
     side: Side = "right"
     gains: str = "default"
-    open: str = "home"
-    """Posture in which it waits."""
+    open: str | None = None
+    """Posture of the library in which it waits. None: as it is at rest."""
 
 
 class SecuritySettings(Settings):
@@ -95,8 +97,8 @@ class DecideSettings(Settings):
 class ValidateSettings(Settings):
     """When a thing counts as held."""
 
-    by: Literal["force", "torque"] = "torque"
-    """Which of the two decides; both are told."""
+    by: Literal["force", "torque", "fingers"] = "fingers"
+    """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
     samples: Annotated[int, Field(ge=1)] = 100
     """Of the force, before and after."""
     least: Positive = 0.053
@@ -104,7 +106,25 @@ class ValidateSettings(Settings):
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.15
-    """N·m: the fingers press, when the torques that stop them sum up to more than this."""
+    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
+    around nothing, sum up to more than this."""
+    most: Positive = 1.7
+    """kg: nothing heavier can hang on the hand. A Franka arm carries 3 kg, and the hand is 1.3 of them."""
+    drift: Positive = 0.5
+    """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
+
+
+def _at_the_wrist(value: Any) -> Any:
+    if value == "wrist":
+        return Mount(site=CAMERA, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
+    return value
+
+
+class CellCameraSettings(CameraSettings):
+    """The camera of a cell."""
+
+    mount: Annotated[Mount, BeforeValidator(_at_the_wrist, json_schema_input_type=Mount | Literal["wrist"])]
+    """Where it stands; `wrist` is where the hand's mount has a place for one."""
 
 
 class LabSettings(Settings):
@@ -112,7 +132,7 @@ class LabSettings(Settings):
 
     arm: ArmSettings
     hand: HandSettings = HandSettings()
-    camera: CameraSettings
+    camera: CellCameraSettings
     perception: PerceptionSettings
     objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
     friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
@@ -125,3 +145,8 @@ class LabSettings(Settings):
     validation: ValidateSettings = ValidateSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
+
+    @property
+    def at_the_wrist(self) -> bool:
+        """Whether the camera moves with the arm."""
+        return self.camera.mount.site is not None or self.camera.mount.body is not None

@@ -58,6 +58,8 @@ class Seen:
     """What the state was for has happened: the arm is there, the hand is closed, there is a grasp."""
     held: bool | None = None
     """What the check says, once it has enough samples."""
+    doubt: str = ""
+    """What is told with it: of a sensor that does not decide."""
     refused: End | None = None
     """Why there is nothing to grasp, by the newest picture."""
     fault: End | None = None
@@ -96,8 +98,9 @@ def decided(now: Now, seen: Seen, rules: Rules) -> Now:
             if seen.held is None and not late:
                 return now
             if seen.held:
-                return _over(now, seen.t, End("held"))
-            return _again(now, seen.t, rules, End("missed", "", "the thing is not in the hand"))
+                return _over(now, seen.t, End("held", "", seen.doubt))
+            said = "; ".join(filter(None, ("the thing is not in the hand", seen.doubt)))
+            return _again(now, seen.t, rules, End("missed", "", said))
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,9 +13,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
-from allegro_twin.lab.check import Checked, checked, stopped, weighed
+from allegro_twin.lab.check import Checked, checked, kept_apart, stopped, weighed
 from allegro_twin.lab.choice import Way
+from allegro_twin.lab.doubt import doubted, drifted, verdict, with_doubt
 from allegro_twin.lab.law import Guide
+from allegro_twin.lab.nothing import around_nothing, squeezing
 from allegro_twin.lab.plan import best_way
 from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
@@ -26,21 +27,9 @@ from allegro_twin.perception.verdict import stale
 from allegro_twin.types import HandState, Vector
 
 _OPENING = 2.0  # rad/s, of the fingers in the air.
-_SQUEEZE = 0.6  # s, as in conf/protocols/table_pick.yaml.
-_PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
+_STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
 _REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Wish:
-    """A reference whose path is steered from outside."""
-
-    path: Steering
-
-    def begin(self, position: Vector) -> Steering:
-        """The path; it begins where the hand was told to be."""
-        return self.path
 
 
 class Work:
@@ -57,13 +46,14 @@ class Work:
         """When the picture was taken, s."""
         self.checked: Checked | None = None
         self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
-        self._asked: Frame | None = None
+        self._asked: tuple[Frame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: End | None = None
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
         self._squeezed = False
         self._hand: HandState | None = None
         samples = room.settings.validation.samples
+        self._idle: deque[Vector] = deque(maxlen=samples)
         self._before: deque[Vector] = deque(maxlen=samples)
         self._after: deque[Vector] = deque(maxlen=samples)
 
@@ -76,6 +66,7 @@ class Work:
                 self._far(t, state, self.room.posture)
             case "Look":
                 self._asked, self._refused, self.way = None, None, None
+                self._idle.clear()
             case "ToTargetPose":
                 assert self.way is not None
                 self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
@@ -104,11 +95,17 @@ class Work:
         self.guide.let_go()
 
     def felt(self, now: Now, state: HandState) -> None:
-        """Every state of the arm: what the flange feels is gathered while it is needed."""
-        if now.state == "ToTargetPose" and not self._left and state.t >= self._there + _REST:
-            self._before.append(state.wrench)
+        """Every state of the arm: what the flange feels is gathered while it is needed and the arm rests."""
+        kept = None
+        if now.state == "Look" and float(np.abs(state.velocity).max()) < _STILL:
+            kept = self._idle
+        elif now.state == "ToTargetPose" and not self._left and state.t >= self._there + _REST:
+            kept = self._before
         elif now.state == "Validate" and state.t >= now.since + _REST:
-            self._after.append(state.wrench)
+            kept = self._after
+        if kept is not None:
+            flange = self.room.cell.model.pose(state.position).rotation
+            kept.append(self.room.cell.bridge.felt(state.wrench, flange, state.gravity))
 
     def hand_is(self, state: HandState) -> None:
         """Every state of the hand."""
@@ -126,7 +123,7 @@ class Work:
             case "ClosingHand":
                 return Seen(state.t, done=self._closed(state.t))
             case "Validate":
-                return Seen(state.t, held=self._check(state))
+                return self._check(state)
         if now.state == "ToTargetPose" and self._left and state.t >= self._there:
             self._far(state.t, state, self._left.pop(0))
             return Seen(state.t)
@@ -163,17 +160,16 @@ class Work:
             return False
         if not self._squeezed:
             assert self._grasp is not None
-            far = float(np.abs(self._grasp.squeeze - self._grasp.close).max())
             self._squeezed = True
-            self._head_for(t, self._grasp.squeeze, max(_PEAK * far / _SQUEEZE, 0.05))
+            self._head_for(t, self._grasp.squeeze, squeezing(self._grasp))
             return False
         return True
 
     def _look(self, state: HandState) -> None:
         room = self.room
         if self._asked is None:
-            self._asked = room.camera.capture(room.cell.world.data)
-        frame = self._asked
+            self._asked = room.camera.capture(room.cell.world.data), state.position
+        frame, posture = self._asked
         if state.t < frame.ready - 1e-9:
             return
         self._asked = None
@@ -182,7 +178,10 @@ class Work:
             self._refused = None if old is None else End("fault", "camera", old.sentence)
             return
         self._last = frame
-        seen = room.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+        cloud = frame.cloud
+        if room.itself is not None:
+            cloud = room.itself.cut_out(cloud, posture, room.open if self._hand is None else self._hand.position)
+        seen = room.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return
@@ -193,13 +192,17 @@ class Work:
             return
         self.solid, self.seen_at = seen.solid, frame.time
 
-    def _check(self, state: HandState) -> bool | None:
+    def _check(self, state: HandState) -> Seen:
         room, settings = self.room, self.room.settings.validation
-        if len(self._after) < settings.samples or self._hand is None:
-            return None
-        axes = room.cell.model.pose(state.position).rotation
-        kilograms = weighed(room.cell.bridge, self._before, self._after, axes, state.gravity)
-        own = room.model.gravity_torque(self._hand.position, self._hand.gravity)
-        press = stopped(self._hand.torque, own, room.hand.spec.actuation.frictionloss)
-        self.checked = checked(kilograms, press, settings)
-        return self.checked.held
+        if len(self._after) < settings.samples or self._hand is None or self.way is None or self._grasp is None:
+            return Seen(state.t)
+        hand, friction = self._hand, room.hand.spec.actuation.frictionloss
+        axes = room.cell.base.rotation @ room.cell.model.pose(state.position).rotation
+        press = stopped(hand.torque, room.model.gravity_torque(hand.position, hand.gravity), friction)
+        nothing = around_nothing(room.settings.hand, self._grasp.name, self.way.palm.rotation)
+        between = kept_apart(hand.position, nothing, room.stiffness, friction)
+        found = checked(weighed(self._before, self._after, axes), press, between, settings)
+        why = drifted(self._idle, self._before, settings)
+        why = why or doubted(found, self._before, self._after, axes, settings)
+        self.checked = with_doubt(found, why, settings)
+        return verdict(state.t, self.checked, settings)

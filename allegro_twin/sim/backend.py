@@ -96,6 +96,10 @@ class SimBackend:
         """At reset, (n,), rad."""
         return self._posture
 
+    @posture.setter
+    def posture(self, posture: Vector) -> None:
+        self._posture = self._spec.posture(posture)
+
     @property
     def every_step(self) -> bool:
         """Whether it has something to do at every physics step."""

@@ -10,6 +10,8 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.settings import EnvSettings
+    if name == ALONE:
+        raise ConfigError(alone())
 from allegro_twin.gym.tasks import TASKS
 from allegro_twin.library.entries import HAND
 
@@ -105,6 +107,8 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     given = {key: value for key, value in changes.items() if value is not None}
     own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
+    if name == ALONE:
+        raise ConfigError(alone())
     # What ships is for one hand, with its objects: for another a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
     if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):

@@ -47,7 +47,8 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     assert report.error < 0.003
     assert report.grasp == "apple"
     assert report.checked is not None
-    assert report.checked.by_torque
+    assert report.checked.by_fingers
+    assert report.end.sentence == ""
     assert report.checked.weight == pytest.approx(0.068, abs=0.06)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "arm.arrow", "before.png", "end.png", "grasp.png", "hand.arrow",
@@ -93,6 +94,7 @@ def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     room = room_of(validation={"by": "force"}, decide={"retries": 0})
     report = perform(room, entered=lambda now: away(room, now, "Approach"))
     assert str(report.end) == "missed"
+    assert report.end.sentence == "the thing is not in the hand"
     assert not report.truly
 
 
@@ -111,7 +113,7 @@ def test_an_arm_that_falls_silent_is_named_and_holds_itself() -> None:
     assert still(room)
 
 
-def away(room: Room, now: Now, when: str) -> None:
+def away(room: Room, now: Now, when: str, name: str = "apple") -> None:
     """Somebody takes the thing off the table when a state begins."""
     if now.state == when:
-        room.cell.world.data.joint("apple").qpos[:3] = [2.0, 2.0, 1.0]
+        room.cell.world.data.joint(name).qpos[:3] = [2.0, 2.0, 1.0]

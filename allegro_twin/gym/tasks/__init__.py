@@ -18,16 +18,28 @@ TASKS = {
     "Rotate": "rotate",
 }
 """Where each task is."""
+ALONE = "ArmPick"
+"""The environment that has no batch, and so no recipe and no card of a policy."""
 
 
 def task_type(name: str) -> type[Task]:
     """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
     if ":" in name:
         return _foreign(name)
+    if name == ALONE:
+        raise ConfigError(alone())
     if name not in TASKS:
         raise ConfigError(unknown("task", name, TASKS))
     found: type[Task] = getattr(import_module(f"allegro_twin.gym.tasks.{TASKS[name]}"), name)
     return found
+
+
+def alone() -> str:
+    """Why nothing here takes the environment without a batch, and what does."""
+    return (
+        f"{ALONE} is a single environment: train, evaluate and collect take the tasks that have a batch; any library "
+        f'trains on gymnasium.make("AllegroTwin/{ALONE}-v0")'
+    )
 
 
 def _foreign(name: str) -> type[Task]:

@@ -1,0 +1,40 @@
+"""A close on nothing, foreseen: where it ends, and which fingers meet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.description.hands import load_spec
+from allegro_twin.lab.choice import cards
+from allegro_twin.lab.nothing import around_nothing
+from allegro_twin.lab.settings import HandSettings
+from allegro_twin.library.library import Library
+
+HAND = HandSettings()
+
+
+def card_of(name: str) -> tuple[str, np.ndarray]:
+    card = next(card for card in cards("allegro") if card.name == name)
+    return card.grasp, card.palm.rotation
+
+
+def test_where_no_finger_meets_another_they_end_where_the_squeeze_wants_them() -> None:
+    grasp, palm = card_of("orange")
+    nothing = around_nothing(HAND, grasp, palm)
+    squeeze = Library().grasp(grasp, load_spec()).squeeze
+    assert nothing.telling.all()
+    np.testing.assert_allclose(nothing.position, squeeze, atol=2.0 * 0.02 / 12.0)  # Dry friction over stiffness.
+
+
+def test_fingers_that_meet_are_known_beforehand() -> None:
+    nothing = around_nothing(HAND, *card_of("pear"))
+    by_finger = nothing.telling.reshape(4, 4)
+    assert by_finger.all(axis=1).tolist() == by_finger.any(axis=1).tolist() == [True, False, False, True]
+
+
+def test_which_way_down_is_hardly_matters_for_a_hand_that_carries_itself() -> None:
+    grasp, palm = card_of("orange")
+    turned = palm @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(
+        around_nothing(HAND, grasp, palm).position, around_nothing(HAND, grasp, turned).position, atol=2e-3
+    )

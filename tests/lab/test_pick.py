@@ -1,0 +1,209 @@
+"""`ArmPick`: Gymnasium's promises, what an action does, what is seen, and when a thing counts as picked."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+
+import allegro_twin.gym
+from allegro_twin.cli.environments import listed
+from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.gym.tasks import task_type
+from allegro_twin.kinematics.arm import turn
+from allegro_twin.lab.pick.env import ArmPick
+from allegro_twin.lab.pick.script import Script
+from allegro_twin.train.settings import load_recipe
+
+SCRIPTED = [{"control": "joints"}, {"control": "grasp", "perception": True}]
+
+
+def apple(**more: Any) -> ArmPick:
+    return ArmPick(objects=("apple",), **more)
+
+
+def scripted(env: ArmPick, most: int = 1000) -> tuple[float, bool, dict[str, Any]]:
+    """Return, whether it was terminated, and the last info."""
+    script, earned = Script(env), 0.0
+    for _ in range(most):
+        _, reward, lost, over, info = env.step(script())
+        earned += reward
+        if lost or over:
+            break
+    return earned, lost, info
+
+
+@pytest.mark.parametrize("control", ["joints", "grasp"])
+def test_it_passes_the_checker_without_a_warning(control: str) -> None:
+    check_env(gymnasium.make(allegro_twin.gym.PICK, render_mode="rgb_array", control=control).unwrapped)
+
+
+def test_it_passes_the_checker_of_stable_baselines3() -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(ArmPick())
+
+
+@pytest.mark.parametrize("kwargs", [{"camera_shift": 0.005, "camera_turn": 0.1}, {"perception": True}])
+def test_the_same_seed_is_the_same_episode_whatever_was_before(kwargs: dict[str, Any]) -> None:
+    first, second = ArmPick(objects=("apple", "mug"), **kwargs), ArmPick(objects=("apple", "mug"), **kwargs)
+    second.reset(seed=8)
+    second.step(second.action_space.sample())
+    second.reset(seed=9)
+    assert data_equivalence(first.reset(seed=3), second.reset(seed=3), exact=True)
+    first.action_space.seed(0)
+    for _ in range(10):
+        action = first.action_space.sample()
+        assert data_equivalence(first.step(action), second.step(action), exact=True)
+
+
+@pytest.mark.parametrize("kwargs", SCRIPTED)
+def test_the_script_picks_an_apple_and_is_paid_for_it(kwargs: dict[str, Any]) -> None:
+    env = apple(**kwargs)
+    _, info = env.reset(seed=1)
+    assert info["error"] < (0.003 if "perception" in kwargs else 1e-9)
+    earned, lost, info = scripted(env)
+    assert not lost
+    assert info["is_success"]
+    assert info["rise"] > 0.1
+    assert earned > 50.0
+
+
+def test_nothing_earns_little_and_picks_nothing() -> None:
+    env = apple()
+    env.reset(seed=1)
+    rewards = [env.step(np.zeros(22, np.float32))[1] for _ in range(40)]
+    assert sum(rewards) < 0.1 * 40
+
+
+def test_what_is_lifted_is_picked_only_after_a_second() -> None:
+    env = apple()
+    env.reset(seed=1)
+    script, high = Script(env), 0
+    while True:
+        _, _, _, over, info = env.step(script())
+        high = high + 1 if info["rise"] >= 0.1 else 0
+        assert info["is_success"] == (high * env.episodes.seconds >= 1.0)
+        if over:
+            return
+
+
+def test_what_is_up_for_a_second_in_all_but_not_at_a_stretch_is_not_picked() -> None:
+    env = apple()
+    env.reset(seed=1)
+    joint, high = env.episodes.stand.cell.world.data.joint("apple"), 0
+    for _ in range(12):
+        for height in (0.35, None, None, 0.04):
+            if height is not None:
+                joint.qpos[:3], joint.qvel[:] = (-0.3, 0.3, height), 0.0
+            *_, lost, _, info = env.step(np.zeros(22, np.float32))
+            assert not lost or info["rise"] < 0.1
+            env._over = False  # It was shoved too far, which does not matter here.
+            high += info["rise"] >= 0.1
+            assert not info["is_success"]
+    assert high * env.episodes.seconds > 1.0
+
+
+def test_an_action_displaces_the_palm_along_the_worlds_axes_and_turns_it() -> None:
+    env = apple(off=0.0)
+    env.reset(seed=1)
+    before = env.episodes.stand.palm
+    action = np.zeros(22, np.float32)
+    action[2], action[5] = 1.0, 0.5
+    env.step(action)
+    for _ in range(40):
+        env.step(np.zeros(22, np.float32))
+    after = env.episodes.stand.palm
+    np.testing.assert_allclose(after.position - before.position, [0.0, 0.0, 0.02], atol=0.003)
+    np.testing.assert_allclose(turn(before.rotation, after.rotation), [0.0, 0.0, 0.05], atol=0.02)
+
+
+def test_a_set_point_does_not_run_away_from_a_palm_that_does_not_follow() -> None:
+    env = apple()
+    env.reset(seed=1)
+    down = np.zeros(22, np.float32)
+    down[2] = -1.0
+    for _ in range(60):
+        if env.step(down)[2]:
+            break
+        ahead = env.episodes.stand.aim.position - env.episodes.stand.palm.position
+        assert np.linalg.norm(ahead) < 0.06 + 0.02
+
+
+def test_a_thing_that_falls_off_the_table_ends_the_episode() -> None:
+    env = apple()
+    env.reset(seed=1)
+    stand = env.episodes.stand
+    stand.cell.world.data.joint("apple").qpos[:3] = [1.0, 1.0, -0.5]
+    *_, lost, _, info = env.step(np.zeros(22, np.float32))
+    assert lost
+    assert not info["is_success"]
+    with pytest.raises(CommandError, match="this episode is over: reset before the next step"):
+        env.step(np.zeros(22, np.float32))
+
+
+def test_with_perception_the_thing_is_where_the_picture_showed_it_and_else_where_it_is() -> None:
+    for perception in (True, False):
+        env = apple(perception=perception)
+        env.reset(seed=1)
+        seen = env.episodes.track.pose.position
+        env.episodes.stand.cell.world.data.joint("apple").qpos[:2] += 0.05
+        env.step(np.zeros(22, np.float32))
+        moved = np.linalg.norm(env.episodes.track.pose.position - seen)
+        assert moved == 0.0 if perception else moved > 0.06
+
+
+def test_a_camera_that_is_late_shows_where_the_thing_was() -> None:
+    env = apple(camera_delay=2)
+    env.reset(seed=1)
+    seen = env.episodes.track.pose.position
+    env.episodes.stand.cell.world.data.joint("apple").qpos[2] += 0.1
+    moved = []
+    for _ in range(3):
+        env.step(np.zeros(22, np.float32))
+        moved.append(float(np.linalg.norm(env.episodes.track.pose.position - seen)))
+    assert moved[1] == pytest.approx(0.0, abs=1e-9)
+    assert moved[2] > 0.01
+
+
+def test_an_episode_takes_what_it_is_told() -> None:
+    env = ArmPick(objects=("apple", "mug"))
+    for name in ("mug", "apple"):
+        _, info = env.reset(seed=0, options={"object": name, "at": (0.02, -0.03), "yaw": 30.0})
+        assert (info["object"], info["at"]) == (name, [0.02, -0.03])
+        np.testing.assert_allclose(env.episodes.stand.there.position[:2], [0.02, -0.03], atol=1e-6)
+
+
+@pytest.mark.parametrize(("kwargs", "message"), [
+    ({"objects": ("aple",)}, "no object named 'aple'; did you mean 'apple'"), ({"controll": "grasp"}, "controll"),
+    ({"render_mode": "human"}, "ArmPick has rgb_array"),
+])  # fmt: skip
+def test_what_cannot_be_is_refused_in_one_line(kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        ArmPick(**kwargs)
+
+
+def test_an_action_that_is_none_is_refused() -> None:
+    env = apple()
+    env.reset(seed=0)
+    with pytest.raises(CommandError, match="shape"):
+        env.step(np.zeros(16, np.float32))
+    with pytest.raises(CommandError, match="not finite"):
+        env.step(np.full(22, np.nan, np.float32))
+
+
+def test_training_and_evaluating_say_that_there_is_no_batch() -> None:
+    for refused in (load_recipe, task_type):
+        with pytest.raises(ConfigError, match="ArmPick is a single environment"):
+            refused("ArmPick")
+    assert listed("ArmPick").row_count == 1
+
+
+def test_it_goes_through_a_pickle_as_it_was_made() -> None:
+    env = apple(control="grasp")
+    copy = pickle.loads(pickle.dumps(env))
+    assert copy.settings == env.settings
+    assert data_equivalence(env.reset(seed=1), copy.reset(seed=1), exact=True)
