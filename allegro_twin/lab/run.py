@@ -52,13 +52,20 @@ class Report:
 
 
 def perform(
-    room: Room, *, arm: Stage = iter, hand: Stage = iter, entered: Callable[[Now], None] = lambda now: None
+    room: Room,
+    *,
+    arm: Stage = iter,
+    hand: Stage = iter,
+    entered: Callable[[Now], None] = lambda now: None,
+    prepared: Callable[[Work], None] = lambda work: None,
 ) -> Report:
-    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states.
+    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
+    `prepared` of the run's memory before anything moves.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
     """
     work, seen, now = Work(room), _Story(room), begun(0.0)
+    prepared(work)
     law = _law(room, work)
     spec = room.hand.spec
     grip = PD(Wish(work.fingers), load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,7 @@ from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found
-from allegro_twin.perception.verdict import stale
+from allegro_twin.perception.verdict import Refused, stale
 from allegro_twin.types import HandState, Vector
 
 _OPENING = 2.0  # rad/s, of the fingers in the air.
@@ -56,6 +57,8 @@ class Work:
         self.seen_at = 0.0
         """When the picture was taken, s."""
         self.checked: Checked | None = None
+        self.looked: Callable[[Frame, Found | Refused], None] = lambda frame, seen: None
+        """Hears what perception says of every picture."""
         self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
         self._asked: Frame | None = None
         self._refused: End | None = None
@@ -183,6 +186,7 @@ class Work:
             return
         self._last = frame
         seen = room.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+        self.looked(frame, seen)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return
