@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allegro_twin.cli import options
-from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.lab.cell import Room
     from allegro_twin.lab.onlookers import Onlooker, Onlookers
-    from allegro_twin.lab.run import Report
+    from allegro_twin.lab.run import Report, Stage
     from allegro_twin.lab.states import Now
     from allegro_twin.lab.watch import Lens
 
@@ -37,8 +36,10 @@ def lab(
         typer.Option(help="A folder for pictures, and for a recording of everything.", callback=options.folder),
     ] = None,
     pictures: Annotated[
-        float, typer.Option(help="So many of the camera's pictures a second, Hz, go into the recording; 0: none.")
+        float, typer.Option(help="So many pictures of the camera a second are recorded, and shown, Hz; 0: none.")
     ] = 0.0,
+    view: Annotated[bool, typer.Option(help="Watch it live in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch it live in Rerun in the browser.")] = False,
 ) -> None:
     """An arm with a hand and a camera takes a thing off the table: every state with its time, and the verdict."""
     from allegro_twin.cli.console import console
@@ -56,7 +57,9 @@ def lab(
     with ExitStack() as stack:
         stack.callback(room.close)
         onlookers, lens = _onlookers(room, out, pictures, stack)
-        report = _performed(room, Onlookers(room, onlookers, lens))
+        if view or web:
+            onlookers.append(_viewer(room, stack, web=web))
+        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web)
     for line in told(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:
@@ -71,8 +74,6 @@ def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) 
     from allegro_twin.lab.watch import Lens
 
     found: list[Onlooker] = []
-    if pictures and out is None:
-        raise ConfigError("--pictures go into a recording: say --out FOLDER, too")
     lens = Lens(room, pictures) if pictures else None
     if lens is not None:
         stack.callback(lens.close)
@@ -84,16 +85,33 @@ def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) 
     return found, lens
 
 
-def _performed(room: Room, onlookers: Onlookers) -> Report:
+def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
+    """Rerun, which shows what happens from now on."""
+    from allegro_twin.cli import cells
+    from allegro_twin.cli.console import console
+
+    viewer = cells.live(room)
+    stack.callback(viewer.close)
+    if web:
+        console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
+    else:
+        viewer.spawn()
+    return viewer
+
+
+def _performed(room: Room, onlookers: Onlookers, *, live: bool) -> Report:
+    """`live`: no faster than real time."""
     from allegro_twin.cli.console import console
     from allegro_twin.lab.run import perform
+    from allegro_twin.loop import paced
 
     def entered(now: Now) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
         onlookers.entered(now)
 
-    return perform(room, arm=onlookers.arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
+    arm: Stage = (lambda samples: paced(onlookers.arm(samples))) if live else onlookers.arm
+    return perform(room, arm=arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
 
 
 def told(report: Report) -> list[str]:

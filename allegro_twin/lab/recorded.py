@@ -41,8 +41,10 @@ class Recorded:
 
     def close(self) -> None:
         """Write what is left. Idempotent. Raises RecordingError."""
-        for each in (*self._recorders.values(), *self._journals.values()):
-            each.close()
+        for recorder in self._recorders.values():
+            recorder.close()
+        for journal in self._journals.values():
+            journal.close()
         self._file.close()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from heapq import merge
 from typing import Any, NamedTuple, TypeAlias
 
@@ -36,7 +36,7 @@ def happenings(recording: Tracks) -> Iterator[Happening]:
     """All that was recorded, oldest first. Raises RecordingError."""
     journals = [name for name, track in recording.tracks.items() if track.journal]
     each = [_moved(name, recording.device(name)) for name in recording.devices]
-    each += [((float(row["t"]), Told(name, row)) for row in recording.events(name)) for name in journals]
+    each += [_told(name, recording.events(name)) for name in journals]
     return (found for _, found in merge(*each, key=lambda pair: pair[0]))
 
 
@@ -44,3 +44,8 @@ def _moved(name: str, recording: Recording) -> Iterator[tuple[float, Happening]]
     backend = ReplayBackend(recording)
     for sample in samples_of(backend):
         yield sample.state.t, Moved(name, sample, backend.extras())
+
+
+def _told(name: str, rows: Iterable[Mapping[str, Any]]) -> Iterator[tuple[float, Happening]]:
+    for row in rows:
+        yield float(row["t"]), Told(name, row)

@@ -14,25 +14,12 @@ import pytest
 
 from allegro_twin.config import RunConfig
 from allegro_twin.errors import RecordingError
-from allegro_twin.lab.onlookers import Onlookers
-from allegro_twin.lab.recorded import Recorded, config_hash
+from allegro_twin.lab.recorded import config_hash
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.watch import Lens
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import Tracks, load, load_tracks
 from tests.lab.test_run import SETTINGS, room_of
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tracks, Report]:
-    path, room = tmp_path_factory.mktemp("lab") / "lab.arrow", room_of()
-    recorded, lens = Recorded(room, path), Lens(room, 2.0)
-    looking = Onlookers(room, [recorded], lens)
-    report = perform(room, arm=looking.arm, hand=looking.hand, entered=looking.entered, prepared=looking.prepared)
-    for each in (recorded, lens, room):
-        each.close()
-    return load_tracks(path), report
 
 
 def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[Tracks, Report]) -> None:
@@ -70,7 +57,7 @@ def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple
     assert np.diff([picture["t"] for picture in pictures]) == pytest.approx(0.5, abs=0.004)
     assert pictures[0]["colour"].shape == (480, 640, 3)
     assert pictures[0]["depth"].dtype == np.uint16
-    fx, fy, cx, cy = pictures[0]["lens"]
+    _, _, cx, cy = pictures[0]["lens"]
     down = float(pictures[0]["depth"][round(cy), round(cx)]) / 1000.0
     assert down == pytest.approx(np.hypot(0.36, 0.41), rel=0.2)  # What stands in the middle of the table is before it.
     room = room_of()
