@@ -8,8 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from allegro_twin.camera.frame import Frame
+from allegro_twin.control.trajectory import Path
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.lab.cell import Room
+from allegro_twin.lab.law import Guide
 from allegro_twin.lab.states import Now
 from allegro_twin.lab.told import event, perceived, pictured
 from allegro_twin.lab.watch import Lens
@@ -35,10 +37,23 @@ class Onlookers:
         self._room, self._each, self._lens = room, each, lens
         self._beside_hand = beside_hand(room)
         self._work: Work | None = None
+        self._guide: Guide | None = None
+        self._fingers: Path | None = None
 
     def prepared(self, work: Work) -> None:
         """A run begins."""
         self._work, work.looked = work, self.looked
+        self._guide, self._fingers = work.guide, work.fingers
+
+    def follows(self, guide: Guide, fingers: Path) -> None:
+        """The cell is led from outside from now on: where its arm and its fingers are to be."""
+        self._guide, self._fingers = guide, fingers
+        self._tell(Told("states", {"t": 0.0, "state": "Following", "tries": 1}))
+
+    def refused(self, t: float, sentence: str) -> None:
+        """Something that was wished was not done."""
+        row = {"t": t, "state": "Following", "tries": 1, "reason": "refused", "sentence": sentence}
+        self._tell(Told("states", row))
 
     def entered(self, now: Now) -> None:
         """A state begins."""
@@ -52,8 +67,8 @@ class Onlookers:
     def arm(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the arm."""
         for sample in samples:
-            assert self._work is not None
-            self._tell(Moved("arm", sample, beside_arm(self._room, self._work.guide.target.pose, sample)))
+            assert self._guide is not None
+            self._tell(Moved("arm", sample, beside_arm(self._room, self._guide.target.pose, sample)))
             picture = None if self._lens is None else self._lens.due(sample.state.t)
             if picture is not None:
                 self._tell(Told("pictures", pictured(picture)))
@@ -62,8 +77,8 @@ class Onlookers:
     def hand(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the hand."""
         for sample in samples:
-            assert self._work is not None
-            target = self._work.fingers(sample.state.t).position
+            assert self._fingers is not None
+            target = self._fingers(sample.state.t).position
             self._tell(Moved("hand", sample, {**self._beside_hand(), "target": target}))
             yield sample
 

@@ -13,7 +13,7 @@ from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked
-from allegro_twin.lab.law import Guided
+from allegro_twin.lab.law import Guide, Guided
 from allegro_twin.lab.settings import LabSettings
 from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
 from allegro_twin.lab.work import Wish, Work
@@ -66,7 +66,7 @@ def perform(
     """
     work, seen, now = Work(room), _Story(room), begun(0.0)
     prepared(work)
-    law = _law(room, work)
+    law = law_of(room, work.guide)
     spec = room.hand.spec
     grip = PD(Wish(work.fingers), load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
     arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
@@ -155,11 +155,12 @@ class _Story:
         return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
 
 
-def _law(room: Room, work: Work) -> Guided:
+def law_of(room: Room, guide: Guide) -> Guided:
+    """The arm's controller. Raises ConfigError for a spring that friction holds."""
     arm = room.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
     stuck(room.cell.model, room.posture, stiffness, _SLACK)
-    return Guided(room.cell.model, work.guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
+    return Guided(room.cell.model, guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
 
 
 def _who(error: Exception, room: Room) -> str:

@@ -12,7 +12,7 @@ from allegro_twin.replay.happenings import Told
 from allegro_twin.types import Array
 
 _POINT, _AXES = 0.0012, 0.08  # m.
-_CLOUD = 3  # Of every so many rows and columns a point is drawn.
+_CLOUD = 4  # Of every so many rows and columns a point is drawn.
 _THING, _FITTED = (255, 120, 20), (255, 120, 20, 120)
 _JPEG = 85
 _PLANE = 0.08  # m: how far before the camera its picture hangs in the scene.
@@ -38,6 +38,8 @@ def _state(stream: rr.RecordingStream, row: Mapping[str, Any]) -> None:
     if row["state"] == "ToTargetPose":
         words += f": grasp {row['grasp']}"
     end = row.get("end")
+    if row.get("sentence") and end is None:
+        words, level = f"{row['reason']}: {row['sentence']}", rr.TextLogLevel.WARN
     if end is not None:
         reason = f": {row['reason']}" if row["reason"] else ""
         words += f" — {end}{reason}" + (f"; {row['sentence']}" if row["sentence"] else "")
