@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from allegro_twin.arm.target import Target
@@ -44,7 +46,7 @@ class Fence:
         self._over(palm, fingers, "target")
         here, at = model.pose(now), now
         way, left = goal.position - here.position, turn(here.rotation, goal.rotation)
-        parts = int(np.ceil(max(np.linalg.norm(way) / _STEP, np.linalg.norm(left) / _TURN, 1.0)))
+        parts = math.ceil(max(float(np.linalg.norm(way)) / _STEP, float(np.linalg.norm(left)) / _TURN, 1.0))
         for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
             pose = Pose(here.position + part * way, turned(here.rotation, part * left))
             try:

@@ -22,7 +22,7 @@ from allegro_twin.lab.onlookers import Onlookers
 from allegro_twin.lab.run import law_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import paced, run, together
-from allegro_twin.types import Array, HandState, Vector
+from allegro_twin.types import Array, HandState, Sample, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +51,12 @@ Wish: TypeAlias = Palm | Fingers | Stay
 
 class Led:
     """Where arm and fingers are to be. `wish` may be called by any thread; what is wished is looked at, and done, in
-    the loop's own. `told` hears there of each refusal, a sentence."""
+    the loop's own."""
 
-    def __init__(self, room: Room, told: Callable[[str], None]) -> None:
+    def __init__(self, room: Room) -> None:
         self.room, self.guide = room, Guide(room.posture, room.cell.model)
         self.guide.let_go()
-        self._told, self._fence = told, Fence(room)
+        self._fence = Fence(room)
         self._path: Path = Steering(room.open)
         self._since, self._wishes = 0.0, queue.SimpleQueue[Wish]()
 
@@ -72,8 +72,10 @@ class Led:
         """Where they are to be at a time, s."""
         return self._path(t - self._since)
 
-    def turn(self, arm: HandState) -> None:
-        """Look at what was wished; of several places of the palm in a row only at the last."""
+    def turn(self, arm: HandState) -> list[str]:
+        """Look at what was wished, of several places of the palm in a row only at the last; what was refused, a
+        sentence each."""
+        refused: list[str] = []
         waiting: list[Wish] = []
         while not self._wishes.empty():
             wish = self._wishes.get()
@@ -84,7 +86,8 @@ class Led:
             try:
                 self._do(wish, arm)
             except CommandError as error:
-                self._told(str(error))
+                refused.append(str(error))
+        return refused
 
     def _do(self, wish: Wish, arm: HandState) -> None:
         match wish:
@@ -118,12 +121,13 @@ def follow(
     onlookers.follows(led.guide, led.fingers)
     law = law_of(room, led.guide)
     grip = PD(led, load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
-    arms: Iterator = run(room.arm, law)
+    arms: Iterator[Sample] = run(room.arm, law)
     if speed is not None:
         arms = paced(arms, speed)
     hands = onlookers.hand(run(room.hand, grip))
     for which, sample in together((onlookers.arm(arms), room.arm.period), (hands, room.hand.period)):
         if which == 0:
-            led.turn(sample.state)
+            for sentence in led.turn(sample.state):
+                onlookers.refused(sample.state.t, sentence)
             if until(sample.state.t):
                 return
