@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from allegro_twin.cli import options
+from allegro_twin.cli.leading import bridged, lead
+from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.lab.cell import Room
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from allegro_twin.lab.states import Now
     from allegro_twin.lab.watch import Lens
 
+_ROS_PICTURES = 5.0  # Hz, of what the camera sees, where nothing is said.
 _CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
 
 
@@ -40,6 +43,13 @@ def lab(
     ] = 0.0,
     view: Annotated[bool, typer.Option(help="Watch it live in Rerun's own window.")] = False,
     web: Annotated[bool, typer.Option(help="Watch it live in Rerun in the browser.")] = False,
+    ros: Annotated[bool, typer.Option("--ros", help="Put the cell on ROS 2, on this machine (docs/ros.md).")] = False,
+    namespace: Annotated[str, typer.Option(help="Of its topics, with --ros.")] = "/",
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Decide nothing: be led by --panel, or by target_frame with --ros.")
+    ] = False,
+    panel: Annotated[bool, typer.Option("--panel", help="Lead the palm by a marker in the browser.")] = False,
+    port: Annotated[int, typer.Option(help="Of that page.", callback=options.port)] = 8080,
 ) -> None:
     """An arm with a hand and a camera takes a thing off the table: every state with its time, and the verdict."""
     from allegro_twin.cli.console import console
@@ -53,13 +63,21 @@ def lab(
     first = settings.objects[0]
     placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
     settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
+    if follow and not (ros or panel):
+        raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
     room = make_room(settings)
     with ExitStack() as stack:
         stack.callback(room.close)
-        onlookers, lens = _onlookers(room, out, pictures, stack)
+        onlookers, lens = _onlookers(room, out, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
             onlookers.append(_viewer(room, stack, web=web))
-        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web)
+        bridge = bridged(room, namespace, stack) if ros else None
+        if bridge is not None:
+            onlookers.append(bridge)
+        if follow or panel:
+            lead(room, (onlookers, lens), bridge, port if panel else 0, stack)
+            return
+        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web or ros)
     for line in told(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:

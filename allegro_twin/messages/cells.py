@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from numpy.typing import NDArray
+
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.messages.vocabulary import CLOUD, JOINT_STATE, POSE, VECTOR, WRENCH, Message, Vocabulary
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, HandState, Vector
+from allegro_twin.types import HandState, Vector
 
 WORLD = "world"
 """Its origin is the middle of the table's top."""
@@ -63,7 +65,7 @@ def pose_in(message: Message, what: str) -> Pose:
     return Pose(numbers[:3], matrix_from_quaternion(numbers[3:]))
 
 
-def cloud(words: Vocabulary, stamp: int, frame: str, points: Array) -> Message:
+def cloud(words: Vocabulary, stamp: int, frame: str, points: NDArray[np.float32]) -> Message:
     """Points (rows, columns, 3), m, in a frame: x right, y down, z ahead; NaN is unknown."""
     high, wide = points.shape[:2]
     data = np.ascontiguousarray(points, dtype="<f4")

@@ -46,16 +46,20 @@ class Served(NamedTuple):
 @pytest.fixture
 def cell(namespace: str) -> Iterator[Served]:
     room, over = room_of(), threading.Event()
-    lens, led = Lens(room, 5.0), Led(room)
+    led = Led(room)
     with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
         bridge.obeyed_by(led)
-        onlookers = Onlookers(room, [bridge], lens)
-        thread = threading.Thread(target=lambda: follow(led, onlookers, lambda t: over.is_set()), daemon=True)
+
+        def live() -> None:
+            lens = Lens(room, 5.0)  # A thread's pictures are its own.
+            follow(led, Onlookers(room, [bridge], lens), lambda t: over.is_set())
+            lens.close()
+
+        thread = threading.Thread(target=live, daemon=True)
         thread.start()
         yield Served(room, bridge)
         over.set()
         thread.join(timeout=10.0)
-    lens.close()
     room.close()
 
 
@@ -86,9 +90,8 @@ def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served,
     def known(topic: str, message: Any) -> bool:
         if topic.startswith("/tf"):
             frames.update({each.child_frame_id: each for each in message.transforms})
-        return {topics.POSE, topics.WRENCH} <= {peer_topic.rsplit("/", 1)[1] and peer_topic.split("/", 2)[2]
-                                                for peer_topic, _ in peer.heard} and "target_frame" in frames and (
-            "camera_depth_optical_frame" in frames)  # fmt: skip
+        wanted = {peer.full(topics.POSE), peer.full(topics.WRENCH)} <= {name for name, _ in peer.heard}
+        return wanted and {"target_frame", "camera_depth_optical_frame", "fer_link0"} <= set(frames)
 
     peer.listen(20.0, known)
     heard = dict(peer.heard)
@@ -151,7 +154,7 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     spec, hand = cell.room.hand.spec, cell.room.cell.hand_sim
     peer.hear("/rosout", v.LOG, LOG)
     goal = cell.room.open + 0.2
-    peer.say(TRAJECTORY, trajectory(words, spec, [0.8], [goal]))
+    peer.say(TRAJECTORY, trajectory(words, spec, [0.8], goal[None]))
 
     def there() -> bool:
         return bool(np.abs(hand.data.qpos[hand._qpos] - goal).max() < 0.06)
@@ -160,9 +163,9 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
     far = goal.copy()
     far[3] = 3.0
     for message, said in (
-        (trajectory(words, spec, [1.0], [far]), "outside its limits"),
-        (trajectory(words, spec, [0.01], [cell.room.open]), "is where the guard stops: slow down"),
-        (trajectory(words, spec, [1.0], [goal[1:]], names=list(spec.joints[1:])), "lacks joint_0.0"),
+        (trajectory(words, spec, [1.0], far[None]), "outside its limits"),
+        (trajectory(words, spec, [0.01], cell.room.open[None]), "is where the guard stops: slow down"),
+        (trajectory(words, spec, [1.0], goal[None, 1:], names=list(spec.joints[1:])), "lacks joint_0.0"),
     ):
         peer.say(TRAJECTORY, message)
         found = peer.listen(10.0, lambda topic, message: message.level == 30)
