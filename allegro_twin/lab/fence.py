@@ -32,11 +32,10 @@ class Fence:
         self._room, self._bounds = room, room.settings.follow
         self._apart = Clearance(room.hand.spec)
 
-    def arm(self, palm: Pose, now: Vector, fingers: Vector) -> Pose:
-        """The flange's pose in the base for a palm's in the world, where the arm gets there on a straight line from its
-        joints `now` (n,), rad, with the hand in a posture (n,), rad, over the table."""
-        cell, model = self._room.cell, self._room.cell.model
-        goal = cell.flange_for(Target(palm).pose)
+    def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
+        """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints
+        at first at `now` (n,), rad, and the hand, in a posture (n,), rad, is over the table then."""
+        cell, palm = self._room.cell, Target(palm).pose
         low, high = np.array(self._bounds.lower), np.array(self._bounds.upper)
         if (palm.position < low).any() or (palm.position > high).any():
             raise CommandError(
@@ -44,17 +43,16 @@ class Fence:
                 "stays; ask for a place inside, or set `follow`"
             )
         self._over(palm, fingers, "target")
-        here, at = model.pose(now), now
-        way, left = goal.position - here.position, turn(here.rotation, goal.rotation)
+        way, left, at = palm.position - here.position, turn(here.rotation, palm.rotation), now
         parts = math.ceil(max(float(np.linalg.norm(way)) / _STEP, float(np.linalg.norm(left)) / _TURN, 1.0))
         for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
             pose = Pose(here.position + part * way, turned(here.rotation, part * left))
             try:
-                at = model.reach(pose, at, _NEAR)
+                at = cell.model.reach(cell.flange_for(pose), at, _NEAR)
             except ConfigError as error:
                 raise CommandError(f"target {_place(palm.position)}: the arm stays: {error}") from error
             self._joints(at, palm)
-        return goal
+        return palm
 
     def fingers(self, path: Path, seconds: float, palm: Pose) -> None:
         """Look at a path of the fingers from 0 to `seconds`, with the palm at a pose of the world."""

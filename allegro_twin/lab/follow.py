@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from allegro_twin.arm.target import Smoothing, approached
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.steering import Steering
 from allegro_twin.control.timed import Timed
@@ -59,6 +60,14 @@ class Led:
         self._fence = Fence(room)
         self._path: Path = Steering(room.open)
         self._since, self._wishes = 0.0, queue.SimpleQueue[Wish]()
+        self._goal, self._at, self._t = room.security, room.security, 0.0
+        arm = room.settings.arm
+        self._smoothing = Smoothing(arm.speed, arm.turning)
+
+    @property
+    def goal(self) -> Pose:
+        """Where the palm is to be in the end, in the world."""
+        return self._goal
 
     def wish(self, wish: Wish) -> None:
         """Soon."""
@@ -87,18 +96,21 @@ class Led:
                 self._do(wish, arm)
             except CommandError as error:
                 refused.append(str(error))
+        # The palm goes straight and turns about itself; a flange that did would swing it.
+        self._at, self._t = approached(self._at, self._goal, arm.t - self._t, self._smoothing), arm.t
+        self.guide.target.move(self.room.cell.flange_for(self._at))
         return refused
 
     def _do(self, wish: Wish, arm: HandState) -> None:
         match wish:
             case Palm(pose):
-                self.guide.target.move(self._fence.arm(pose, arm.position, self.fingers(arm.t).position))
+                self._goal = self._fence.arm(pose, self._at, arm.position, self.fingers(arm.t).position)
             case Fingers(times, postures, velocities):
                 path = self._timed(times, postures, velocities, arm.t)
                 self._fence.fingers(path, path.seconds, self.room.cell.palm(arm))
                 self._path, self._since = path, arm.t
             case Stay():
-                self.guide.target.move(self.room.cell.model.pose(arm.position))
+                self._goal = self._at = self.room.cell.palm(arm)
                 self._path, self._since = Steering(self.fingers(arm.t).position), arm.t
 
     def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> Timed:

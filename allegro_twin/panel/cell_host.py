@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.follow import Led, Palm, Stay
 from allegro_twin.lab.look import cell_look
 from allegro_twin.panel import wishes as w
@@ -27,7 +27,6 @@ class CellHost:
         self._led, self._page, self._next, self._stopped = led, pages.open(), 0.0, False
         self._send = Sender(self._page.frames)
         self._hand: Moved | None = None
-        self._on = _palm_on_flange(led)
         threading.Thread(target=self._hear, name="wishes", daemon=True).start()
 
     def begin(self) -> str:
@@ -57,7 +56,7 @@ class CellHost:
     def _frame(self, arm: Moved, hand: Moved) -> CellFrame:
         beside, look = arm.beside, hand.beside
         things = [look["object"], look["others"]] if "others" in look else [look["object"]]
-        goal = placed(_pose(beside["goal"]), self._on)
+        goal = self._led.goal
         poses = {
             "flange": beside["flange"], "tool": beside["tool"], "objects": np.concatenate(things),
             "goal": np.concatenate([goal.position, goal.quaternion]),
@@ -90,9 +89,3 @@ class CellHost:
 
 def _pose(values: Vector) -> Pose:
     return Pose(values[:3], matrix_from_quaternion(values[3:]))
-
-
-def _palm_on_flange(led: Led) -> Pose:
-    """Where the palm hangs on the flange."""
-    mount = led.room.cell.mount
-    return Pose(mount.position, matrix_from_quaternion(mount.quaternion))

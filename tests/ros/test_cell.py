@@ -57,7 +57,9 @@ def cell(namespace: str) -> Iterator[Served]:
 
         thread = threading.Thread(target=live, daemon=True)
         thread.start()
-        yield Served(room, bridge)
+        served = Served(room, bridge)
+        waited(lambda: bool(served.palm.any()), "the cell did not begin", 30.0)
+        yield served
         over.set()
         thread.join(timeout=10.0)
     room.close()
