@@ -28,7 +28,7 @@ class CellBoard:
         self._frame: CellFrame | None = None
         self._stage: CellStage | None = None
         self._tabs: dict[int, CellTab] = {}
-        self._changing, self._count = threading.RLock(), 0
+        self._changing, self._count, self._quiet = threading.RLock(), 0, False
         server.on_client_connect(self._come)
         server.on_client_disconnect(self._go)
 
@@ -60,6 +60,8 @@ class CellBoard:
         with self._changing:
             if self._stage is None or not isinstance(frame, CellFrame):
                 return
+            if self._quiet:
+                self._quiet, self.notice = False, Notice("")
             self._frame = frame
             self._stage.show(frame)
             self._count += 1
@@ -70,7 +72,7 @@ class CellBoard:
     def silence(self) -> None:
         """No moment came for a second."""
         with self._changing:
-            self.notice = Notice("No news from the cell for a second", bad=True)
+            self._quiet, self.notice = True, Notice("No news from the cell for a second", bad=True)
             for tab in self._tabs.values():
                 tab.refresh(self._frame)
 
