@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.follow import Fingers, Led, Palm, Stay, Wish, follow
@@ -64,6 +65,17 @@ def test_the_palm_goes_where_it_is_led_in_a_bounded_step(room: Room) -> None:
     np.testing.assert_allclose(seen.tool[-1][:3], [-0.12, 0.1, 0.36], atol=5e-3)
     steps = np.linalg.norm(np.diff([tool[:3] for tool in seen.tool], axis=0), axis=1)
     assert steps.max() < 1.3 * room.settings.arm.speed * room.settings.arm.period
+
+
+def test_a_palm_that_is_only_turned_turns_about_itself(room: Room) -> None:
+    here = room.security
+    wish = Palm(Pose(here.position, turned(here.rotation, np.array([0.0, 0.9, 0.0]))))
+    seen = led(room, {0.1: wish}, 2.5)
+    assert seen.said == []
+    away = np.linalg.norm([tool[:3] - here.position for tool in seen.tool], axis=1)
+    assert away.max() < 0.03
+    turns = [abs(float(tool[3:] @ seen.tool[0][3:])) for tool in seen.tool]
+    assert 2.0 * np.arccos(min(turns[-1], 1.0)) == pytest.approx(0.9, abs=0.1)
 
 
 @pytest.mark.parametrize(
