@@ -59,8 +59,12 @@ def palm(page: Any) -> Vector:
     return np.array([float(part) for part in found.groups()])
 
 
+def number_box(page: Any, axis: int) -> Any:
+    return page.locator("xpath=//*[text()='Palm to (m)']/ancestor::*[.//input][1]//input").nth(axis)
+
+
 def typed(page: Any, axis: int, value: float) -> None:
-    box = page.locator("input:visible").nth(axis)
+    box = number_box(page, axis)
     box.fill(str(value))
     box.press("Enter")
 
@@ -116,7 +120,7 @@ def test_the_marker_that_is_dragged_leads_the_palm(page: Any) -> None:
 def test_a_stop_keeps_the_arm_until_it_is_released(page: Any) -> None:
     page.locator("#stop").evaluate("button => button.click()")
     sees(page, "STOPPED: arm and fingers stay")
-    assert page.locator("input:visible").nth(1).is_disabled()
+    assert number_box(page, 1).is_disabled()
     press(page, "Release the stop")
     sees(page, "Palm at")
     typed(page, 1, -0.1)
