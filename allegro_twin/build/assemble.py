@@ -89,7 +89,8 @@ def _recording(config: RunConfig, settings: ReplaySettings) -> Recording:
     if is_bag(settings.file):
         spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
         return from_bag(settings.file, spec, config.period)
-    return load(find(settings.file, "recording", "out", ".arrow"), partial=settings.partial)
+    path = find(settings.file, "recording", "out", ".arrow")
+    return load(path, partial=settings.partial, track=settings.track)
 
 
 def _replayed(config: RunConfig, settings: ReplaySettings) -> Rig:

@@ -64,6 +64,7 @@ def export(
         str | None, typer.Option(help="Of the hand in a bus log or a bag.", autocompletion=complete.configs)
     ] = None,
     bus: Annotated[str | None, typer.Option(help="Which bus of a log that holds several.")] = None,
+    track: Annotated[str | None, typer.Option(help="Of a lab run's recording: hand or arm.")] = None,
 ) -> None:
     """Convert recordings for other programs: files, data sets of demonstrations; and data sets and bus logs into
     recordings."""
@@ -78,6 +79,7 @@ def export(
         ("--config", config, log or bag, "a bus log or a bag"),
         ("--bus", bus, log, "a bus log"),
         ("--episode", episode, back, "a data set"),
+        ("--track", track, not (log or back or bag or kind), "a lab run's recording"),
         ("--partial", partial or None, not (log or back or bag), "a recording"),
     ):
         if value is not None and not read:
@@ -95,5 +97,5 @@ def export(
         if notes:
             console.errors.print(f"[yellow]{notes}[/]", soft_wrap=True)
     else:
-        rows = convert(first, target, partial=partial)
+        rows = convert(first, target, partial=partial, track=track)
     console.console.print(f"{target}: {rows} rows")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,23 +24,34 @@ def register(app: typer.Typer) -> None:
 
 
 def view(
-    recording: Annotated[Path, typer.Argument(help="A .arrow recording.")],
+    recording: Annotated[Path, typer.Argument(help="A .arrow recording, or a lab run's folder.")],
     web: Annotated[bool, typer.Option(help="In the browser instead of Rerun's own window.")] = False,
     port: Annotated[int, typer.Option(help="Of the page in the browser.", callback=options.port)] = 9090,
     camera: Camera = "side",
     partial: Annotated[bool, typer.Option(help="Show what is readable of a recording that was cut short.")] = False,
 ) -> None:
     """Look at a recording in Rerun."""
-    from allegro_twin.cli import console
+    from allegro_twin.cli import cells, console
     from allegro_twin.cli.runs import show
     from allegro_twin.look import views
 
+    cell = cells.recording_in(recording)
+    if cell is not None:
+        _seen(*cells.show(cell, web=web, port=port, partial=partial))
+        return
     with console.progress() as bar:
         task = bar.add_task("reading", total=None)
         viewer, url = show(
             recording, web=web, port=port, partial=partial, camera=views.checked(camera),
             total=lambda n: bar.update(task, total=n), advance=lambda: bar.advance(task),
         )  # fmt: skip
+    _seen(viewer, url)
+
+
+def _seen(viewer: Any, url: str) -> None:
+    """Until somebody has seen it."""
+    from allegro_twin.cli import console
+
     if url:
         console.console.print(f"Open {url} (Ctrl-C ends it)", soft_wrap=True)
         _wait()

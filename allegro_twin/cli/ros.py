@@ -43,7 +43,7 @@ def ros2(
     """A hand on ROS 2, without ROS installed: joint_states, tf, joint_cmd, lib_cmd, trajectories; Ctrl-C ends it."""
     from allegro_twin.cli import console
 
-    number = _domain() if domain is None else domain
+    number = domain_of() if domain is None else domain
     with _opened(config, other) as hand:
         from allegro_twin.ros import open_bridge
 
@@ -90,7 +90,7 @@ def _told(line: str) -> None:
     console.errors.print(f"[yellow]{escape(line)}[/]", soft_wrap=True)
 
 
-def _domain() -> int:
+def domain_of() -> int:
     """As ROS has it. Raises ConfigError."""
     text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
     if not text.isdecimal():

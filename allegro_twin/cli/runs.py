@@ -119,14 +119,18 @@ def show(
     return viewer, url
 
 
-def convert(path: Path, target: Path, *, partial: bool) -> int:
+def convert(path: Path, target: Path, *, partial: bool, track: str | None = None) -> int:
     """Write a recording in the format that the target's suffix names; the number of rows."""
+    from allegro_twin.cli import cells
     from allegro_twin.replay.recording import load
 
     writers: dict[str, Callable[[Any, Path], None]] = {".parquet": _parquet, ".csv": _csv, ".rrd": _rrd, ".mcap": _mcap}
     if target.suffix not in writers:
         raise ConfigError(unknown("export format", target.suffix, writers))
-    recording = load(path, partial=partial)
+    cell = cells.recording_in(path)
+    if cell is not None and track is None and target.suffix == ".rrd":
+        return cells.to_rrd(cell, target, partial=partial)
+    recording = load(cell or path, partial=partial, track=track)
     writers[target.suffix](recording, target)
     return len(recording)
 

@@ -140,3 +140,5 @@ class ReplaySettings(Settings):
     """A .arrow recording, or a bag: .mcap, .bag, or a folder of rosbag2."""
     partial: bool = False
     """Use the readable rows of a recording that was cut short."""
+    track: str | None = None
+    """Of a recording of a whole cell: `hand` or `arm`."""

@@ -13,7 +13,7 @@ from allegro_twin.errors import HandFault, LinkError
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked
 from allegro_twin.lab.grip import Wish, fingers
-from allegro_twin.lab.law import Guided
+from allegro_twin.lab.law import Guide, Guided
 from allegro_twin.lab.settings import LabSettings
 from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
 from allegro_twin.lab.work import Work
@@ -51,14 +51,21 @@ class Report:
 
 
 def perform(
-    room: Room, *, arm: Stage = iter, hand: Stage = iter, entered: Callable[[Now], None] = lambda now: None
+    room: Room,
+    *,
+    arm: Stage = iter,
+    hand: Stage = iter,
+    entered: Callable[[Now], None] = lambda now: None,
+    prepared: Callable[[Work], None] = lambda work: None,
 ) -> Report:
-    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states.
+    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
+    `prepared` of the run's memory before anything moves.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
     """
     work, seen, now = Work(room), _Story(room), begun(0.0)
-    law = _law(room, work)
+    prepared(work)
+    law = law_of(room, work.guide)
     grip = fingers(Wish(work.fingers), room.settings.hand.gains, room.hand.spec, room.model)
     arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
     rules, clock = rules_of(room.settings), _Clock(room.settings)
@@ -146,11 +153,12 @@ class _Story:
         return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
 
 
-def _law(room: Room, work: Work) -> Guided:
+def law_of(room: Room, guide: Guide) -> Guided:
+    """The arm's controller. Raises ConfigError for a spring that friction holds."""
     arm = room.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
     stuck(room.cell.model, room.posture, stiffness, _SLACK)
-    return Guided(room.cell.model, work.guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
+    return Guided(room.cell.model, guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
 
 
 def _who(error: Exception, room: Room) -> str:

@@ -127,6 +127,16 @@ class CellCameraSettings(CameraSettings):
     """Where it stands; `wrist` is where the hand's mount has a place for one."""
 
 
+class FollowSettings(Settings):
+    """What a cell that is led from outside may be asked for."""
+
+    lower: Vector3 = (-0.35, -0.4, 0.03)
+    """Where the palm may be: a box along the world's axes, m."""
+    upper: Vector3 = (0.3, 0.4, 0.6)
+    clearance: NotNegative = 0.015
+    """Palm, links and fingertips stay this far above the table, m."""
+
+
 class LabSettings(Settings):
     """The whole cell."""
 
@@ -143,6 +153,7 @@ class LabSettings(Settings):
     timeouts: TimeoutSettings = TimeoutSettings()
     decide: DecideSettings = DecideSettings()
     validation: ValidateSettings = ValidateSettings()
+    follow: FollowSettings = FollowSettings()
     seed: int = 0
     """Of the camera's and the force sensor's noise."""
 

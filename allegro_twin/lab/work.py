@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found
-from allegro_twin.perception.verdict import stale
+from allegro_twin.perception.verdict import Refused, stale
 from allegro_twin.types import HandState, Vector
 
 _OPENING = 2.0  # rad/s, of the fingers in the air.
@@ -45,6 +46,8 @@ class Work:
         self.seen_at = 0.0
         """When the picture was taken, s."""
         self.checked: Checked | None = None
+        self.looked: Callable[[Frame, Found | Refused], None] = lambda frame, seen: None
+        """Hears what perception says of every picture."""
         self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[Frame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: End | None = None
@@ -182,6 +185,7 @@ class Work:
         if room.itself is not None:
             cloud = room.itself.cut_out(cloud, posture, room.open if self._hand is None else self._hand.position)
         seen = room.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
+        self.looked(frame, seen)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return

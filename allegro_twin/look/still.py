@@ -23,10 +23,10 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for body in scene.bodies:
         path = f"world/palm/{body.name}" if body.parent >= 0 else "world/palm"
-        _shapes(stream, f"{path}/look", body.shapes)
+        draw_shapes(stream, f"{path}/look", body.shapes)
     for name, shapes in scene.objects.items():
-        _shapes(stream, f"world/objects/{name}/look", shapes)
-    _shapes(stream, "world/fixed", scene.fixed)
+        draw_shapes(stream, f"world/objects/{name}/look", shapes)
+    draw_shapes(stream, "world/fixed", scene.fixed)
     for finger in spec.fingers:
         _series(stream, spec, finger, scene)
     parts = [finger.name for finger in spec.fingers] + ["palm"]
@@ -44,7 +44,7 @@ def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:
     """The links of the hand that is only wanted."""
     for body in scene.bodies:
         if body.parent >= 0:
-            _shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
+            draw_shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
 
 
 def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:
@@ -65,7 +65,8 @@ def _states(stream: rr.RecordingStream, path: str, times: list[float], names: li
     stream.send_columns(path, indexes=[rr.TimeColumn("time", duration=times)], columns=columns)
 
 
-def _shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, ghost: bool = False) -> None:
+def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, ghost: bool = False) -> None:
+    """One mesh of all of them, at rest in the frame of its path."""
     if not shapes:
         return
     whole = joined([surface(shape) for shape in shapes])

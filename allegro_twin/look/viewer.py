@@ -7,9 +7,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.whole import whole_file
-from allegro_twin.look import server
+from allegro_twin.look.canvas import TOGETHER, Canvas
 from allegro_twin.look.layout import layout
 from allegro_twin.look.rows import Row, Rows
 from allegro_twin.look.scenery import Scenery, scenery
@@ -21,10 +20,9 @@ from allegro_twin.types import Array, Sample
 Look = Callable[[], Mapping[str, Array]]
 """What is known beside the hand's state: `target` (n,), `palm`, `object` (7,), `contact_force` (p,), `contact_point`,
 `contact_vector` (3 p,)."""
-_LIVE = 0.1  # s of the hand's clock that are sent together to somebody who watches.
 
 
-class Viewer:
+class Viewer(Canvas):
     """Draws samples into a Rerun recording. One of `spawn`, `serve`, `to_file` says where it goes."""
 
     def __init__(
@@ -36,33 +34,11 @@ class Viewer:
         live: bool = False,
         view: str = DEFAULT,
     ) -> None:
+        super().__init__()
         self._spec, self._interval, self._next = spec, 1.0 / rate, 0.0
         self._scene, self._view = scene or scenery(spec, {}), view
-        self._stream = rr.RecordingStream("allegro_twin")
         self._rows = Rows(self._stream, spec, self._scene)
-        self._together = _LIVE if live else float("inf")
-        self._server: server.Server | None = None
-
-    def spawn(self) -> Viewer:
-        """Open the native viewer. Raises ConfigError where there is no screen for it."""
-        self._server = server.window()
-        return self._connected()
-
-    def serve(self, *, open_browser: bool = True, web_port: int = 9090) -> str:
-        """Serve a page to this machine's browser; its address. Raises ConfigError when the port is taken."""
-        self._server, address = server.page(web_port)
-        self._connected()
-        if open_browser:
-            server.browse(address)
-        return address
-
-    def to_file(self, path: Path) -> Viewer:
-        """Write a file that `rerun` and https://app.rerun.io open. Raises ConfigError where it cannot be made."""
-        try:
-            self._stream.save(str(path), default_blueprint=self._layout())
-        except (OSError, RuntimeError) as error:
-            raise ConfigError(f"cannot write {path}: {error}") from error
-        return self._begun()
+        self._together = TOGETHER if live else float("inf")
 
     def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
         """Draw a sample, unless the last one drawn is nearer than the frame rate."""
@@ -85,30 +61,11 @@ class Viewer:
         self._rows.send()
         draw_verdict(self._stream, self._scene, held, words)
 
-    def flush(self) -> None:
-        """Wait until everything drawn has left this process."""
-        self._rows.send()
-        self._stream.flush()
-
-    def close(self) -> None:
-        """Let go of the viewer or the file. Raises RecordingError when the disk did not take all that was drawn."""
-        try:
-            self.flush()
-        except RuntimeError as error:
-            raise RecordingError(f"cannot write the Rerun recording: {error}; is the disk full?") from error
-        finally:
-            self._stream.disconnect()
-            if self._server is not None:
-                self._server.close()
-
-    def _connected(self) -> Viewer:
-        assert self._server is not None
-        self._stream.connect_grpc(self._server.url, default_blueprint=self._layout())
-        return self._begun()
-
-    def _begun(self) -> Viewer:
+    def _begin(self) -> None:
         draw_still(self._stream, self._spec, self._scene)
-        return self
+
+    def _send(self) -> None:
+        self._rows.send()
 
     def _layout(self) -> rr.blueprint.Blueprint:
         return layout(self._spec, self._scene, self._view)

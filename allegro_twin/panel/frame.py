@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from allegro_twin.look.scenery import Scenery
+from allegro_twin.panel.cell import CellFrame
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -103,18 +104,18 @@ class Sender:
         pipe.setblocking(False)
         self._pipe = pipe
 
-    def __call__(self, frame: Frame) -> None:
+    def __call__(self, frame: Frame | CellFrame) -> None:
         try:
             self._pipe.send(pickle.dumps(frame, pickle.HIGHEST_PROTOCOL))
         except OSError:
             pass  # The page is slow or gone; that is for whoever looks after it, not for the loop.
 
 
-def received(pipe: socket.socket) -> Frame | None:
+def received(pipe: socket.socket) -> Frame | CellFrame | None:
     """The next frame, from this program's own other process; None when it has ended."""
     content = pipe.recv(_LARGEST)
     if not content:
         return None
     frame = pickle.loads(content)
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, Frame | CellFrame)
     return frame

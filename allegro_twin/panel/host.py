@@ -12,6 +12,7 @@ from typing import Literal
 from allegro_twin.config import RunConfig
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.panel import wishes as w
+from allegro_twin.panel.cell import Place
 from allegro_twin.panel.described import described, scene_of, shelf
 from allegro_twin.panel.doing import Doing
 from allegro_twin.panel.frame import Ended, Notice, Sender
@@ -82,7 +83,8 @@ class Host:
     def _hear(self, page: Page) -> None:
         """In a thread of its own: a stop does not wait for a wish that is being planned."""
         for wish in page.wishes():
-            self._take(wish)
+            if not isinstance(wish, Place):  # That is of a cell.
+                self._take(wish)
         self._take(w.Gone())
 
     def _take(self, wish: w.Wish) -> None:

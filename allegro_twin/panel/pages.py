@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.panel.cell import CellOpened, Place
 from allegro_twin.panel.frame import News
 from allegro_twin.panel.wishes import Wish
 
@@ -34,6 +35,8 @@ class Setup:
     """By which a browser may have found it; empty: by any, for there is a token."""
     gone: str
     """What happens to the hand when nobody drives, for the page to say."""
+    cell: bool = False
+    """The page is of a whole cell."""
 
 
 class Page:
@@ -61,7 +64,7 @@ class Page:
             raise ConfigError("the panel's page did not start; what it said stands above")
         return self._url
 
-    def wishes(self) -> Iterator[Wish]:
+    def wishes(self) -> Iterator[Wish | Place]:
         """All that comes, until the page has died."""
         try:
             while True:
@@ -74,7 +77,7 @@ class Page:
             self.alive = False
             self._ready.set()
 
-    def tell(self, news: News) -> None:
+    def tell(self, news: News | CellOpened) -> None:
         """What a page that has died is not told, the next one is."""
         with self._telling, suppress(OSError):
             self._news.send(news)
@@ -91,7 +94,7 @@ class Page:
 class Pages:
     """Where pages are served. Raises ConfigError for a port that is taken, and where viser is not installed."""
 
-    def __init__(self, host: str, port: int, gone: str, token: str | None = None) -> None:
+    def __init__(self, host: str, port: int, gone: str, token: str | None = None, *, cell: bool = False) -> None:
         if importlib.util.find_spec("viser") is None:
             raise ConfigError("the panel needs viser: pip install 'allegro-twin[panel]'")
         self._listening = _listening(host, port)
@@ -101,7 +104,7 @@ class Pages:
         if not here:
             token = token or secrets.token_urlsafe(24)
         names = ("localhost", "127.0.0.1", "::1", host) if here else ()
-        self._setup = Setup(token, names, gone)
+        self._setup = Setup(token, names, gone, cell)
         name = f"[{host}]" if ":" in host else host
         self._url = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 

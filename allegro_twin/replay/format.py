@@ -2,3 +2,6 @@
 
 FORMAT = "allegro_twin.recording"
 VERSION = 1
+"""Of one device."""
+SHARED = 2
+"""Of several tracks, each of which has what a file of one device has."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -15,6 +14,7 @@ import pyarrow as pa
 from allegro_twin.errors import RecordingError
 from allegro_twin.replay.format import FORMAT, VERSION
 from allegro_twin.replay.identity import spec_to_json
+from allegro_twin.replay.sink import END, FileSink, Sink
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCommand
 
@@ -26,30 +26,26 @@ UNITS = {
 }  # fmt: skip
 _VECTORS = ("position", "velocity", "torque", "temperature", "gravity")
 Extras = Callable[[], Mapping[str, Array]]
-_END = bytes.fromhex("ffffffff00000000")
-"""Of a stream: Arrow's columnar format, "IPC Streaming Format"."""
-_log = logging.getLogger(__name__)
 
 
 class _Done(NamedTuple):
     """What is in the file for good."""
 
     rows: int
-    size: int
-    """Bytes."""
+    messages: int
 
 
 class Recorder:
-    """Writes samples to a file, a batch at a time. `extras` adds columns of one axis each, by name.
-
-    A signal may interrupt any line of it: every batch has its place in the file, so that one that was begun is written
-    again, and what counts as written changes in one step.
+    """Writes samples to a file, or to a track of one, a batch at a time. `extras` adds columns of one axis each, by
+    name. A signal may interrupt any line of it (`replay.sink`).
 
     Raises RecordingError when the file cannot be made or the disk is full; what was written stays readable.
     """
 
-    def __init__(self, path: Path, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None) -> None:
-        self._path, self._rows, self._done = path, 0, _Done(0, 0)
+    def __init__(
+        self, place: Path | Sink, spec: HandSpec, period: float, meta: Mapping[str, Any] | None = None
+    ) -> None:
+        self._rows, self._done, self._ended = 0, _Done(0, 0), False
         self._meta = {
             "format": FORMAT,
             "version": VERSION,
@@ -60,11 +56,7 @@ class Recorder:
         pa.array(np.zeros(1))  # Its first call imports a part of NumPy: not in the middle of a motion.
         self._buffers: dict[str, Array] = {}
         self._schema: pa.Schema | None = None
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("wb", buffering=0)
-        except OSError as error:
-            raise RecordingError(f"cannot record to {path}: {error.strerror or error}") from error
+        self._sink = FileSink(place) if isinstance(place, Path) else place
 
     def add(self, sample: Sample, extras: Mapping[str, Array] | None = None) -> None:
         """One row. The first one fixes the columns."""
@@ -93,15 +85,13 @@ class Recorder:
 
     def close(self) -> None:
         """Write what is left and the end of the stream. Raises RecordingError when the disk is full."""
-        if self._file.closed:
+        if self._ended:
             return
         self._flush()
         if self._schema is not None:
-            self._write(_END)
-        try:
-            self._file.close()
-        except OSError as error:
-            raise self._failed(error) from error
+            self._put(END)
+        self._ended = True
+        self._sink.close()
 
     def _begin(self, sample: Sample, extra: Mapping[str, Array]) -> None:
         fields = [pa.field("t", pa.float64()), pa.field("tick", pa.int64())]
@@ -114,9 +104,8 @@ class Recorder:
             self._buffers[name] = np.empty((BATCH, len(value)))
         fields = [field.with_metadata({"unit": UNITS.get(field.name, "")}) for field in fields]
         schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(self._meta)})
-        head = schema.serialize()
-        self._write(head)
-        self._done = _Done(0, head.size)
+        self._put(schema.serialize())
+        self._done = _Done(0, 1)
         self._schema = schema
 
     def _flush(self) -> None:
@@ -128,26 +117,16 @@ class Recorder:
             rows = buffer[:count]
             flat = pa.array(rows.reshape(-1))
             columns.append(flat if rows.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, rows.shape[1]))
-        message = pa.record_batch(columns, schema=self._schema).serialize()
-        self._write(message)
-        self._done = _Done(self._rows, self._done.size + message.size)
+        self._put(pa.record_batch(columns, schema=self._schema).serialize())
+        self._done = _Done(self._rows, self._done.messages + 1)
 
-    def _write(self, message: Any) -> None:
+    def _put(self, message: Any) -> None:
         """After what is done, wherever an earlier attempt ended."""
-        rest = memoryview(message)
         try:
-            self._file.seek(self._done.size)
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except OSError as error:
-            raise self._failed(error) from error
-
-    def _failed(self, error: OSError) -> RecordingError:
-        self._schema, self._done = None, self._done._replace(rows=self._rows)
-        _quietly_close(self._file)
-        return RecordingError(
-            f"cannot go on recording to {self._path}: {error.strerror or error}; what was written is readable"
-        )
+            self._sink.put(self._done.messages + 1, message)
+        except RecordingError:
+            self._schema, self._done, self._ended = None, self._done._replace(rows=self._rows), True
+            raise
 
 
 def columns_of(command: Command) -> dict[str, Array]:
@@ -177,7 +156,7 @@ def command_in(columns: Mapping[str, Array], row: int) -> Command:
 
 def recorded(
     samples: Iterable[Sample],
-    path: Path,
+    place: Path | Sink,
     spec: HandSpec,
     period: float,
     *,
@@ -185,7 +164,7 @@ def recorded(
     extras: Extras | None = None,
 ) -> Iterator[Sample]:
     """A stage that writes every sample before it passes it on."""
-    recorder = Recorder(path, spec, period, meta)
+    recorder = Recorder(place, spec, period, meta)
     try:
         with closing(recorder):
             for sample in samples:
@@ -193,10 +172,3 @@ def recorded(
                 yield sample
     finally:
         recorder.close()  # For a signal may have interrupted the first one.
-
-
-def _quietly_close(file: Any) -> None:
-    try:
-        file.close()
-    except OSError:
-        _log.debug("close failed after an error that was already reported")

@@ -1,19 +1,19 @@
-"""Reading a recording: every whole row, and one clear error for whatever is wrong with the file."""
+"""Reading a recording: of one device, or of a cell with all of its tracks."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
-import numpy as np
-import pyarrow as pa
+import pyarrow.compute as pc
 
-from allegro_twin.errors import RecordingError
-from allegro_twin.replay.format import FORMAT, VERSION
+from allegro_twin.errors import RecordingError, unknown
+from allegro_twin.replay.batches import Stream, numpy_of, stream_in, stream_of
+from allegro_twin.replay.format import SHARED
 from allegro_twin.replay.identity import spec_from_json
+from allegro_twin.replay.journal import Kind, event_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -41,85 +41,96 @@ class Recording:
         return spec_from_json(self.meta["hand"])
 
 
-def load(path: Path, *, partial: bool = False) -> Recording:
-    """Read a recording. Raises RecordingError for a file that is none, or, unless `partial`, for one that was cut in
-    the middle of a batch; the error says how many rows can be read."""
-    table, cut = _batches(path)
-    meta = _meta(path, table.schema)
-    if cut and not partial:
-        raise RecordingError(
-            f"{path} is cut short after {table.num_rows} whole rows; set `partial: true` or pass --partial to use them"
-        )
-    if table.num_rows == 0:
-        raise RecordingError(f"{path} has no rows: nothing was recorded before the process ended")
-    columns = {name: _numpy(table.column(name)) for name in table.column_names}
-    return Recording(path, meta, columns, complete=not cut and _ended(path))
+class Track(NamedTuple):
+    """One of several in a file."""
+
+    content: bytes
+    journal: bool
+    """Of events; otherwise of a device's samples."""
+    rows: int
 
 
-def _batches(path: Path) -> tuple[pa.Table, bool]:
-    """Every whole batch, and whether the file ends inside one."""
-    if path.is_dir():
-        raise RecordingError(f"cannot read {path}: it is a folder; a recording is a .arrow file")
-    try:
-        with pa.memory_map(str(path)) as source:
-            try:
-                reader = pa.ipc.open_stream(source)
-            except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
-                raise RecordingError(
-                    f"{path} is not a recording: expected an Arrow IPC stream written by allegro-twin, {_found(path)}"
-                ) from error
-            batches, cut = [], False
-            try:
-                for batch in reader:
-                    batches.append(batch)  # noqa: PERF402 - what was read before an error must be kept.
-            except (pa.ArrowInvalid, OSError):
-                cut = True
-            return pa.Table.from_batches(batches, reader.schema), cut
-    except FileNotFoundError as error:
-        raise RecordingError(f"no recording at {path}") from error
-    except RecordingError:
-        raise
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """A recording of a cell: devices, and journals of what happened."""
+
+    path: Path
+    meta: Mapping[str, Any]
+    tracks: Mapping[str, Track]
+    complete: bool
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """Tracks that `device` has; of what was killed before its first batch there is none."""
+        return tuple(name for name, track in self.tracks.items() if not track.journal and track.rows)
+
+    def device(self, name: str) -> Recording:
+        """A device's samples, as a recording of its own. Raises RecordingError."""
+        if name not in self.devices:
+            raise RecordingError(f"{self.path}: {unknown('track of a device', name, self.devices)}")
+        return _recording(self.path, self._stream(name), self.complete, f"{self.path}, track {name},")
+
+    def events(self, name: str) -> list[dict[str, Any]]:
+        """Those of a journal, oldest first; none where the file has no such journal. Raises RecordingError."""
+        if name not in self.tracks:
+            return []
+        stream = self._stream(name)
+        fields = cast(Mapping[str, Kind], stream.meta["fields"])
+        return [event_of(row, fields) for row in stream.table.to_pylist()]
+
+    def _stream(self, name: str) -> Stream:
+        return stream_of(self.tracks[name].content, f"{self.path}, track {name},")
 
 
-def _meta(path: Path, schema: pa.Schema) -> dict[str, Any]:
-    text = (schema.metadata or {}).get(b"allegro_twin")
-    meta = json.loads(text) if text else {}
-    if meta.get("format") != FORMAT:
-        raise RecordingError(f"{path} is an Arrow stream of something else: its schema has no {FORMAT!r} metadata")
-    if meta["version"] > VERSION:
-        raise RecordingError(
-            f"{path} has format version {meta['version']}; this program reads up to {VERSION}: upgrade it"
-        )
-    return dict(meta)
+def load(path: Path, *, partial: bool = False, track: str | None = None) -> Recording:
+    """Read a recording, or a track of one that has several. Raises RecordingError for a file that is none, or, unless
+    `partial`, for one that was cut in the middle of a batch; the error says how many rows can be read."""
+    stream = stream_in(path)
+    if stream.meta["version"] == SHARED:
+        found = _tracks(path, stream, partial=partial)
+        if track is None:
+            raise RecordingError(f"{path} is of a whole cell: say which track of it, {' or '.join(found.devices)}")
+        return found.device(track)
+    if track is not None:
+        raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
+    if stream.cut and not partial:
+        raise _short(path, stream, "whole rows")
+    return _recording(path, stream, stream.ended, str(path))
 
 
-def _found(path: Path) -> str:
-    with path.open("rb") as file:
-        head = file.read(8)
-    for magic, name in (
-        (b"PAR1", "a Parquet file"),
-        (b"ARROW1", "an Arrow file, not a stream"),
-        (b"RRF2", "a Rerun file"),
-    ):
-        if head.startswith(magic):
-            return f"found {name}"
-    return "found an empty file" if not head else f"found bytes {head.hex(' ')}"
+def load_tracks(path: Path, *, partial: bool = False) -> Tracks:
+    """Read a recording of a cell. Raises RecordingError, as `load`."""
+    stream = stream_in(path)
+    if stream.meta["version"] != SHARED:
+        raise RecordingError(f"{path} is of one device, not of a cell")
+    return _tracks(path, stream, partial=partial)
 
 
-def _ended(path: Path) -> bool:
-    """Whether the end-of-stream marker of Arrow IPC is there: a continuation and a length of zero."""
-    with path.open("rb") as file:
-        file.seek(-8, 2)
-        return file.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
+def is_shared(path: Path) -> bool:
+    """Whether a file is of a cell. Raises RecordingError for one that is no recording."""
+    return bool(stream_in(path).meta["version"] == SHARED)
 
 
-def _numpy(column: pa.ChunkedArray) -> Array:
-    if pa.types.is_fixed_size_list(column.type):
-        flat = np.concatenate([chunk.flatten().to_numpy() for chunk in column.chunks])
-        values = flat.reshape(-1, column.type.list_size)
-    else:
-        values = column.to_numpy()
-    values.setflags(write=False)
-    return values
+def _tracks(path: Path, stream: Stream, *, partial: bool) -> Tracks:
+    if stream.cut and not partial:
+        raise _short(path, stream, "whole batches")
+    found: dict[str, Track] = {}
+    for name in pc.unique(stream.table.column("track")).to_pylist():
+        rows = stream.table.filter(pc.equal(stream.table.column("track"), name))
+        content = b"".join(rows.column("data").to_pylist())
+        inner = stream_of(content, f"{path}, track {name},")
+        found[name] = Track(content, "fields" in inner.meta, inner.table.num_rows)
+    return Tracks(path, stream.meta, found, stream.ended)
+
+
+def _recording(path: Path, stream: Stream, complete: bool, name: str) -> Recording:
+    if stream.table.num_rows == 0:
+        raise RecordingError(f"{name} has no rows: nothing was recorded before the process ended")
+    columns = {each: numpy_of(stream.table.column(each)) for each in stream.table.column_names}
+    return Recording(path, stream.meta, columns, complete=complete)
+
+
+def _short(path: Path, stream: Stream, what: str) -> RecordingError:
+    return RecordingError(
+        f"{path} is cut short after {stream.table.num_rows} {what}; set `partial: true` or pass --partial to use them"
+    )

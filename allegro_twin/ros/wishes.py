@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 from uuid import UUID
@@ -15,6 +14,7 @@ from allegro_twin.hand.outside import Outside
 from allegro_twin.library.named import grasp_names, posture_names
 from allegro_twin.messages import vocabulary as v
 from allegro_twin.messages.states import in_order, row
+from allegro_twin.ros.timing import timing
 from allegro_twin.ros.topics import TRAJECTORY
 from allegro_twin.types import Vector
 
@@ -23,8 +23,6 @@ GRASPS = {"pinch_it": "pinch_index", "pinch_mt": "pinch_middle"}
 OFF = "off"
 WORDS = (OFF, "gravcomp", "save", "pdControl")
 """The manufacturer's that are neither a posture nor a grasp."""
-LATE, SOON = 0.5, 60.0
-"""s. A trajectory whose beginning is further in the past, or in the future, is refused: clocks differ."""
 
 
 class Wishes:
@@ -99,26 +97,9 @@ class Wishes:
         return 0.0
 
     def _trajectory(self, message: Any, sender: UUID) -> float:
-        what, spec, points = "joint_trajectory", self._hand.spec, message.points
-        if not points:  # As joint_trajectory_controller takes it: cancel.
+        spec = self._hand.spec
+        if not message.points:  # As joint_trajectory_controller takes it: cancel.
             self._hand.stop()
             return 0.0
-        order = in_order(spec, message.joint_names or ["(none)"], what)
-        late = self._wait(v.nanoseconds(message.header.stamp))
-        times = np.array([v.nanoseconds(point.time_from_start) / 1e9 for point in points])
-        postures = np.array([row(spec, point.positions, order, f"{what} positions") for point in points])
-        with_speed = [len(point.velocities) > 0 for point in points]
-        rates = None
-        if all(with_speed):
-            rates = np.array([row(spec, point.velocities, order, f"{what} velocities") for point in points])
-        elif any(with_speed):
-            raise ConfigError(f"{what}: either all of its points have velocities, or none")
+        times, postures, rates, late = timing(message, spec, self._clock)
         return self._outside.follow(times, postures, rates, late=late)
-
-    def _wait(self, stamp: int) -> float:
-        """s until a trajectory begins; a stamp of zero is now."""
-        late = (stamp - self._clock()) / 1e9 if stamp else 0.0
-        if not -LATE <= late <= SOON:
-            when = f"{abs(late):.1f} s {'ago' if late < 0 else 'from now'}"
-            raise ConfigError(f"joint_trajectory: it begins {when} by its stamp; set the clocks, or leave the stamp 0")
-        return max(late, 0.0) if math.isfinite(late) else 0.0

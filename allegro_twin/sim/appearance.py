@@ -66,6 +66,11 @@ def hand_bodies(spec: HandSpec) -> tuple[Body, ...]:
     return tuple(bodies)
 
 
+def shapes_on(model: mujoco.MjModel, body: str) -> tuple[Shape, ...]:
+    """What is seen of one body of a scene, in its frame."""
+    return _shapes(model, model.body(body).id)
+
+
 def _stands_on(model: mujoco.MjModel, body: int, root: int) -> bool:
     while body:
         body = int(model.body_parentid[body])

@@ -10,9 +10,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Settings, parse
 from allegro_twin.gym.settings import EnvSettings
-    if name == ALONE:
-        raise ConfigError(alone())
-from allegro_twin.gym.tasks import TASKS
+from allegro_twin.gym.tasks import ALONE, TASKS, alone
 from allegro_twin.library.entries import HAND
 
 Count = Annotated[int, Field(ge=1)]

@@ -50,7 +50,8 @@ class FakePage:
         while newest is None:
             try:
                 while True:
-                    newest = received(self.theirs)
+                    got = received(self.theirs)
+                    newest = got if isinstance(got, Frame) else newest
             except BlockingIOError:
                 threading.Event().wait(0.01)
         return newest

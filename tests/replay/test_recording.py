@@ -189,7 +189,7 @@ def test_a_recording_from_a_newer_program_asks_for_an_upgrade(tmp_path: Path, sp
     table = table.replace_schema_metadata({"allegro_twin": json.dumps(meta | {"version": 99})})
     with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    with pytest.raises(RecordingError, match="format version 99; this program reads up to 1"):
+    with pytest.raises(RecordingError, match="format version 99; this program reads up to 2"):
         load(path)
 
 

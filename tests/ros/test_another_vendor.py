@@ -15,6 +15,7 @@ import pytest
 from allegro_twin.messages import vocabulary as v
 from allegro_twin.types import Vector
 from tests.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
+from tests.ros.test_cell import Served, cell  # noqa: F401  # A fixture.
 
 HERE = Path(__file__).parent / "fastdds"
 MISSING = [name for name in ("fastddsgen", "g++") if shutil.which(name) is None]
@@ -92,3 +93,15 @@ def test_fast_dds_hears_the_hand_and_moves_it(
                 v.JOINT_STATE, header=peer.words.header(0), name=list(hand.spec.joints), position=np.array(home),
                 velocity=np.zeros(0), effort=np.zeros(0)))  # fmt: skip
             waited(lambda: bool(np.abs(hand.state.position - home).max() < 0.03), "home was not reached")
+
+
+def test_fast_dds_hears_arm_and_hand_of_a_cell_in_one_message(
+    echo: Path,
+    peer: Peer,
+    cell: Served,  # noqa: F811  # The fixture of that name.
+) -> None:
+    peer.hear("again", v.JOINT_STATE)
+    with echoing(echo, peer.full("joint_states"), peer.full("again")):
+        message = peer.listen(30.0, lambda topic, message: True)
+    assert message.name == [*cell.room.cell.spec.joints, *cell.room.hand.spec.joints]
+    np.testing.assert_allclose(message.position[:7], cell.room.posture, atol=0.02)

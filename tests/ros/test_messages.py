@@ -14,13 +14,14 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.messages import states
 from allegro_twin.messages import vocabulary as v
 from allegro_twin.messages.frames import Frames, description
+from allegro_twin.ros import cell_topics
 from allegro_twin.ros.idl import struct
 from allegro_twin.ros.topics import HEARD, PUBLISHED
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
-KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD)} | {v.NODES})
+KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD, *cell_topics.PUBLISHED, *cell_topics.HEARD)} | {v.NODES})
 
 
 def filled(words: v.Vocabulary, kind: str, rng: np.random.Generator) -> Any:

@@ -339,9 +339,7 @@ def test_after_a_line_that_failed_for_a_moment_reset_opens_it_anew(
 
 
 @pytest.mark.parametrize("unplugged", [False, True])
-def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(
-    bench: Bench, *, unplugged: bool
-) -> None:
+def test_the_keeper_speaks_where_nobody_confirms_and_else_is_dismissed(bench: Bench, *, unplugged: bool) -> None:
     class Watching:
         alive, said = True, ""
 

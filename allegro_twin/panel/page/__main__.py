@@ -13,10 +13,12 @@ from pathlib import Path
 import viser
 
 from allegro_twin.panel import overlay
+from allegro_twin.panel.cell import Place
 from allegro_twin.panel.door import Door
 from allegro_twin.panel.frame import received
 from allegro_twin.panel.gate import Gate
 from allegro_twin.panel.page.board import Board
+from allegro_twin.panel.page.cell_board import CellBoard
 from allegro_twin.panel.page.hidden import hidden_server
 from allegro_twin.panel.pages import Setup
 from allegro_twin.panel.wishes import Stop, Wish
@@ -30,12 +32,12 @@ def main() -> None:
     assert isinstance(setup, Setup)
     sending = threading.Lock()
 
-    def wish(what: Wish | None) -> None:
+    def wish(what: Wish | Place | None) -> None:
         with sending:
             link.send(what)
 
     server = hidden_server()
-    board = Board(server, wish, setup.gone)
+    board: Board | CellBoard = CellBoard(server, wish) if setup.cell else Board(server, wish, setup.gone)
     ready = threading.Event()
     threading.Thread(
         target=lambda: asyncio.run(_serve(listening, server, setup, lambda: wish(Stop()), ready)), daemon=True
@@ -63,7 +65,7 @@ async def _serve(
     await outside.serve_forever()
 
 
-def _draw(frames: int, board: Board) -> None:
+def _draw(frames: int, board: Board | CellBoard) -> None:
     pipe = socket.socket(fileno=frames)
     pipe.settimeout(1.0)
     while True:

@@ -82,10 +82,15 @@ class Board:
                     self.ended = why
             self._refresh()
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: object) -> None:
         """A moment of the hand."""
         with self._changing:
-            if self.opened is None or frame.hand != self.opened.hand or self._stage is None:
+            if (
+                not isinstance(frame, Frame)
+                or self.opened is None
+                or frame.hand != self.opened.hand
+                or self._stage is None
+            ):
                 return
             self.frame, self.quiet = frame, False
             self.history.add(frame)

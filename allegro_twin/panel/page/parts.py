@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from allegro_twin.panel import wishes as w
+from allegro_twin.panel.cell import CellOpened, Place
 from allegro_twin.panel.frame import Frame, Notice, Opened, Shelf
 from allegro_twin.panel.page.history import History
 from allegro_twin.panel.page.reach import Reach
@@ -44,5 +45,17 @@ class Board(Protocol):
     def look_back(self, ago: float | None) -> None: ...
 
     def changed(self) -> None: ...
+
+    def release(self, who: int) -> None: ...
+
+
+class CellBoard(Protocol):
+    """`page.cell_board.CellBoard`, to those who show what is on it."""
+
+    wheel: Wheel
+    opened: CellOpened | None
+    notice: Notice
+
+    def ask(self, who: int, wish: w.Wish | Place) -> None: ...
 
     def release(self, who: int) -> None: ...
