@@ -104,9 +104,7 @@ class Bench:
         changed = {"timestep": control.timestep, "cone": control.cone, "gravity": gravity}
         return physics.model_copy(update={key: value for key, value in changed.items() if value is not None})
 
-    def _base(
-        self, thing: str, physics: rules.PhysicsSettings
-    ) -> tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]:
+    def _base(self, thing: str, physics: rules.PhysicsSettings) -> tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]:
         key = (thing, physics.model_dump_json())
         if key not in self._made:
             name = self.study.hands[self.hand].format(object=thing)

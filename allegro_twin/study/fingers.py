@@ -50,7 +50,9 @@ class Fingers:
         close, closing = _minimum_jerk(since / self._motion.close)
         squeeze, squeezing = _minimum_jerk((since - self._motion.close) / self._motion.squeeze)
         position = self.open[rows] + close * self._close[rows] + squeeze * self._squeeze[rows]
-        speed = closing / self._motion.close * self._close[rows] + squeezing / self._motion.squeeze * self._squeeze[rows]
+        speed = (
+            closing / self._motion.close * self._close[rows] + squeezing / self._motion.squeeze * self._squeeze[rows]
+        )
         return position, speed
 
     def __call__(self, rows: Rows, t: float, sims: Simulations) -> Array:

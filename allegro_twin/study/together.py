@@ -146,7 +146,7 @@ class _Group:
         """Whether a trial is over at a moment at which the thing must be held."""
         kept = self.kept[row]
         if lifted == self.up:
-            kept.lifted = (self.lift[row] + self.up) * self.period
+            kept.lifted = float(self.lift[row] + self.up) * self.period
         if not self._held(row):
             names = {self.up: "not lifted", self.hold: "lost in the hold", self.end: "lost in the shake"}
             kept.why = names[lifted]

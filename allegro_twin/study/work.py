@@ -13,7 +13,7 @@ from allegro_twin.study.protocol import Set, Study
 from allegro_twin.study.together import together
 from allegro_twin.sweep.jobs import Sweep
 
-UNIT = 64
+UNIT = 32
 """Trials in a unit, at most: what may have to be made again after an interruption."""
 
 
