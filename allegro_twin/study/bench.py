@@ -80,8 +80,9 @@ class Bench:
         down = -physics.physics().gravity[2]
         load = wrist.load(model)
         return Setup(
-            job, model, grasp, np.array([*placed.position, *placed.quaternion]), 2.0 * float(placed.thing.half_extents().min()),
-            goal, self._drive(job.case.approach, goal - scene.position, base.opt.timestep, load, down), load * down,
+            job, model, grasp, np.array([*placed.position, *placed.quaternion]),
+            2.0 * float(placed.thing.half_extents().min()), goal,
+            self._drive(job.case.approach, goal - scene.position, base.opt.timestep, load, down), load * down,
         )  # fmt: skip
 
     def _drive(self, seconds: float, way: Array, timestep: float, load: float, gravity: float) -> Array:

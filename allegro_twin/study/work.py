@@ -18,8 +18,8 @@ UNIT = 32
 
 
 def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None) -> Sweep:
-    """The trials of some hands: of train, then as many `pairs` of test, or all, in blocks in which each hand comes once:
-    wherever it is cut off, hands, objects and errors have had the same. Raises ConfigError."""
+    """The trials of some hands: of train, then as many `pairs` of test, or all, in blocks in which each hand comes
+    once: wherever it is cut off, hands, objects and errors have had the same. Raises ConfigError."""
     most = study.pairs.test if pairs is None else pairs
     if not 0 <= most <= study.pairs.test:
         raise ConfigError(f"--pairs {most}: the protocol has {study.pairs.test} pairs of test a hand, and no more")
