@@ -92,7 +92,7 @@ class _Group:
         waits = ~lifting & (tick >= self.way[rows])
         steps = place[:, None] * self.steps + np.arange(self.steps)
         steps = np.where(waits[:, None], (self.way[rows] * self.steps - 1)[:, None], steps)
-        return np.asarray(self.drive[rows[:, None], steps])
+        return np.asarray(self.drive[rows[:, None], np.minimum(steps, self.drive.shape[1] - 1)])
 
     def _decide(self, rows: Rows, tick: int) -> None:
         """Which hands begin to close, and which arms begin to lift."""
