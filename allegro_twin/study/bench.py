@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import mujoco
 import numpy as np
 
 from allegro_twin.build.rig import limits_of
@@ -26,7 +25,8 @@ from allegro_twin.study.draws import Case
 from allegro_twin.study.protocol import Arm, Control, Policy, Study
 from allegro_twin.types import Array
 
-_EARTH = 9.81
+if TYPE_CHECKING:
+    import mujoco
 
 
 class Job(NamedTuple):

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from allegro_twin.sim.backend import substeps
 from allegro_twin.sim.many import Rows, Simulations, layout
 from allegro_twin.sim.probe import Probe
+from allegro_twin.sim.world import World
 from allegro_twin.study.bench import Bench, Setup, servo_of
 from allegro_twin.study.fingers import Fingers
 from allegro_twin.study.measures import Measures
@@ -67,7 +67,7 @@ class _Group:
         self.phase = np.array([setup.job.case.phase for setup in setups])
         self.weight = np.array([setup.weight for setup in setups])
         self.before = self.sims.body_position[:, self.palm].copy()
-        self.scratch = mujoco.MjData(model)
+        self.scratch = World(model).data
         self.probes = [Probe(s.model, self.scratch, bench.spec, s.job.case.object) for s in setups]
         self.kept = [Measures() for _ in setups]
 

@@ -14,7 +14,7 @@ from allegro_twin.study.protocol import Study, load_study
 def content(**changed: Any) -> dict[str, Any]:
     """The registered protocol with few objects, cells and seconds."""
     plain = load_study("preemption").model_dump(mode="json")
-    motion = plain["motion"] | {"close": 0.4, "squeeze": 0.2, "lifting": 0.4, "hold": 0.5, "shaking": 0.75}
+    motion = plain["motion"] | {"lifting": 0.4, "hold": 0.5, "shaking": 0.75}
     strata = {"position": [0.0, 0.01], "yaw": [0.0], "friction": [0.7, 1.0], "approach": [0.6]}
     small = {
         "hands": {"model_o": "model_o_{object}"}, "train": ["foam_brick"], "test": ["gelatin_box"], "strata": strata,
