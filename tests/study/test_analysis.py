@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from allegro_twin.study.analysis import analysed, chosen
-from allegro_twin.study.outcomes import outcomes_of
+from allegro_twin.study.outcomes import control_of, outcomes_of
 from allegro_twin.study.page import page
 from allegro_twin.study.protocol import Study, load_study
 from allegro_twin.study.told import answer_of
@@ -64,3 +64,13 @@ def test_the_overlap_is_chosen_on_train_alone(full: Study) -> None:
 
 def test_a_page_of_nothing_says_so(full: Study) -> None:
     assert "Nothing can be said" in page([], full, {})
+
+
+def test_a_control_is_none_of_the_studys_own_trials(full: Study) -> None:
+    made = rows(full, ALIKE)
+    frozen = [row | {"control": "frozen", "held": False} for row in made if row["set"] == "test"]
+    assert sum(outcomes_of(made + frozen, full, "sih", "test").held("P0e")) > 1000
+    (first, *_) = control_of(made + frozen, full, "sih", "frozen")
+    assert first[0]["held"] is False
+    assert first[1] is not None
+    assert first[1]["trial"] == first[0]["trial"]
