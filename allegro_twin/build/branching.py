@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from allegro_twin.build.assemble import assemble
+from allegro_twin.build.languages import LANGUAGES
 from allegro_twin.build.rig import Rig
 from allegro_twin.config import (
     CanSettings,
@@ -29,11 +30,9 @@ from allegro_twin.config import (
     LimpSettings,
     PolicySettings,
     PositionSettings,
-    QbSettings,
     ReplaySettings,
     RunConfig,
     SceneSettings,
-    SchunkSettings,
     SimSettings,
     TaskSettings,
     TorqueSettings,
@@ -57,8 +56,8 @@ Beside: TypeAlias = Callable[[], dict[str, Array]]
 Changes: TypeAlias = Mapping[str, Any]
 """By key: `friction`, `damping`, `frictionloss`, or `controller.…` as in a config."""
 _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    "backend": {"sim": SimSettings, "can": CanSettings, "dynamixel": DynamixelSettings, "qb": QbSettings,
-                "schunk": SchunkSettings, "replay": ReplaySettings},
+    "backend": {"sim": SimSettings, "can": CanSettings, "dynamixel": DynamixelSettings,
+                "replay": ReplaySettings, **{language.kind: each for each, language in LANGUAGES.items()}},
     "controller": {
         "pd": PositionSettings, "pid": PositionSettings, "torque": TorqueSettings, "gravity": GravitySettings,
         "policy": PolicySettings, "limp": LimpSettings, "position": FollowSettings,
@@ -72,7 +71,7 @@ _BLOCKS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     "firmware": {"": FirmwareSettings},
 }  # fmt: skip
 _LINES: Mapping[type[BaseModel], type[BaseModel]] = {
-    DynamixelSettings: LineFaultSettings, QbSettings: PolledFaultSettings, SchunkSettings: PolledFaultSettings,
+    DynamixelSettings: LineFaultSettings, **dict.fromkeys(LANGUAGES, PolledFaultSettings),
 }  # fmt: skip
 """What may go wrong on whose line."""
 PHYSICS = ("friction", "damping", "frictionloss")

@@ -6,76 +6,74 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from allegro_twin.build.languages import LANGUAGES
 from allegro_twin.build.simulated import simulated
 from allegro_twin.build.wired import Scene
-from allegro_twin.config import VIRTUAL_PORT, PolledSettings, QbSettings, RunConfig, SceneSettings
+from allegro_twin.config import VIRTUAL_PORT, PolledSettings, RunConfig, SceneSettings
 from allegro_twin.config.polled import LineSettings, PolledFaultSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.schema import parse
+from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.serial.line.port import BITS, Port
 from allegro_twin.serial.line.spoil import Noise
 from allegro_twin.serial.polled.backend import PolledBackend
-from allegro_twin.serial.polled.device import Electronics, VirtualHand
+from allegro_twin.serial.polled.device import VirtualHand
 from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import Event, FaultPlan
-from allegro_twin.serial.polled.lockstep import LockstepPort
 from allegro_twin.serial.polled.scale import Scale
 from allegro_twin.serial.polled.settings import HostSettings
 from allegro_twin.serial.polled.wire import Wire
-from allegro_twin.serial.qb import codec as qb
-from allegro_twin.serial.qb.device import QbDevice
-from allegro_twin.serial.qb.host import QbWire
-from allegro_twin.serial.schunk import codec as schunk
-from allegro_twin.serial.schunk.device import SchunkDevice
-from allegro_twin.serial.schunk.host import SchunkWire
 from allegro_twin.spec import HandSpec
 
 
 def make_polled(config: RunConfig, settings: PolledSettings, spec: HandSpec, scene: Scene) -> PolledBackend:
     """The hand on its line; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
-    size = qb.PER_PERIOD if isinstance(settings, QbSettings) else schunk.PER_PERIOD
+    language = LANGUAGES[type(settings)]
+    size = language.per_period
     if config.period < size * BITS / settings.baud:
         raise ConfigError(
             f"period {config.period:g} s is too short at {settings.baud} baud: {size} bytes take "
             f"{size * BITS / settings.baud:.5f} s"
         )
-    host = HostSettings(config.period, settings.watchdog, settings.latency, settings.tries, settings.keeper)
+    host = HostSettings(
+        period=config.period,
+        watchdog=settings.watchdog,
+        tries=settings.tries,
+        keeper=settings.keeper,
+        latency=settings.latency,
+    )
 
     def wire(exchange: Exchange) -> Wire:
-        if isinstance(settings, QbSettings):
-            return QbWire(exchange, settings.id, host.watchdog_counts)
-        return SchunkWire(exchange, host.watchdog_counts)
+        return language.wire(settings, exchange, host.watchdog_counts)
 
     return PolledBackend(spec, scale_of(config, settings, spec), _opener(config, settings, spec, scene), wire, host)
 
 
 def scale_of(config: RunConfig, settings: PolledSettings, spec: HandSpec) -> Scale:
     """What ticks and currents of a config's hand are worth. Raises ConfigError for a hand that has another line."""
-    motors, ticks = (1, qb.CLOSED) if isinstance(settings, QbSettings) else (schunk.ACTUATORS, schunk.TICKS)
-    if spec.n_actuators != motors or "position" not in spec.commands:
+    language = LANGUAGES[type(settings)]
+    if spec.n_actuators != language.motors or "position" not in spec.commands:
         raise ConfigError(
-            f"backend.kind {settings.kind} is for {motors} motors that go to positions; {spec.name} has "
+            f"backend.kind {settings.kind} is for {language.motors} motors that go to positions; {spec.name} has "
             f"{spec.n_actuators} actuators and takes {', '.join(spec.commands)}"
         )
     if settings.mode not in spec.commands:
         raise ConfigError(f"backend.mode {settings.mode}: {spec.name} takes {', '.join(spec.commands)}")
-    return Scale.of(spec, ticks, settings.torque_per_ampere or _described(config.hand.model))
+    return Scale.of(spec, language.ticks, settings.torque_per_ampere or _described(config.hand.model))
 
 
 def virtual_hand(config: RunConfig, settings: PolledSettings, spec: HandSpec, scene: Scene, step: float) -> VirtualHand:
     """Such a hand as the config describes it, with physics behind it that go into `scene`. Raises ConfigError."""
     scale = scale_of(config, settings, spec)
-    bauds = qb.BAUDS if isinstance(settings, QbSettings) else (schunk.BAUD,)
-    if settings.baud not in bauds:
-        raise ConfigError(f"backend.baud is {settings.baud}; such a hand has {' or '.join(map(str, bauds))}")
+    language = LANGUAGES[type(settings)]
+    if settings.baud not in language.bauds:
+        known = " or ".join(map(str, language.bauds))
+        raise ConfigError(f"backend.baud is {settings.baud}; such a hand has {known}")
     behind = replace(spec, commands=(*spec.commands, "limited_position"))  # One motor alone can be dead.
     scene.sim, scene.trial = simulated(settings.scene or SceneSettings(kind="sim"), config.task, behind, step)
-
-    def boot() -> Electronics:
-        return QbDevice(settings.id) if isinstance(settings, QbSettings) else SchunkDevice()
-
-    return VirtualHand(scene.sim, boot, scale, settings.baud, _plan(settings.faults))
+    plan = _plan(settings.faults)
+    return VirtualHand(scene.sim, lambda: language.electronics(settings), scale, settings.baud, plan)
 
 
 def _opener(config: RunConfig, settings: PolledSettings, spec: HandSpec, scene: Scene) -> Callable[[], Port]:

@@ -17,10 +17,10 @@ from allegro_twin.serial.dynamixel.codec.calibration import Calibration, Mountin
 from allegro_twin.serial.dynamixel.codec.table import model_named
 from allegro_twin.serial.dynamixel.device.faults import Event, FaultPlan
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.device.lockstep import LockstepLine
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.line import Line
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.lockstep import LockstepPort
+from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.spoil import Noise
 from allegro_twin.spec import HandSpec
 
@@ -35,7 +35,8 @@ def make_servos(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, 
         keeper=settings.keeper,
         return_delay=settings.return_delay,
     )
-    return DynamixelBackend(spec, calibration, _opener(config, settings, spec, scene), host)
+    opener = _opener(config, settings, spec, scene)
+    return DynamixelBackend(spec, calibration, opener, host, latency=settings.latency)
 
 
 def calibration_of(config: RunConfig, settings: DynamixelSettings, spec: HandSpec) -> Calibration:
@@ -69,15 +70,15 @@ def virtual_hand(
     return VirtualHand(scene.sim, calibration, settings.baud, plan=_plan(settings.faults))
 
 
-def _opener(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scene: Scene) -> Callable[[], Line]:
+def _opener(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scene: Scene) -> Callable[[], Port]:
     if settings.port == VIRTUAL_PORT:
         hand = virtual_hand(config, settings, spec, scene, config.period)
-        return lambda: LockstepLine(hand, settings.baud)
+        return lambda: LockstepPort(hand, settings.baud)
 
-    def opened() -> Line:
-        from allegro_twin.serial.dynamixel.host.port import SerialLine
+    def opened() -> Port:
+        from allegro_twin.serial.line.adapter import Adapter
 
-        return SerialLine(settings.port, settings.baud, settings.latency)
+        return Adapter(settings.port, settings.baud)
 
     return opened
 

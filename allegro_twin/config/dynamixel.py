@@ -74,7 +74,7 @@ class DynamixelSettings(Settings):
     servos: ServoSettings | None = None
     """Default: the block `servos` of the hand's own file, or of its model's, in conf/hands."""
     watchdog: Positive = 0.2
-    """s without a word from the program after which the servos stop by themselves."""
+    """s without a word from the program after which the hand lets go by itself."""
     keeper: bool = True
     """Have a process of its own switch the motors off when the program dies."""
     latency: Positive = 0.02

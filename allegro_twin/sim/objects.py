@@ -23,6 +23,14 @@ Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mj
 N_SIZES: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
 _ANY, _STANDING, _CUT = 1, 2, 4
 """Bits of who touches whom: everything, a cut solid's hull with the table, and its pieces with those of another."""
+_PRIMITIVES: dict[Shape, mujoco.mjtGeom] = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
+_POINT = 1e-5
+"""m: half the size of a geom that stands in for a shape that a thing has not."""
 _UP = {"x": (0.5, -0.5, -0.5, -0.5), "y": (0.5, 0.5, 0.5, 0.5), "z": (1.0, 0.0, 0.0, 0.0)}
 
 
@@ -114,8 +122,14 @@ def _thing(path: Path, name: str, row: dict[str, Any]) -> Thing:
     return Thing(name, shape, size, mass)
 
 
-def add(spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float, float]) -> None:
-    """Put a thing into the scene as a free body named after it. `friction`: sliding, torsional (m), rolling (m)."""
+def add(
+    spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float, float], *, every_shape: bool = False
+) -> None:
+    """Put a thing into the scene as a free body named after it. `friction`: sliding, torsional (m), rolling (m).
+
+    `every_shape`: with a geom for each primitive shape, in one order, so that scenes of different things have the same
+    layout. Those that the thing does not have are points in its middle, which nothing reaches.
+    """
     thing = placement.thing
     if thing.shape == "mjcf":
         _attach(spec, placement)
@@ -123,18 +137,23 @@ def add(spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float,
     body = spec.worldbody.add_body(name=thing.name, pos=placement.position, quat=placement.quaternion)
     body.add_freejoint(name=thing.name)
     look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | paint.on(spec, thing.name)
-    match thing.shape, thing.size:
-        case "sphere", (d,):
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[d / 2, 0, 0], **look)
-        case "cylinder", (d, h):
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[d / 2, h / 2, 0], **look)
-            paint.handle(body, thing.name, d / 2)
-        case "ellipsoid", _:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=thing.half_extents(), **look)
-        case "box", _:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=thing.half_extents(), **look)
-        case _:
-            _add_mesh(spec, body, thing, look)
+    if thing.shape == "mesh":
+        _add_mesh(spec, body, thing, look)
+        return
+    for shape, kind in _PRIMITIVES.items():
+        if shape == thing.shape:
+            body.add_geom(type=kind, size=_half_sizes(thing), **look)
+        elif every_shape:
+            body.add_geom(type=kind, size=[_POINT] * 3, **look | {"name": "", "mass": 0.0})
+    if thing.shape == "cylinder":
+        paint.handle(body, thing.name, thing.size[0] / 2)
+
+
+def _half_sizes(thing: Thing) -> Array:
+    """As a geom of its shape has them, (3,), m."""
+    half = thing.half_extents()
+    used = {"sphere": half[:1], "cylinder": half[1:]}.get(thing.shape, half)
+    return np.concatenate([used, np.zeros(3 - len(used))])
 
 
 def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dict[str, Any]) -> None:

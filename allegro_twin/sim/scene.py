@@ -43,6 +43,8 @@ class Stage:
     presented: bool = False
     """Somebody holds the first thing, moves it and lets go of it."""
     physics: Physics = field(default_factory=Physics)
+    every_shape: bool = False
+    """Things have a geom for each primitive shape: scenes of different ones then have the same layout."""
 
 
 def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
@@ -91,7 +93,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
         wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
-        objects.add(scene, placement, friction)
+        objects.add(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
         presenter.add(scene, stage.things[0])
     stage.physics.contacts(scene)

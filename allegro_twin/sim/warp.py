@@ -28,6 +28,8 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 """What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
+_PLACES = {"body_pos", "body_quat", "geom_pos", "geom_quat"}
+"""Where things are that nothing moves: MuJoCo Warp places the geoms of those once, in `make_data`."""
 _PICTURED = {"bvh_aabb"}
 """What the device has no use for, and MuJoCo's own model of a simulation has."""
 
@@ -51,6 +53,8 @@ class WarpWorlds(Worlds):
         self._room = {"nconmax": contacts, "njmax": constraints}
         self._graphs: dict[Any, Any] = {}
         iterations = (getattr(self._mjw.OverflowType, name) for name in _ITERATIONS)
+        self._displaced = False
+        self._loose: Any = None
         self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations]))
         super().__init__(spec, model, n)
 
@@ -68,7 +72,7 @@ class WarpWorlds(Worlds):
         different = sorted(name for name in asked if not _same(self.model, model, name))
         if unknown := [name for name in different if name not in self._fields | _PICTURED]:
             raise ConfigError(f"MuJoCo Warp has one {unknown[0]} for all simulations, and these scenes differ in it; "
-                              "choose objects of one shape")  # fmt: skip
+                              "choose objects of primitive shapes, or one mesh")  # fmt: skip
         self._models.append(model)
         self._palettes.clear()
         for name in different:
@@ -81,10 +85,15 @@ class WarpWorlds(Worlds):
             self._expand([field])
         return self._rows[field]
 
+    def choose(self, rows: Rows, variant: Rows) -> None:
+        super().choose(rows, variant)
+        self._displaced = bool(_PLACES & self._rows.keys())
+
     def derive(self, rows: Rows) -> None:
         self._expand([name for name in _DERIVED if name not in self._rows])
         with self._wp.ScopedDevice(self._device):
             self._run("derive", lambda: self._mjw.set_const(self._m, self._d))
+        self._displaced = bool(_PLACES & self._rows.keys())
 
     def external(self) -> Array:
         forces: Array = self._wp.to_torch(self._d.qfrc_constraint)[:, self._motion_columns]
@@ -95,6 +104,8 @@ class WarpWorlds(Worlds):
         return own["mocap_pos"][:, 0], own["mocap_quat"][:, 0], own["eq_active"][:, 0]
 
     def step(self, rows: Rows | None, count: int) -> None:
+        if self._displaced:
+            self._place()
         before = None if rows is None else {name: own.clone() for name, own in self._own.items()}
         with self._wp.ScopedDevice(self._device):
             self._run(count, lambda: [self._mjw.step(self._m, self._d) for _ in range(count)])
@@ -149,6 +160,15 @@ class WarpWorlds(Worlds):
         self._qpos, self._qvel, self._ctrl = (self._own[name] for name in ("qpos", "qvel", "ctrl"))
         self._push = self._own["xfrc_applied"]
 
+    def _place(self) -> None:
+        """Put what nothing moves where each simulation has it now: by a model to which no body belongs to the world."""
+        with self._wp.ScopedDevice(self._device):
+            if self._loose is None:
+                self._loose = copy.copy(self._m)
+                self._loose.body_weldid = self._wp.ones_like(self._m.body_weldid)
+            self._run("place", lambda: self._mjw.kinematics(self._loose, self._d))
+        self._displaced = False
+
     def _begin(self, rows: Rows, variant: Rows) -> None:
         for name, own in self._own.items():
             own[rows] = self._starts[name][variant]
@@ -186,6 +206,7 @@ class WarpWorlds(Worlds):
         with self._wp.ScopedDevice(self._device):
             self._m = on_device(self._mjw, self.model, dict.fromkeys({*kept, *fields} - _PICTURED, self.n))
         self._graphs.clear()
+        self._loose = None
         for name in (*kept, *fields):
             nominal = getattr(self.model, name)
             if name in _PICTURED:

@@ -12,12 +12,12 @@ from allegro_twin.build.wired import Scene
 from allegro_twin.config import PolledSettings, RunConfig
 from allegro_twin.description.hands import load_spec
 from allegro_twin.files.schema import parse
+from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.polled.backend import PolledBackend
 from allegro_twin.serial.polled.device import Electronics, VirtualHand
 from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import FaultPlan
-from allegro_twin.serial.polled.lockstep import LockstepPort
 from allegro_twin.serial.polled.scale import Scale
 from allegro_twin.serial.polled.settings import HostSettings
 from allegro_twin.serial.polled.wire import Wire

@@ -21,10 +21,11 @@ from allegro_twin.serial.dynamixel.codec.calibration import Calibration, Mountin
 from allegro_twin.serial.dynamixel.codec.table import XM430_W350, Model
 from allegro_twin.serial.dynamixel.device.faults import FaultPlan
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.device.lockstep import LockstepLine
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.line import Line
+from allegro_twin.serial.dynamixel.host.driver import ServoDriver
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.lockstep import LockstepPort
+from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.serve import Device, serve
 from allegro_twin.serial.line.terminal import Terminal
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
@@ -136,20 +137,26 @@ class Bench:
         servos_baud: int | None = None,
         there: Calibration | None = None,
         commands: tuple[CommandKind, ...] = ("position", "limited_position"),
-        wrap: Callable[[Line], Line] = lambda line: line,
+        wrap: Callable[[Port], Port] = lambda port: port,
     ) -> None:
         """`there`: the servos that are there in truth."""
         self.joints = Joints(small_spec(n, commands))
         self.hand = VirtualHand(self.joints, there or calibrated(n), servos_baud or baud, plan=plan)
         self.opened = 0
 
-        def opened() -> Line:
+        def opened() -> Port:
             self.opened += 1
-            return wrap(LockstepLine(self.hand, baud))
+            return wrap(LockstepPort(self.hand, baud))
 
         self.open = opened
         self.calibration, self.settings = calibrated(n), settings or HostSettings(period=PERIOD)
         self.backend = self.made()
+
+    @property
+    def driver(self) -> ServoDriver:
+        driver = self.backend._driver
+        assert isinstance(driver, ServoDriver)
+        return driver
 
     def made(self) -> DynamixelBackend:
         made = DynamixelBackend(self.joints.spec, self.calibration, self.open, self.settings)

@@ -15,9 +15,9 @@ from allegro_twin.serial.dynamixel.codec.calibration import Calibration
 from allegro_twin.serial.dynamixel.codec.shafts import Shafts
 from allegro_twin.serial.dynamixel.codec.table import TRIPPED, XC330_M288, XM430_W350
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.device.lockstep import LockstepLine
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand, frozen
 from tests.serial.rigs import BAUD, LIMIT, PERIOD, Bench, Joints, calibrated, small_spec
 
@@ -201,7 +201,7 @@ def test_a_program_that_pauses_finds_that_the_servos_have_stopped(bench: Bench) 
     for _ in range(22):
         bench.hand.step()  # Time in which nobody calls.
     assert bench.hand.servos[0].memory.get("bus_watchdog") == TRIPPED
-    with pytest.raises(HandFault, match=r"nobody called for 0.22 s, so the servos stopped by themselves; reset"):
+    with pytest.raises(HandFault, match=r"nobody called for 0.22 s, so the hand let go by itself; reset"):
         bench.go(0.6)
     assert bench.hand.limp
     bench.backend.reset()
@@ -251,7 +251,7 @@ def test_a_period_that_the_baud_cannot_carry_is_refused_with_both() -> None:
         ({"watchdog": 3.0}, "from 0.02 to 2.54 s"),
         ({"period": 0.05, "watchdog": 0.06}, "two periods of 0.05"),
         ({"tries": 0}, "tries must be 1 or more"),
-        ({"return_delay": 255}, "return_delay 0 to 254"),
+        ({"return_delay": 255}, "return_delay must be 0 to 254"),
     ],
 )
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:
@@ -274,7 +274,7 @@ def test_a_hand_with_fewer_servos_than_joints_needs_to_know_how_joints_follow() 
     spec = small_spec(4)
     loose = type(spec)(**{k: getattr(spec, k) for k in spec.__slots__} | {"joints": ("a", "b", "c", "d", "e")})
     with pytest.raises(ConfigError, match="4 actuators for 5 joints: give `joints`"):
-        DynamixelBackend(loose, calibrated(4), lambda: LockstepLine(Bench().hand, BAUD))
+        DynamixelBackend(loose, calibrated(4), lambda: LockstepPort(Bench().hand, BAUD))
     with pytest.raises(ConfigError, match="4 actuators for 5 joints: give `shafts`"):
         VirtualHand(Joints(loose), calibrated(4), BAUD)
 
@@ -282,7 +282,7 @@ def test_a_hand_with_fewer_servos_than_joints_needs_to_know_how_joints_follow() 
         unknown = np.full(1, np.nan)
         return Shafts(*(frozen(np.concatenate([row, unknown])) for row in shafts))
 
-    backend = DynamixelBackend(loose, calibrated(4), lambda: LockstepLine(Bench().hand, BAUD), joints=pulled)
+    backend = DynamixelBackend(loose, calibrated(4), lambda: LockstepPort(Bench().hand, BAUD), joints=pulled)
     state = backend.reset()
     assert state.position.shape == state.temperature.shape == (5,)
     assert np.isnan(state.position[4])
@@ -292,13 +292,12 @@ def test_a_hand_with_fewer_servos_than_joints_needs_to_know_how_joints_follow() 
 def test_the_line_being_gone_is_a_link_error_and_reset_opens_it_again(bench: Bench) -> None:
     bench.backend.reset()
     bench.go(0.3, 5)
-    line = bench.backend._line
-    assert line is not None
+    port = bench.backend._opened
 
-    def unplugged(packet: list[int]) -> int:
+    def unplugged(data: bytes) -> None:
         raise LinkError("cannot write to it: unplugged")
 
-    line.writePort = unplugged  # type: ignore[method-assign]  # Somebody pulls the plug.
+    port.send = unplugged  # type: ignore[method-assign]  # Somebody pulls the plug.
     with pytest.raises(LinkError, match="unplugged; the hand has not confirmed that it is limp"):
         bench.backend.read()
     assert bench.backend.unconfirmed

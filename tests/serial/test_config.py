@@ -111,7 +111,7 @@ def test_gains_are_written_where_a_file_gives_them() -> None:
     rig = assemble(config)
     rig.backend.reset()
     assert rig.servos is not None
-    line: Any = rig.servos._line
+    line: Any = rig.servos._port
     assert [servo.memory.get("position_p_gain") for servo in line.hand.servos[:2]] == [600, 450]
     rig.backend.close()
 

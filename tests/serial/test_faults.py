@@ -137,13 +137,13 @@ def test_an_answer_that_is_nothing_but_an_error_is_no_model_number() -> None:
     bench = after()
     for refusal in (Refusal.CRC, Refusal.RESULT):
         bench.hand.receive = lambda data, baud, why=refusal: status(3, why).encoded()  # type: ignore[method-assign,misc]
-        assert bench.backend._sdk.ping(3) is None
+        assert bench.driver._sdk.ping(3) is None
 
 
 def test_what_was_asked_for_again_is_a_warning() -> None:
     bench = after()
     assert bench.backend.warnings() == []
-    bench.backend._reading.garbled = 3
+    bench.driver._reading.garbled = 3
     assert bench.backend.warnings() == ["3 answers were garbled and were asked for again"]
 
 

@@ -9,12 +9,12 @@ import pytest
 
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.serial.dynamixel.codec.packet import status
+from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.spoil import Noise
 from allegro_twin.serial.polled.device import VirtualHand
 from allegro_twin.serial.polled.exchange import Exchange
 from allegro_twin.serial.polled.faults import Event, FaultPlan
-from allegro_twin.serial.polled.lockstep import LockstepPort
 from allegro_twin.serial.polled.settings import HostSettings
 from allegro_twin.serial.qb.codec import Command, Packet
 from allegro_twin.serial.qb.device import QbDevice
@@ -327,6 +327,7 @@ def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) 
     class Meddled(LockstepPort):
         def send(self, data: bytes) -> None:
             super().send(data)
+            assert isinstance(self.hand, VirtualHand)
             electronics = self.hand.electronics
             if isinstance(electronics, QbDevice):
                 electronics.active = 0
@@ -350,7 +351,7 @@ def test_motors_that_somebody_else_keeps_switching_off_are_an_error(kind: Kind) 
         ({"watchdog": 6.0}, "from 0.02 to 5 s"),
         ({"period": 0.05, "watchdog": 0.06}, "two periods of 0.05"),
         ({"tries": 0}, "tries must be 1 or more"),
-        ({"latency": 0.0}, "latency above 0"),
+        ({"latency": 0.0}, "latency must be above 0"),
     ],
 )
 def test_settings_that_no_hand_can_keep_are_refused(wrong: dict[str, float], names: str) -> None:

@@ -22,8 +22,9 @@ from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, Li
 from allegro_twin.serial.dynamixel.codec.packet import Instruction, Packet, status
 from allegro_twin.serial.dynamixel.device.hand import VirtualHand
 from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.port import SerialLine
+from allegro_twin.serial.dynamixel.host.line import SdkLine
 from allegro_twin.serial.dynamixel.host.settings import HostSettings
+from allegro_twin.serial.line.adapter import Adapter
 from allegro_twin.serial.line.terminal import Terminal
 from allegro_twin.types import HandState, PositionCommand
 from tests.serial.rigs import BAUD, MADE, Joints, Serving, calibrated, small_spec, soon
@@ -53,7 +54,7 @@ while True:
 
 def driven(path: Path, baud: int = BAUD, *, keeper: bool = False) -> DynamixelBackend:
     settings = HostSettings(period=PERIOD, watchdog=0.5, keeper=keeper)
-    made = DynamixelBackend(small_spec(), calibrated(), lambda: SerialLine(str(path), baud, PATIENCE), settings)
+    made = DynamixelBackend(small_spec(), calibrated(), lambda: Adapter(str(path), baud), settings, latency=PATIENCE)
     MADE.append(made)
     return made
 
@@ -89,7 +90,7 @@ def test_a_hand_is_driven_whole_and_in_real_time(hand: VirtualHand, tty: Path) -
 
 
 def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualHand, tty: Path) -> None:
-    line, ping = SerialLine(str(tty), BAUD, 0.2), list(Packet(3, Instruction.PING).encoded())
+    line, ping = SdkLine(Adapter(str(tty), BAUD), 0.2), list(Packet(3, Instruction.PING).encoded())
     try:
 
         def answered(pause: float) -> bool:
@@ -104,7 +105,7 @@ def test_half_a_packet_before_a_pause_never_becomes_one(hand: VirtualHand, tty: 
         assert not answered(0.3)
         assert soon(lambda: answered(0.0))
     finally:
-        line.close()
+        line.port.close()
 
 
 def test_a_second_program_cannot_open_the_port(hand: VirtualHand, tty: Path) -> None:
@@ -122,7 +123,7 @@ def test_a_port_that_is_not_there_is_a_link_error_in_one_line(tmp_path: Path) ->
 def test_at_another_speed_it_says_which_one_answers(hand: VirtualHand, tty: Path) -> None:
     settings = HostSettings(period=0.05, keeper=False)
     with pytest.raises(LinkTimeout, match="they answer at 1000000: set baud so"):
-        DynamixelBackend(small_spec(), calibrated(), lambda: SerialLine(str(tty), 57_600, 0.1), settings)
+        DynamixelBackend(small_spec(), calibrated(), lambda: Adapter(str(tty), 57_600), settings, latency=0.1)
     with pytest.raises(ConfigError, match="period 0.02 s is too short"):
         driven(tty, 9_600)
 

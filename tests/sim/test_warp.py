@@ -7,6 +7,7 @@ minutes when they have not been cached yet, and run on one processor here, so th
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -26,6 +27,7 @@ GRAZING = 1e-5  # m. Contacts so near the threshold may be on either side of it 
 FORWARD = {
     "xpos": (1e-5, 1e-4),
     "xquat": (1e-5, 1e-4),
+    "geom_xpos": (1e-5, 1e-4),
     "qfrc_bias": (1e-3, 1e-3),
     "qfrc_passive": (1e-3, 1e-3),
     "qfrc_actuator": (1e-3, 1e-3),
@@ -36,6 +38,7 @@ FORWARD = {
 SCENES: list[tuple[str, dict[str, Any]]] = [
     ("Reach", {}),
     ("Grasp", {"objects": ("tennis_ball", "orange"), "randomise": "default"}),
+    ("Grasp", {"objects": ("tennis_ball", "foam_brick"), "randomise": "default"}),
     ("Reorient", {}),
 ]
 
@@ -212,10 +215,28 @@ def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str
 
 
 @pytest.mark.long
-def test_objects_of_several_shapes_need_the_processor() -> None:
+def test_objects_of_several_shapes_weigh_and_turn_as_they_do_on_processors() -> None:
     warp()
-    with pytest.raises(ConfigError, match="one geom_type for all simulations, .* choose objects of one shape"):
-        HandVectorEnv("Grasp", 2, device="warp:cpu", objects=("tennis_ball", "rubiks_cube"))
+    names = ("tennis_ball", "tomato_soup_can", "rubiks_cube", "lemon")
+    device, cpu = (HandVectorEnv("Grasp", 8, device=where, objects=names) for where in ("warp:cpu", "cpu"))
+    _, info = device.reset(seed=0)
+    assert set(info["object"]) == set(names)
+    assert list(info["object"]) == list(cpu.reset(seed=0)[1]["object"])
+    for row in range(8):
+        one, other = (env.engine.worlds.snapshot(row).model for env in (device, cpu))
+        assert one.body("object").mass == pytest.approx(other.body("object").mass, rel=1e-6)
+        assert one.body("object").inertia == pytest.approx(other.body("object").inertia, rel=1e-6)
+    device.step(np.zeros((8, 16), np.float32))
+
+
+@pytest.mark.long
+def test_meshes_of_several_shapes_need_the_processor(tmp_path: Path) -> None:
+    warp()
+    path = tmp_path / "wedge.obj"
+    path.write_text("v 0 0 0\nv .06 0 0\nv 0 .06 0\nv 0 0 .06\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    wedge = {"name": "wedge", "shape": "mesh", "file": str(path), "mass": 0.1, "like": "rubiks_cube"}
+    with pytest.raises(ConfigError, match="same layout|choose objects of primitive shapes, or one mesh"):
+        HandVectorEnv("Grasp", 2, device="warp:cpu", objects=("tennis_ball", wedge))
 
 
 def test_without_mujoco_warp_its_device_is_refused_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
 from allegro_twin.sim.batch import Worlds
-from allegro_twin.sim.objects import Placement, Thing
+from allegro_twin.sim.objects import N_SIZES, Placement, Thing
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.sim.warp import WarpWorlds
 from allegro_twin.spec import HandSpec
@@ -83,7 +83,9 @@ def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
 def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:
     placed = around.things[0]
     thing = replace(placed, thing=replace(placed.thing, name=THING))
-    model = compiled(spec, replace(around, things=[thing]), settings)
+    # On a device a geom has the same type in all simulations.
+    one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
+    model = compiled(spec, replace(around, things=[thing], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
     return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
 

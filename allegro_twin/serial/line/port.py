@@ -12,11 +12,11 @@ LATENCY = 0.02
 """s that an adapter and a busy computer may take beside the bytes: FTDI's adapters hold bytes for 16 ms by default."""
 
 
-class Timed(ABC):
-    """A line and the time that passes on it, whatever is spoken there. Raises LinkError for whatever ends it."""
+class Port(ABC):
+    """Bytes out and back, and the time that passes. Raises LinkError for whatever ends it."""
 
     lockstep = False
-    """Whether time on this line passes only while somebody waits for it."""
+    """Whether time here passes only while somebody waits for it."""
 
     def __init__(self, name: str, baud: int) -> None:
         self.name, self.baud = name, baud
@@ -45,10 +45,6 @@ class Timed(ABC):
     def shared(self) -> int | None:
         """A file descriptor through which another process can speak on it; None where none can."""
         return None
-
-
-class Port(Timed):
-    """Bytes out and back. Raises LinkError for whatever ends it."""
 
     @abstractmethod
     def clear(self) -> None:

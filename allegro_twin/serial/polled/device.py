@@ -81,6 +81,10 @@ class VirtualHand:
         self.restart()
 
     @property
+    def name(self) -> str:
+        return self.backend.spec.name
+
+    @property
     def period(self) -> float:
         """s of a step."""
         return self.backend.period

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from allegro_twin.serial.polled.settings import WATCHDOG_UNIT
+from allegro_twin.serial.line.settings import WATCHDOG_UNIT
 from allegro_twin.serial.qb.codec import BROADCAST, CLOSED, OFF, ON, Command, Packet, Parser, numbers, words
 from allegro_twin.types import Array
 

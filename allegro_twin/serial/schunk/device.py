@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.serial.polled.settings import WATCHDOG_UNIT
+from allegro_twin.serial.line.settings import WATCHDOG_UNIT
 from allegro_twin.serial.schunk.codec import (
     ACTUATORS,
     MILLIAMPERES,

@@ -50,6 +50,10 @@ class VirtualHand:
             servo.reboot()
 
     @property
+    def name(self) -> str:
+        return self.backend.spec.name
+
+    @property
     def period(self) -> float:
         """s of a step."""
         return self.backend.period

@@ -1,43 +1,54 @@
-"""The line to a hand of servos: what the vendor's packet handler speaks through, and the time that passes on it."""
+"""A port behind the names that the vendor's packet handler asks for."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from allegro_twin.serial.line.port import BITS, FLOOD, LATENCY, Port
 
-from allegro_twin.serial.line.port import Timed
-
-# The SDK's packet handler asks for these names.
+# The SDK's names.
 # ruff: noqa: N802
 
 
-class Line(Timed):
-    """A port as `dynamixel_sdk` wants one, with a clock. Raises LinkError for whatever ends it."""
+class SdkLine:
+    """A port as `dynamixel_sdk` wants one. Raises LinkError for whatever ends it."""
 
     is_using = False
     """The packet handler's own mark that an answer is awaited."""
 
-    def getBaudRate(self) -> int:
-        return self.baud
+    def __init__(self, port: Port, latency: float = LATENCY) -> None:
+        """`latency`: s that an answer may take beside its bytes."""
+        self.port, self._latency = port, latency
+        self._overdue, self._left = 0.0, FLOOD
 
-    @abstractmethod
+    def getBaudRate(self) -> int:
+        return self.port.baud
+
     def clearPort(self) -> None:
         """Forget what was received."""
+        self.port.clear()
 
-    @abstractmethod
     def writePort(self, packet: list[int]) -> int:
         """Send; the number of bytes that went out."""
+        self.port.send(bytes(packet))
+        return len(packet)
 
-    @abstractmethod
     def readPort(self, length: int) -> bytes:
         """So many bytes at most, waiting for the first until the answer is overdue."""
+        data = self.port.receive(min(length, self._left), self._overdue - self.port.now())
+        self._left -= len(data)
+        if not data and self.port.lockstep:
+            self._left = 0  # What has not come by now will not come.
+        return data
 
-    @abstractmethod
     def setPacketTimeout(self, packet_length: int) -> None:
         """An answer of so many bytes is awaited from now on."""
+        self._wait(packet_length * BITS / self.port.baud + self._latency)
 
-    @abstractmethod
-    def setPacketTimeoutMillis(self, msec: float) -> None: ...
+    def setPacketTimeoutMillis(self, msec: float) -> None:
+        self._wait(1e-3 * msec)
 
-    @abstractmethod
     def isPacketTimeout(self) -> bool:
         """Whether the answer is overdue."""
+        return self._left <= 0 or self.port.now() > self._overdue
+
+    def _wait(self, seconds: float) -> None:
+        self._overdue, self._left = self.port.now() + seconds, FLOOD

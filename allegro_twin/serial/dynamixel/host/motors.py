@@ -49,7 +49,7 @@ class Motors:
             self._each("bus_watchdog", self._watchdog)
             if self._are("torque_enable", [1] * len(self._ids)) and self._are("goal_current", counts):
                 return
-        raise LinkError(f"the servos on {self._sdk.line.name} do not switch on; is something else driving them?")
+        raise LinkError(f"the servos on {self._sdk.port.name} do not switch on; is something else driving them?")
 
     def stop(self) -> str:
         """Torque off until all have confirmed it; why they have not, or nothing."""

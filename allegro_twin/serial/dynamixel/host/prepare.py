@@ -27,13 +27,13 @@ def find(sdk: Sdk, calibration: Calibration) -> None:
     missing = [identifier for identifier, number in found.items() if number is None]
     if len(missing) == len(found):
         raise LinkTimeout(
-            f"no servo answers on {sdk.line.name} at {sdk.line.baud} baud; {_elsewhere(sdk, calibration)}"
+            f"no servo answers on {sdk.port.name} at {sdk.port.baud} baud; {_elsewhere(sdk, calibration)}"
         )
     if missing:
         others = sorted(set(sdk.everybody()) - set(calibration.ids))
         there = f"strangers answer: ids {', '.join(map(str, others))}" if others else "nobody else does"
         ids = ", ".join(map(str, missing))
-        raise LinkTimeout(f"no answer from id {ids} on {sdk.line.name}, and {there}; check its plug, power and id")
+        raise LinkTimeout(f"no answer from id {ids} on {sdk.port.name}, and {there}; check its plug, power and id")
     for identifier, number in found.items():
         if number != calibration.model.number:
             is_a = next((model.name for model in MODELS.values() if model.number == number), f"model {number}")
@@ -42,12 +42,12 @@ def find(sdk: Sdk, calibration: Calibration) -> None:
 
 def _elsewhere(sdk: Sdk, calibration: Calibration) -> str:
     """At which speed they answer instead."""
-    wanted = sdk.line.baud
+    wanted = sdk.port.baud
     for baud in calibration.model.bauds:
         if baud == wanted:
             continue
         try:
-            sdk.line.rebaud(baud)
+            sdk.port.rebaud(baud)
         except LinkError:
             continue  # This adapter cannot speak so fast.
         if any(sdk.ping(identifier) is not None for identifier in calibration.ids):
@@ -64,7 +64,7 @@ def wake(sdk: Sdk, calibration: Calibration, names: dict[int, str]) -> None:
         sdk.reboot(identifier)
     if not ill:
         return
-    sdk.line.wait(sdk.line.now() + BOOT)
+    sdk.port.wait(sdk.port.now() + BOOT)
     sdk.alerts.clear()
     for identifier in ill:
         if bits := sdk.read(identifier, "hardware_error_status"):

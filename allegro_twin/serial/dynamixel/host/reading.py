@@ -100,7 +100,7 @@ class Reading:
     def _who(self) -> str:
         """Who is silent."""
         ids = [i for i in self._calibration.ids if self._sdk.ping(i) is None]
-        where = self._sdk.line.name
+        where = self._sdk.port.name
         if not ids:
             return f"the servos on {where} answer alone, but not in turn; is the line noisy?"
         if len(ids) == len(self._calibration.ids):

@@ -10,7 +10,7 @@ from typing import Any
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.serial.dynamixel.codec.packet import ALERT, BROADCAST, Instruction, Packet, Refusal
 from allegro_twin.serial.dynamixel.codec.table import ERRORS, Model
-from allegro_twin.serial.dynamixel.host.line import Line
+from allegro_twin.serial.dynamixel.host.line import SdkLine
 
 _DONE, _OVERDUE, _GARBLED = 0, -3001, -3002
 """COMM_SUCCESS, COMM_RX_TIMEOUT, COMM_RX_CORRUPT of dynamixel_sdk.robotis_def."""
@@ -45,30 +45,31 @@ class Sdk:
     """Items of servos, by their names. Raises LinkTimeout where none answers, ProtocolError where what comes is no
     answer or a refusal, LinkError when the line is gone. `names`: what each id is called in messages."""
 
-    def __init__(self, line: Line, model: Model, names: dict[int, str], tries: int = 3) -> None:
+    def __init__(self, line: SdkLine, model: Model, names: dict[int, str], tries: int = 3) -> None:
         """`tries`: how often one servo is asked before it counts as silent."""
-        self.line, self._model, self._names, self._tries = line, model, names, tries
+        self._line, self.port = line, line.port
+        self._model, self._names, self._tries = model, names, tries
         self._handler = packet_handler()
         self.alerts = set[int]()
         """Ids whose last answer said that there is a hardware error."""
 
     def ping(self, identifier: int) -> int | None:
         """The model number; None where nobody answers, or not as a servo does."""
-        number, result, error = self._again(lambda: self._handler.ping(self.line, identifier))
+        number, result, error = self._again(lambda: self._handler.ping(self._line, identifier))
         # Of an answer that is nothing but an error the SDK takes the CRC for the model number.
         return int(number) if result == _DONE and not error & ~ALERT else None
 
     def everybody(self) -> dict[int, int]:
         """Whoever answers to a broadcast: ids and their model numbers. Takes most of a second on a real line."""
         self._free()
-        found, _ = self._handler.broadcastPing(self.line)
+        found, _ = self._handler.broadcastPing(self._line)
         return {int(identifier): int(said[0]) for identifier, said in found.items()}
 
     def read(self, identifier: int, name: str) -> int:
         """An item of one servo."""
         item = self._model.named[name]
         data, result, error = self._again(
-            lambda: self._handler.readTxRx(self.line, identifier, item.address, item.size)
+            lambda: self._handler.readTxRx(self._line, identifier, item.address, item.size)
         )
         self._check(identifier, result, error, f"read {name} of")
         return item.value_of(self._whole(identifier, data, item.size))
@@ -78,12 +79,12 @@ class Sdk:
         item = self._model.named[name]
         data = list(item.bytes_of(value))
         result, error = self._again(
-            lambda: self._handler.writeTxRx(self.line, identifier, item.address, item.size, data)
+            lambda: self._handler.writeTxRx(self._line, identifier, item.address, item.size, data)
         )
         self._check(identifier, result, error, f"write {name} = {value} to")
 
     def reboot(self, identifier: int) -> None:
-        result, error = self._again(lambda: self._handler.reboot(self.line, identifier))
+        result, error = self._again(lambda: self._handler.reboot(self._line, identifier))
         self._check(identifier, result, error & ~ALERT, "reboot")
 
     def tell(self, ids: Sequence[int], name: str, values: Sequence[int]) -> None:
@@ -92,17 +93,17 @@ class Sdk:
         row = [number for pair in zip(ids, values, strict=True) for number in pair]
         parameters = struct.pack("<" + f"B{_CODES[item.size]}" * n, *row)
         self._free()
-        result = self._handler.syncWriteTxOnly(self.line, item.address, item.size, list(parameters), len(parameters))
+        result = self._handler.syncWriteTxOnly(self._line, item.address, item.size, list(parameters), len(parameters))
         if result != _DONE:
-            raise LinkError(f"{self.line.name} did not take {name} for {len(ids)} servos; is it plugged in?")
+            raise LinkError(f"{self.port.name} did not take {name} for {len(ids)} servos; is it plugged in?")
 
     def ask(self, ids: Sequence[int], address: int, size: int) -> bytes:
         """So many bytes of each of them, one after the other."""
         said = bytearray()
         self._free()
-        self._handler.syncReadTx(self.line, address, size, list(ids), len(ids), False)
+        self._handler.syncReadTx(self._line, address, size, list(ids), len(ids), False)
         for identifier in ids:
-            data, result, error = self._handler.readRx(self.line, identifier, size)
+            data, result, error = self._handler.readRx(self._line, identifier, size)
             if result or error or len(data) != size:
                 self._check(identifier, result, error, "read")
                 self._whole(identifier, data, size)
@@ -138,16 +139,16 @@ class Sdk:
 
     def _free(self) -> None:
         """Before an exchange: the SDK marks its port as in use, and does not take that back on every way out."""
-        self.line.is_using = False
+        self._line.is_using = False
 
     def _check(self, identifier: int, result: int, error: int, doing: str) -> None:
         if result == _DONE and not error:
             return
         who = f"{self._names.get(identifier, 'servo')} (id {identifier})"
         if result == _OVERDUE:
-            raise LinkTimeout(f"no answer from {who} on {self.line.name}; is it powered and plugged in?")
+            raise LinkTimeout(f"no answer from {who} on {self.port.name}; is it powered and plugged in?")
         if result != _DONE:
-            raise ProtocolError(f"what {who} answered on {self.line.name} is garbled (SDK result {result})")
+            raise ProtocolError(f"what {who} answered on {self.port.name} is garbled (SDK result {result})")
         if error & ALERT:
             self.alerts.add(identifier)
         if error & ~ALERT:

@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from allegro_twin.serial.line.port import Port
-from allegro_twin.serial.polled.device import VirtualHand
+from allegro_twin.serial.line.serve import Device
 
 _EPSILON = 1e-6  # Of a step: sums of periods are rounded.
+
+
+class Steppable(Device, Protocol):
+    """A hand that does not exist, whose time is its own."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def now(self) -> float:
+        """s since `restart`."""
+        ...
+
+    def restart(self) -> None:
+        """Begin the scene anew; the electronics stay as they are."""
+        ...
 
 
 class LockstepPort(Port):
@@ -13,10 +31,11 @@ class LockstepPort(Port):
 
     lockstep = True
 
-    def __init__(self, hand: VirtualHand, baud: int) -> None:
-        super().__init__(f"virtual {hand.backend.spec.name}", baud)
+    def __init__(self, hand: Steppable, baud: int) -> None:
+        super().__init__(f"virtual {hand.name}", baud)
         self.hand = hand
-        self._came = b""
+        self._came, self._at = b"", 0
+        """What has come, and how much of it was read."""
 
     def now(self) -> float:
         return self.hand.now
@@ -36,13 +55,14 @@ class LockstepPort(Port):
         self.clear()
 
     def clear(self) -> None:
-        self._came = b""
+        self._came, self._at = b"", 0
 
     def send(self, data: bytes) -> None:
-        self._came += self.hand.receive(data, self.baud)
+        self._came, self._at = self._came[self._at :] + self.hand.receive(data, self.baud), 0
 
     def receive(self, most: int, seconds: float) -> bytes:
-        data, self._came = self._came[:most], self._came[most:]
+        data = self._came[self._at : self._at + most]
+        self._at += len(data)
         if not data:
             self.hand.clear()  # Whoever waits in vain makes a pause on the line.
         return data
