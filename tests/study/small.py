@@ -38,7 +38,7 @@ def rows(of: Study, rate: dict[str, float], seed: int = 0) -> list[dict[str, Any
         for set_ in ("train", "test"):
             for trial in range(getattr(of.pairs, set_)):
                 luck = np.random.default_rng([seed, trial, set_ == "test"]).uniform()
-                drawn = case(of, set_, trial)  # type: ignore[arg-type]  # Either literal.
+                drawn = case(of, set_, trial)
                 found += [
                     {"hand": hand, "set": set_, "trial": trial, "policy": policy.name, "control": "",
                      "object": drawn.object, "sigma_mm": 1e3 * drawn.sigma, "held": bool(luck < rate[policy.name]),

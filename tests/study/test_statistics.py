@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
-from scipy.stats import binomtest
+from scipy.optimize import minimize  # type: ignore[import-untyped]  # SciPy has no types.
+from scipy.stats import binomtest  # type: ignore[import-untyped]  # Likewise.
 
 from allegro_twin.evaluate.statistics import Paired, draws_needed
 from allegro_twin.study.dose import fit
@@ -79,7 +79,7 @@ def test_objects_and_not_trials_are_drawn_again() -> None:
     objects = [name for name in "abcd" for _ in range(25)]
     alike = np.repeat([0.0, 0.0, 1.0, 1.0], 25)
 
-    def mean(sums: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    def mean(sums: np.ndarray) -> np.ndarray:
         return np.asarray(sums[:, 0] / sums[:, 1])
 
     low, high = over_clusters(mean, objects, alike[:, None], 4000, seed=1)
@@ -97,7 +97,7 @@ def test_the_curve_is_the_most_likely_one() -> None:
     overlap = random.choice([0.0, 0.25, 0.5, 0.75, 0.9], 600)
     held = (random.uniform(size=600) < 1.0 / (1.0 + np.exp(-(2.0 - 3.0 * overlap)))).astype(float)
 
-    def against(x: np.ndarray) -> float:  # type: ignore[type-arg]
+    def against(x: np.ndarray) -> float:
         z = x[0] + x[1] * overlap
         return float(np.sum(np.logaddexp(0.0, z) - held * z))
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from allegro_twin.study.bench import Bench, Job
+from allegro_twin.study.draws import case
 from allegro_twin.study.protocol import Study
 from allegro_twin.study.work import made
 from tests.study.small import content, study
@@ -75,3 +77,12 @@ def test_policies_have_the_same_errors(table: list[dict[str, Any]]) -> None:
 def test_a_trial_is_the_same_alone_to_the_last_bit(table: list[dict[str, Any]]) -> None:
     alone = made({"study": content()}, [item("P50", 1)])[0]
     assert alone == row(table, "P50", 1)
+
+
+def test_the_palm_hangs_on_the_protocols_spring(of: Study) -> None:
+    setup = Bench(of, "model_o").setup(Job(of.policy("P0e"), case(of, "test", 0)))
+    model, load = setup.model, setup.weight / 9.81
+    motor, dof = model.actuator("wrist_z").id, model.joint("wrist_z").dofadr[0]
+    assert model.actuator_gainprm[motor, 0] == -model.actuator_biasprm[motor, 1] == 1000.0
+    assert model.dof_armature[dof] == pytest.approx(4.0)  # The arm's; the hand's own mass is its bodies'.
+    assert -model.actuator_biasprm[motor, 2] == pytest.approx(2.0 * (1000.0 * (4.0 + load)) ** 0.5)
