@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import NamedTuple
@@ -72,10 +73,18 @@ def doses(curves: Mapping[str, tuple[Dose, Sequence[tuple[float, int, int]]]], t
             for overlap, held, tried in dots
             if tried
         )
-        x, y = place(1.0, dose.rate(1.0))
         body.append(f'<g {strength}><polyline class="whisker" style="fill:none" points="{way}"/>{marks}</g>')
-        body.append(_text(x + 6, y + 4, name, "start"))
+    ends = {name: place(1.0, dose.rate(1.0))[1] for name, (dose, _) in curves.items()}
+    body += [_text(left + across + 6, y + 4, name, "start") for name, y in _apart(ends, 14.0).items()]
     return _svg(width, height, "".join(body), f"{title}: {', '.join(curves)}")
+
+
+def _apart(heights: Mapping[str, float], least: float) -> dict[str, float]:
+    """Labels at some heights, from the top down, moved so that none is written over another."""
+    found, last = dict[str, float](), -math.inf
+    for name in sorted(heights, key=lambda each: heights[each]):
+        found[name] = last = max(heights[name], last + least)
+    return found
 
 
 def _svg(width: float, height: float, body: str, said: str) -> str:

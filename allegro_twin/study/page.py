@@ -86,7 +86,7 @@ def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> 
 def _arms(arms: Sequence[Arm]) -> str:
     heads = ("policy", "held", "95 %", "cycle s", "s per success", "touched early s", "moved mm", "peak N")
     return _table("What each policy did", heads, (
-        (each.policy, f"{each.held} of {each.trials}", f"{told.percent(each.rate.low)}–{told.percent(each.rate.high)}",
+        (each.policy, f"{each.held} of {each.trials}", told.between(each.rate),
          f"{each.seconds:.2f}", f"{each.per_success:.2f}", f"{each.premature:.2f}", f"{each.carried:.1f}",
          f"{each.peak:.0f}")
         for each in arms
@@ -104,7 +104,7 @@ def _versus(found: Finding) -> str:
 
 
 def _table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = "".join(f'<th scope="col">{escape(each)}</th>' for each in heads)
+    head = "".join(f'<th scope="col" style="padding:6px 10px">{escape(each)}</th>' for each in heads)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return (
         f"<div class='wide' tabindex='0' role='region' aria-label='{escape(caption)}'><table><caption class='soft'>"

@@ -11,8 +11,9 @@ from allegro_twin.study.outcomes import Row, control_of
 from allegro_twin.study.protocol import Study
 
 
-def percent(rate: float) -> str:
-    return f"{100 * rate:.0f} %"
+def between(interval: Interval) -> str:
+    """Of a rate."""
+    return f"{100 * interval.low:.0f}–{100 * interval.high:.0f} %"
 
 
 def points(interval: Interval) -> str:
