@@ -65,7 +65,7 @@ def doses(curves: Mapping[str, tuple[Dose, Sequence[tuple[float, int, int]]]], t
         body.append(_text(left - 6, y + 4, f"{100 * part:.0f} %", "end"))
         body.append(_text(place(part, 0.0)[0], height - foot + 18, f"{part:g}", "middle"))
     body.append(_text(left + across / 2, height - 3, "overlap φ", "middle"))
-    for number, (name, (dose, dots)) in enumerate(curves.items()):
+    for number, (dose, dots) in enumerate(curves.values()):
         strength = f'style="opacity:{1.0 - 0.75 * number / max(len(curves), 1):.2f}"'
         way = " ".join(f"{x},{y}" for x, y in (place(k / 40, dose.rate(k / 40)) for k in range(41)))
         marks = "".join(

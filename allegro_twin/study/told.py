@@ -44,7 +44,8 @@ def answer_of(answer: Answer, study: Study) -> str:
     left = [each for each in answer.findings if not answer.beats[each.hand]]
     open_ = [each.hand for each in left if answer.mcnemar[each.hand] >= study.analysis.alpha]
     worse = [each.hand for each in left if each.hand not in open_ and each.primary.counts.difference < 0.0]
-    time = f"It saves {-max(faster):.2f} to {-min(faster):.2f} s of a cycle"
+    saved = sorted({f"{-each:.2f}" for each in (max(faster), min(faster))})
+    time = f"It saves {' to '.join(saved)} s of a cycle"
     rest = [f"success is worse with {_listed(worse)}"] if worse else []
     rest += [f"with {_listed(open_)} so many pairs cannot tell whether success suffers"] if open_ else []
     return f"{head} {time}{'; ' if rest else ''}{', and '.join(rest)}."
