@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.types import Array
 
-_TURNS = 50
+_TURNS = 200
 _STEEP = 1e-6
 """Of a ridge that keeps the fit finite where all, or none, succeed."""
 
@@ -34,15 +34,23 @@ class Dose(NamedTuple):
 
 
 def fit(overlap: Array, held: Array) -> Dose:
-    """The most likely curve for some trials, (k,) each, by Newton's method (iteratively reweighted least squares)."""
+    """The most likely curve for some trials, (k,) each, by Newton's method (iteratively reweighted least squares).
+    Its steps are halved until they lead to a likelier one: where failures begin at one overlap, the curve is steep."""
     design = np.column_stack([np.ones(len(overlap)), overlap])
     found = np.zeros(2)
+
+    def cost(at: Array) -> float:
+        z = design @ at
+        return float(np.sum(np.logaddexp(0.0, z) - held * z) + 0.5 * _STEEP * at @ at)
+
     for _ in range(_TURNS):
-        p = 1.0 / (1.0 + np.exp(-np.clip(design @ found, -30.0, 30.0)))
+        p = 1.0 / (1.0 + np.exp(-np.clip(design @ found, -500.0, 500.0)))
         slope = design.T @ (held - p) - _STEEP * found
         curve = (design * (p * (1.0 - p))[:, None]).T @ design + _STEEP * np.eye(2)
         step = np.linalg.solve(curve, slope)
-        found += np.clip(step, -5.0, 5.0)
+        while cost(found + step) > cost(found) and np.abs(step).max() > 1e-12:
+            step = 0.5 * step
+        found = found + step
         if np.abs(step).max() < 1e-10:
             break
     return Dose(float(found[0]), float(found[1]))

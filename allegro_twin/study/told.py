@@ -74,7 +74,7 @@ def sentence(found: Finding, answer: Answer, study: Study) -> str:
 def half_of(found: Finding) -> str:
     """φ₅₀ and the curve's slope."""
     half = found.dose.half
-    said = "success does not fall" if math.isinf(half) else f"φ₅₀ {half:.2f}"
+    said = "success does not fall" if math.isinf(half) else "φ₅₀ beyond 1" if half > 1.0 else f"φ₅₀ {half:.2f}"
     return f"{said} (b = {found.dose.b:+.2f})"
 
 

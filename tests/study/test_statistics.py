@@ -106,3 +106,13 @@ def test_the_curve_is_the_most_likely_one() -> None:
     assert (found.a, found.b) == pytest.approx(best, abs=1e-4)
     assert found.rate(found.half) == pytest.approx(0.5 * found.rate(0.0))
     assert fit(overlap, np.ones(600)).half == math.inf
+
+
+def test_a_cliff_at_the_end_is_found_at_the_end() -> None:
+    overlap = np.repeat([0.0, 0.25, 0.5, 0.75, 0.9], 21)
+    held = np.ones(105)
+    held[-2:] = 0.0
+    found = fit(overlap, held)
+    assert found.rate(0.9) == pytest.approx(19 / 21, abs=0.005)
+    assert found.rate(0.75) > 0.99
+    assert 0.9 < found.half < 1.0
