@@ -22,7 +22,7 @@ LAYERS = [
     {"config", "look", "evaluate", "identify", "mirror", "grasping"},
     {"camera"},
     {"build", "gym", "sweep"},
-    {"session", "train", "plan"},
+    {"session", "train", "plan", "study"},
     {"hand", "lab"},
     {"ros", "panel", "teleop"},
     {"cli"},

@@ -27,6 +27,7 @@ from allegro_twin.cli import (
     running,
     schemas,
     shipped,
+    study,
     teleop,
     training,
     twin,
@@ -72,6 +73,7 @@ evaluating.register(app)
 twin.register(app)
 ros.register(app)
 lab.register(app)
+study.register(app)
 teleop.register(app)
 schemas.register(app)
 doctor.register(app)

@@ -22,6 +22,7 @@ PLACES = {
     "trajectory": "conf/trajectories/*.yaml",
     "recipe": "conf/training/*.yaml",
     "lab": "conf/lab_*.yaml",
+    "study": "conf/studies/*.yaml",
 }
 """Where the files of each kind are that ship."""
 
@@ -54,6 +55,7 @@ def models() -> dict[str, type[Settings]]:
     from allegro_twin.evaluate.scenario import Protocol, Scenario
     from allegro_twin.lab.settings import LabSettings
     from allegro_twin.library.entries import GraspFile, PostureFile, TrajectoryFile
+    from allegro_twin.study.protocol import Study
     from allegro_twin.train.settings import Recipe
 
     return {
@@ -65,4 +67,5 @@ def models() -> dict[str, type[Settings]]:
         "trajectory": TrajectoryFile,
         "recipe": Recipe,
         "lab": LabSettings,
+        "study": Study,
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,7 +21,22 @@ JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_y
 # Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped (docs/models.md#wrist).
 _STIFFNESS = np.array([2e4] * 3 + [600.0] * 3)
 _INERTIA = np.array([8.0] * 3 + [0.08] * 3)
-_DAMPING = 2.0 * np.sqrt(_STIFFNESS * _INERTIA)
+
+
+class Servo(NamedTuple):
+    """What drives the six joints, (6,) each: slides in N/m and kg, hinges in N·m/rad and kg·m². Critically damped."""
+
+    stiffness: Array
+    inertia: Array
+
+    @property
+    def damping(self) -> Array:
+        """N·s/m and N·m·s/rad."""
+        damping: Array = 2.0 * np.sqrt(self.stiffness * self.inertia)
+        return damping
+
+
+STIFF = Servo(_STIFFNESS, _INERTIA)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,10 +63,20 @@ def add(spec: mujoco.MjSpec, palm: mujoco.MjsBody, joints: Sequence[str] = JOINT
             name=name,
             type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
             axis=slides[index] if slide else np.eye(3)[index - 3],
-            armature=_INERTIA[index],
+            armature=STIFF.inertia[index],
         )
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        actuator.set_to_position(kp=_STIFFNESS[index], kv=_DAMPING[index])
+        actuator.set_to_position(kp=STIFF.stiffness[index], kv=STIFF.damping[index])
+
+
+def soften(model: mujoco.MjModel, servo: Servo) -> None:
+    """Give the six joints of a compiled scene another drive: an arm that yields, in place of a stiff one. The slides'
+    inertia is that of all that they move, the hand's with it."""
+    for index, name in enumerate(JOINTS):
+        motor = model.actuator(name).id
+        model.actuator_gainprm[motor, 0] = servo.stiffness[index]
+        model.actuator_biasprm[motor, 1:3] = -servo.stiffness[index], -servo.damping[index]
+        model.dof_armature[model.joint(name).dofadr[0]] = servo.inertia[index] - (load(model) if index < 3 else 0.0)
 
 
 def load(model: mujoco.MjModel) -> float:
@@ -58,11 +84,13 @@ def load(model: mujoco.MjModel) -> float:
     return float(model.body_subtreemass[model.body("palm_link").id])
 
 
-def commands(segments: list[Segment], timestep: float, load: float, gravity: float = 9.81) -> Array:
+def commands(
+    segments: list[Segment], timestep: float, load: float, gravity: float = 9.81, servo: Servo = STIFF
+) -> Array:
     """The servo set-points at every physics step, shape (k, 6).
 
     Each is the wanted coordinate plus what makes the servo follow it without lag: (kv v + I a) / kp, and on the
-    vertical slide the weight `load` (kg) that it carries.
+    vertical slide the weight `load` (kg) that it carries. `servo`: as the one follows whose inertia is that.
     """
     place = np.zeros(6)
     rows = []
@@ -71,10 +99,10 @@ def commands(segments: list[Segment], timestep: float, load: float, gravity: flo
         position, velocity, acceleration = _minimum_jerk(t, segment.seconds, segment.move)
         if segment.shake.any():
             position, velocity, acceleration = _shaken(t, segment)
-        rows.append(place + position + (_DAMPING * velocity + _INERTIA * acceleration) / _STIFFNESS)
+        rows.append(place + position + (servo.damping * velocity + servo.inertia * acceleration) / servo.stiffness)
         place = place + segment.move
     table = np.concatenate(rows) if rows else np.zeros((1, 6))
-    table[:, 2] += load * gravity / _STIFFNESS[2]
+    table[:, 2] += load * gravity / servo.stiffness[2]
     return table
 
 

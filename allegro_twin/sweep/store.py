@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -20,6 +20,15 @@ from allegro_twin.sweep.table import KEY
 
 _MANIFEST = "manifest.json"
 _FORMAT = "1"
+
+
+class Content(NamedTuple):
+    """What a folder holds."""
+
+    shared: dict[str, Any]
+    stamps: dict[str, str]
+    table: Any
+    """A pyarrow.Table, in no order."""
 
 
 class Kept(Protocol):
@@ -84,6 +93,19 @@ class Store:
     def tables(self) -> list[Any]:
         """All parts. Raises RecordingError."""
         return [_part(path) for path in self._parts()]
+
+    def content(self) -> Content:
+        """What is there, of whichever sweep. Raises RecordingError where there is none, or it cannot be read."""
+        path = self.folder / _MANIFEST
+        if not path.exists():
+            raise RecordingError(f"{self.folder}: no {_MANIFEST}: nothing was swept into it")
+        stamps = _read(path)
+        tables = self.tables()
+        if not tables:
+            raise RecordingError(f"{self.folder}: nothing is finished yet; sweep on")
+        return Content(
+            json.loads(path.read_text()).get("data", {}), stamps, pa.concat_tables(tables, promote_options="permissive")
+        )
 
     def _parts(self) -> list[Path]:
         return sorted(self.folder.glob("part-*.parquet"))

@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train import Recipe, train
 
-HAND = {"timestep": 0.003, "decimation": 20, "observation": "hand", "history": 3}
+HAND: dict[str, Any] = {"timestep": 0.003, "decimation": 20, "observation": "hand", "history": 3}
 
 
 def recipe(**changes: Any) -> Recipe:

@@ -1,0 +1,79 @@
+"""The study of preemption: make its trials, and say what they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.cli import options
+from allegro_twin.cli.evaluating import Count, Engines
+
+if TYPE_CHECKING:
+    from allegro_twin.study.folder import Held
+
+Out = Annotated[
+    Path,
+    typer.Option("--out", "-o", help="Folder for trials and report; what is there goes on.", callback=options.folder),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    study = typer.Typer(help="Does closing the hand while the arm still moves beat reach-then-grasp?")
+    study.command()(preemption)
+    study.command()(report)
+    app.add_typer(study, name="study")
+
+
+def preemption(
+    hand: Annotated[list[str] | None, typer.Option(help="One of the protocol's, or several; by default all.")] = None,
+    pairs: Annotated[int | None, typer.Option(help="Of test, a hand; by default all of the protocol.")] = None,
+    out: Out = Path("out/preemption"),
+    protocol: Annotated[str, typer.Option(help="Of conf/studies, or a file.")] = "preemption",
+    engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
+    address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
+    count: Count = None,
+) -> None:
+    """Make the trials of the pre-registered study, and its report. The same command again goes on after an
+    interruption; results under another protocol are refused."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.verdicts import engine_of
+    from allegro_twin.study.folder import TRIALS, write
+    from allegro_twin.study.protocol import load_study
+    from allegro_twin.study.work import sweep_of
+    from allegro_twin.sweep.running import run
+    from allegro_twin.sweep.store import Store
+
+    study = load_study(protocol)
+    sweep = sweep_of(study, study.of(tuple(hand or ())), pairs)
+    chosen = engine_of(engine.value, address, count)
+    with console.progress() as bar:
+        task = bar.add_task("trials", total=len(sweep.items))
+        run(
+            sweep, Store(out / TRIALS), chosen.engine, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    _say(write(out), out)
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(help="Of a study, whole or not yet.")],
+    where: Annotated[str, typer.Option(help="On which machine it was made, and when: stands in the report.")] = "",
+) -> None:
+    """Write the report of the trials that a folder has, and say what they show."""
+    from allegro_twin.study.folder import write
+
+    _say(write(folder, where), folder)
+
+
+def _say(held: Held, folder: Path) -> None:
+    from allegro_twin.cli.console import console
+    from allegro_twin.study import told
+    from allegro_twin.study.analysis import analysed
+
+    answer = analysed(held.table.to_pylist(), held.study)
+    for found in answer.findings:
+        console.print(told.sentence(found, answer, held.study), soft_wrap=True, highlight=False)
+    console.print(told.answer_of(answer, held.study), soft_wrap=True, highlight=False)
+    console.print(f"In {folder}/: report.html, trials.parquet with a row a trial", soft_wrap=True)

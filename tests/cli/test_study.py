@@ -1,0 +1,58 @@
+"""`allegro-twin study` on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.cli.conftest import Run
+from tests.study.small import content
+
+
+@pytest.fixture
+def protocol(tmp_path: Path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(yaml.safe_dump(content(pairs={"train": 2, "test": 2}, controls={})))
+    return path
+
+
+def test_a_study_goes_on_where_it_stopped_and_says_what_it_found(command: Run, protocol: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = ("study", "preemption", "--protocol", protocol, "--out", out, "--jobs", 1)
+    code, shown, _ = command(*asked, "--pairs", 0)
+    assert code == 0
+    assert "Nothing can be said" in shown
+    code, shown, _ = command(*asked)
+    assert code == 0
+    assert "model_o: P" in shown
+    assert "against P0e on 2 pairs" in shown
+    before = (out / "trials.parquet").read_bytes()
+    assert command("study", "report", out)[0] == 0
+    assert (out / "trials.parquet").read_bytes() == before
+    changed = protocol.with_name("other.yaml")
+    changed.write_text(yaml.safe_dump(content(seed=7)))
+    code, _, error = command("study", "preemption", "--protocol", changed, "--out", out, "--jobs", 1)
+    assert code == 2
+    assert "is of another sweep" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("preemption", "--hand", "sihh"), "no hand of the study named 'sihh'; did you mean 'sih'"),
+        (("preemption", "--pairs", 5000), "--pairs 5000: the protocol has 1512 pairs of test a hand"),
+        (("preemption", "--protocol", "premption"), "no study named 'premption'; did you mean 'preemption'"),
+        (("report", "nowhere"), "nothing was swept into it"),
+    ],
+)
+def test_a_slip_is_one_line(
+    command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, error = command("study", *arguments)
+    assert code == 2
+    assert said in error
+    assert error.count("\n") == 1

@@ -1,0 +1,49 @@
+"""A study that takes seconds, and rows that nobody had to simulate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.files.schema import parse
+from allegro_twin.study.draws import case
+from allegro_twin.study.protocol import Study, load_study
+
+
+def content(**changed: Any) -> dict[str, Any]:
+    """The registered protocol with few objects, cells and seconds."""
+    plain = load_study("preemption").model_dump(mode="json")
+    motion = plain["motion"] | {"lifting": 0.4, "hold": 0.5, "shaking": 0.75}
+    strata = {"position": [0.0, 0.01], "yaw": [0.0], "friction": [0.7, 1.0], "approach": [0.6]}
+    small = {
+        "hands": {"model_o": "model_o_{object}"}, "train": ["foam_brick"], "test": ["gelatin_box"], "strata": strata,
+        "pairs": {"train": 2, "test": 4}, "motion": motion,
+        "controls": {"frozen": {"every": 2, "policies": ["P0e"], "frozen": True},
+                     "weightless": {"every": 2, "policies": ["P0e"], "certain": True, "gravity": 0.0},
+                     "seeds": {"every": 2, "policies": ["P0e"], "stream": 1}},
+    }  # fmt: skip
+    return plain | small | changed
+
+
+def study(**changed: Any) -> Study:
+    return parse(Study, content(**changed), "a test")
+
+
+def rows(of: Study, rate: dict[str, float], seed: int = 0) -> list[dict[str, Any]]:
+    """Of all trials of test and train, held at a rate for each policy by one number a trial, so that policies with the
+    same rate agree; a cycle is 3 s less the overlap's part of the closing time."""
+    found = []
+    for hand in of.hands:
+        for set_ in ("train", "test"):
+            for trial in range(getattr(of.pairs, set_)):
+                luck = np.random.default_rng([seed, trial, set_ == "test"]).uniform()
+                drawn = case(of, set_, trial)
+                found += [
+                    {"hand": hand, "set": set_, "trial": trial, "policy": policy.name, "control": "",
+                     "object": drawn.object, "sigma_mm": 1e3 * drawn.sigma, "held": bool(luck < rate[policy.name]),
+                     "said_held": True, "cycle_s": 3.0 - policy.overlap * of.motion.close, "premature_s": 0.0,
+                     "carried_mm": 0.0, "peak_n": 1.0}
+                    for policy in of.policies
+                ]  # fmt: skip
+    return found

@@ -1,0 +1,91 @@
+"""A folder of the study: it goes on, it refuses another protocol, and its files are whole or not there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.study.folder import TRIALS, read, write
+from allegro_twin.study.protocol import Study
+from allegro_twin.study.work import sweep_of
+from allegro_twin.sweep import Local, Store, run
+from tests.study.small import study
+
+
+class Killed(Exception):
+    """Somebody has had enough."""
+
+
+def swept(of: Study, folder: Path, units: int | None = None) -> None:
+    """Sweep, or be killed after so many units of four trials."""
+    sweep = sweep_of(of, tuple(of.hands))
+    object.__setattr__(sweep, "unit", 4)
+    seen: list[int] = []
+
+    def told(done: int, total: int) -> None:
+        seen.append(done)
+        if units is not None and len(seen) > units:
+            raise Killed
+
+    run(sweep, Store(folder / TRIALS), Local(0), told)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("done")
+    swept(study(), folder)
+    write(folder)
+    return folder
+
+
+def test_killed_and_resumed_it_is_the_same_file(done: Path, tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        swept(study(), tmp_path, units=3)
+    assert 0 < read(tmp_path).table.num_rows < read(done).table.num_rows
+    swept(study(), tmp_path)
+    write(tmp_path)
+    assert (tmp_path / "trials.parquet").read_bytes() == (done / "trials.parquet").read_bytes()
+    assert (tmp_path / "report.html").read_bytes() == (done / "report.html").read_bytes()
+
+
+def test_another_protocol_is_refused(done: Path) -> None:
+    changed = study(seed=1)
+    assert changed.digest != study().digest
+    with pytest.raises(ConfigError, match=rf"is of another sweep: .*protocol {study().digest} there"):
+        swept(changed, done)
+
+
+def test_a_manifest_that_somebody_changed_is_found_out(done: Path, tmp_path: Path) -> None:
+    with pytest.raises(Killed):
+        swept(study(), tmp_path, units=1)
+    path = tmp_path / TRIALS / "manifest.json"
+    content: dict[str, Any] = json.loads(path.read_text())
+    content["data"]["study"]["analysis"]["margin"] = 0.3
+    path.write_text(json.dumps(content))
+    with pytest.raises(RecordingError, match="it was changed afterwards"):
+        read(tmp_path)
+
+
+def test_nothing_yet_is_a_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="nothing was swept into it"):
+        write(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_report_needs_nothing_from_elsewhere_and_has_the_hash(done: Path) -> None:
+    text = (done / "report.html").read_text()
+    assert "http" not in text
+    assert "<script" not in text
+    assert "src=" not in text
+    assert study().digest in text
+    assert text.count("<svg") >= 4
+    assert not [name for name in done.iterdir() if name.name.startswith(".")]
+
+
+def test_the_hash_is_of_what_is_said_and_not_of_how() -> None:
+    assert study().digest == study(version=1).digest
+    assert study(version=2).digest != study().digest
