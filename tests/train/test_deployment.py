@@ -99,6 +99,18 @@ def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
     fitting(card, Episode(recipe.task, recipe.environment).engine.task.card())
 
 
+def test_the_policy_that_sees_the_cube_fits_its_task_and_no_real_hand() -> None:
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    from allegro_twin.policy.loading import load_policy
+
+    path, recipe = POLICIES / "rotate_right.onnx", load_recipe("rotate")
+    assert path.stat().st_size < 1_000_000
+    card = load_policy(path).card
+    fitting(card, Episode(recipe.task, recipe.environment).engine.task.card())
+    with pytest.raises(ConfigError, match="privileged: 13 of the numbers it sees are not measured by any hand"):
+        card.interface(load_spec())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["reach", "grasp"])
 def test_a_policy_on_the_virtual_hand_over_can_is_as_good_as_in_the_batch(name: str) -> None:
