@@ -1,0 +1,43 @@
+"""What needs no learning, and the table of it in a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.evaluate.statistics import wilson
+from allegro_twin.policy.interface import Floats, Observation
+from allegro_twin.train.evaluation import Evaluation
+
+SEED = 500_000_000
+
+
+class Random:
+    """Uniform actions, the same ones at every run."""
+
+    def __init__(self, motors: int) -> None:
+        self._generator, self._motors = np.random.default_rng(0), motors
+
+    def __call__(self, observation: Observation) -> Floats:
+        seen = observation["observation"] if isinstance(observation, dict) else observation
+        return self._generator.uniform(-1.0, 1.0, (*seen.shape[:-1], self._motors)).astype(np.float32)
+
+
+def shown(found: Evaluation) -> str:
+    """A rate of success with its 95 % interval."""
+    low, high = wilson(int(found.success.sum()), len(found.success))
+    return f"{found.rate:.0%} ({low:.0%}–{high:.0%})".replace("%", " %")
+
+
+def put(lines: Iterable[str], pages: Iterable[str], mark: str) -> None:
+    """Print a table as it is made, and then put it between the marks of pages."""
+    table = []
+    for line in lines:
+        print(line, flush=True)
+        table.append(line)
+    begin, end = f"<!-- {mark} -->", f"<!-- /{mark} -->"
+    for page in map(Path, pages):
+        before, rest = page.read_text().split(begin, 1)
+        page.write_text(before + begin + "\n" + "\n".join(table) + "\n" + end + rest.split(end, 1)[1])
