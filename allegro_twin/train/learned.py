@@ -31,7 +31,8 @@ class Trained:
 
 def note(recipe: Recipe, progress: Progress) -> str:
     """How a policy was trained, for its card."""
-    return f"PPO, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
+    how = "PPO" if recipe.teacher is None else f"DAgger of {recipe.teacher}"
+    return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 
 def rate_of(recipe: Recipe, progress: Progress) -> float:

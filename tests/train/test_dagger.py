@@ -48,6 +48,7 @@ def test_it_leaves_a_policy_that_a_real_hand_could_run_and_goes_on(tmp_path: Pat
     assert told == [16, 32, 48, 64]
     card = load_policy(trained.policy).card
     assert (card.privileged, card.history) == (0, 3)
+    assert card.note.startswith(f"DAgger of {teacher}, seed 0, 64 actions in ")
     assert load_policy(trained.policy).policy(np.zeros((2, card.observation), np.float32)).shape == (2, 16)
     train(recipe(teacher=str(teacher), steps=96), tmp_path, lambda steps, mean, rate: told.append(steps))
     assert told[4:] == [80, 96]
