@@ -77,6 +77,7 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
     before = apart()
     for _ in range(24):
         pupil.update()
+    assert len(pupil._states) == 24, "what it keeps has an end"
     assert apart() < 0.7 * before  # Some of what the teacher sees no hand shows.
 
 
