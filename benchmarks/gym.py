@@ -29,7 +29,7 @@ def figures() -> Iterator[Figure]:
         plain, wrapped = single(task)
         yield f"single {task} over the bare mj_step loop (bar: at least)", plain, 0.70, "x"
         yield f"the same as gymnasium.make wraps it ({task})", wrapped, 0.70, "x"
-    yield f"{MANY} environments over the bare mujoco.batch loop (at least)", vector(), 0.85, "x"
+    yield f"{MANY} environments over the bare mujoco.batch loop (at least)", vector(), 0.90, "x"
     yield "reset over a step (bar: at most)", reset(), 1.0, "x"
     yield "memory of 4,096 simulations (bar: at most)", _in_process("memory"), 2.0, "GB"
     yield from peer()
