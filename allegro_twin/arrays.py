@@ -84,7 +84,9 @@ class Tensors:
             np.dtype(np.uint64): torch.int64,
             np.dtype(bool): torch.bool,
         }
-        for name in ("where", "exp", "sqrt", "abs", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any"):
+        for name in (
+            "where", "exp", "sqrt", "abs", "sign", "sin", "cos", "arctan2", "arccos", "floor", "isfinite", "any",
+        ):  # fmt: skip
             setattr(self, name, getattr(torch, name))
         self.rint = torch.round
 

@@ -10,21 +10,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tensors import TensorVectorEnv
-from allegro_twin.policy.card import Card
-from allegro_twin.policy.loading import load_policy
+from allegro_twin.policy.card import Card, read_card
 from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.evaluation import fitting, keywords
 from allegro_twin.train.export import Layered
 from allegro_twin.train.learned import Advance, Trained, rate_of
 from allegro_twin.train.rounds import in_rounds
 from allegro_twin.train.settings import Recipe
+from allegro_twin.train.taken import Acting, layers_of
 from allegro_twin.train.tally import Tally
 
 _LED = 0.25
@@ -38,12 +37,15 @@ _EPS = 1e-2
 class Pupil:
     """Of the numbers that the teacher sees the pupil's are the first: what the hand reports, and its history."""
 
-    def __init__(self, recipe: Recipe, env: TensorVectorEnv, card: Card, teacher: Any) -> None:
-        self.recipe, self.env, self.card, self._teacher = recipe, env, card, teacher
+    def __init__(self, recipe: Recipe, env: TensorVectorEnv, card: Card, teacher: Acting) -> None:
+        self.recipe, self.env, self.card = recipe, env, card
         self.device = env.xp.device
+        self._teacher = teacher.to(self.device)
         torch.manual_seed(recipe.seed)
         self._net = _network(recipe, card)
-        self._mean, self._var = torch.zeros(card.observation), torch.ones(card.observation)
+        self._net.to(self.device)
+        self._mean = torch.zeros(card.observation, device=self.device)
+        self._var = torch.ones(card.observation, device=self.device)
         self._adam = torch.optim.Adam(self._net.parameters(), lr=recipe.learning_rate)
         self._states: list[tuple[Any, Any]] = []
         self._led, self._done = 1.0, 0
@@ -79,7 +81,7 @@ class Pupil:
 
     def layers(self) -> Layered:
         widths = {"observation": self.card.observation}
-        return Layered(widths, self._mean.numpy(), self._scale().numpy(), None, list(self._net))
+        return Layered(widths, self._mean.cpu().numpy(), self._scale().cpu().numpy(), None, list(self._net))
 
     def saved(self) -> Any:
         return {
@@ -99,7 +101,7 @@ class Pupil:
         seen, wished = (torch.cat(rows) for rows in zip(*self._states, strict=True))
         recipe = self.recipe
         for _ in range(recipe.epochs * max(recipe.update // recipe.batch, 1)):
-            rows = torch.randint(len(seen), (recipe.batch,))
+            rows = torch.randint(len(seen), (recipe.batch,), device=self.device)
             error = self._net(self._scaled(seen[rows])) - wished[rows]
             loss = (error * error).sum(dim=-1).mean()
             self._adam.zero_grad()
@@ -113,7 +115,9 @@ class Pupil:
         """What the teacher would do: it sees this decision's numbers, and what no hand reports."""
         frame = self.card.observation // self.card.history
         told = torch.cat([seen[:, :frame], seen[:, self.card.observation :]], dim=-1)
-        return torch.from_numpy(np.clip(self._teacher(told.numpy()), -1.0, 1.0))
+        with torch.no_grad():
+            wish: torch.Tensor = self._teacher(told)
+        return wish
 
     def _learn_scale(self, seen: Any) -> None:
         """Mean and variance of what was seen first; a scale that goes on changing would make the targets move."""
@@ -133,15 +137,16 @@ def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, r
     """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
     training, and for a teacher that does not see what the pupil does not."""
     assert recipe.teacher is not None
-    teacher = load_policy(find(recipe.teacher, "policy", "conf/policies", ".onnx"))
+    path = find(recipe.teacher, "policy", "conf/policies", ".onnx")
+    teacher = Acting(layers_of(path))
     settings = recipe.environment
     full = settings.model_copy(update={"observation": "full"})
-    fitting(teacher.card, make_task(recipe.task, full.model_copy(update={"history": 1}), 1, 1).card())
+    fitting(read_card(path), make_task(recipe.task, full.model_copy(update={"history": 1}), 1, 1).card())
     card = make_task(recipe.task, settings, 1, 1).card()
     if card.privileged:
         raise ConfigError("learner dagger is for policies that see what a hand reports: environment.observation: hand")
     env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(full))
-    return in_rounds(Pupil(recipe, env, card, teacher.policy), recipe, folder, advance)
+    return in_rounds(Pupil(recipe, env, card, teacher), recipe, folder, advance)
 
 
 def _network(recipe: Recipe, card: Card) -> Any:

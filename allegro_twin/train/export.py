@@ -13,6 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card, write_card
 from allegro_twin.train.learned import ACHIEVED, GOAL
+from allegro_twin.train.left import HAD, SCALAR, VECTOR, WANTED
 
 OPSET, IR = 17, 9  # Read by every onnxruntime since 1.17.
 
@@ -42,7 +43,7 @@ class Layered:
 
     widths: dict[str, int]
     """The names of the inputs in their order, and how many numbers each has. With a goal there is one part more at the
-    end: the goal less what is achieved."""
+    end: what is left to it."""
     mean: Any
     scale: Any
     """What the distance from the mean is multiplied with, (features,)."""
@@ -50,6 +51,8 @@ class Layered:
     """Where that is clipped."""
     layers: list[Any]
     """Of PyTorch: linear ones, Tanh and ELU."""
+    turns: bool = False
+    """Goals are orientations (allegro_twin/train/left.py)."""
 
 
 def to_onnx(policy: Layered, path: Path, card: Card) -> None:
@@ -58,9 +61,8 @@ def to_onnx(policy: Layered, path: Path, card: Card) -> None:
     inputs = [_floats(name, width) for name, width in policy.widths.items()]
     graph = _Graph(names[0])
     if len(names) > 1:
-        graph.last = GOAL
-        graph.add("Sub", ACHIEVED)
-        missing, graph.last = graph.last, names[0]
+        missing = _left(graph, policy.turns)
+        graph.last = names[0]
         graph.add("Concat", *names[1:], missing, axis=1)
     graph.add("Sub", graph.constant(policy.mean))
     graph.add("Mul", graph.constant(policy.scale))
@@ -80,6 +82,26 @@ def to_onnx(policy: Layered, path: Path, card: Card) -> None:
     with whole_file(path) as temporary:
         onnx.save(made, str(temporary))
         write_card(temporary, card)
+
+
+def _left(graph: _Graph, turns: bool) -> str:
+    """Where what is left to the goal is found."""
+    graph.last = GOAL
+    if not turns:
+        graph.add("Sub", ACHIEVED)
+        return graph.last
+    graph.last = ACHIEVED
+    graph.add("MatMul", graph.constant(HAD))
+    had, graph.last = graph.last, GOAL
+    graph.add("MatMul", graph.constant(WANTED))
+    graph.add("Mul", had)
+    products = graph.last
+    graph.add("MatMul", graph.constant(SCALAR))
+    graph.add("Sign")
+    sign, graph.last = graph.last, products
+    graph.add("MatMul", graph.constant(VECTOR))
+    graph.add("Mul", sign)
+    return graph.last
 
 
 def _floats(name: str, width: int) -> Any:

@@ -32,6 +32,7 @@ class Trained:
 def note(recipe: Recipe, progress: Progress) -> str:
     """How a policy was trained, for its card."""
     how = "PPO" if recipe.teacher is None else f"DAgger of {recipe.teacher}"
+    how += "" if recipe.start is None else f" from {recipe.start} on"
     return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 

@@ -66,6 +66,7 @@ def _model(recipe: Recipe, env: StableEnv) -> Any:
     critic = STATE in parts
     chosen = {
         "features_extractor_class": Normalised,
+        "features_extractor_kwargs": {"turns": env.env.engine.task.turns},
         "share_features_extractor": not critic,
         "net_arch": {"pi": layers, "vf": layers},
         "activation_fn": {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation],

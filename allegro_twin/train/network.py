@@ -13,6 +13,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtr
 
 from allegro_twin.train.export import Layered
 from allegro_twin.train.learned import ACHIEVED, GOAL, STATE
+from allegro_twin.train.left import left, numbers_left
 
 BOUND = 5.0
 """Standard deviations beyond which an observation is clipped."""
@@ -23,18 +24,20 @@ LEAST = 1e-6
 class Normalised(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
     """All parts of an observation, one after the other, normalised by what was seen so far.
 
-    With a goal there is one part more: how far it is from what is achieved, which is what a policy needs most and a
-    network finds out last. Mean and variance are part of the policy's own state, so that every checkpoint and every
-    export carries them.
+    With a goal there is one part more: what is left to it. Mean and variance are part of the policy's own state, so
+    that every checkpoint and every export carries them.
     """
 
-    def __init__(self, observation_space: spaces.Space[Any], without: tuple[str, ...] = ()) -> None:
-        """`without`: parts that are not looked at."""
+    def __init__(
+        self, observation_space: spaces.Space[Any], turns: bool = False, without: tuple[str, ...] = ()
+    ) -> None:
+        """`turns`: goals are orientations. `without`: parts that are not looked at."""
         parts = dict(observation_space.items()) if isinstance(observation_space, spaces.Dict) else {}
         self.names = [name for name in parts if name not in without]
         seen = [parts[name] for name in self.names] or [observation_space]
-        missing = spaces.flatdim(parts[GOAL]) if GOAL in parts else 0
+        missing = numbers_left(spaces.flatdim(parts[GOAL]), turns) if GOAL in parts else 0
         super().__init__(observation_space, sum(spaces.flatdim(part) for part in seen) + missing)
+        self.turns = turns
         for name, value in (("mean", 0.0), ("variance", 1.0), ("count", 0.0)):
             size = (self.features_dim,) if name != "count" else ()
             self.register_buffer(name, torch.full(size, value, dtype=torch.float64))
@@ -64,7 +67,7 @@ class Normalised(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselin
     def _parts(self, observations: Any) -> list[Any]:
         if not self.names:
             return [observations]
-        goal = [observations[GOAL] - observations[ACHIEVED]] if GOAL in self.names else []
+        goal = [left(observations[GOAL], observations[ACHIEVED], self.turns)] if GOAL in self.names else []
         return [*(observations[name] for name in self.names), *goal]
 
 
@@ -73,7 +76,7 @@ class Asymmetric(MultiInputActorCriticPolicy):  # type: ignore[misc]  # Likewise
 
     def make_features_extractor(self) -> Normalised:
         critic = hasattr(self, "pi_features_extractor")  # The actor's is made first.
-        return Normalised(self.observation_space, () if critic else (STATE,))
+        return Normalised(self.observation_space, without=() if critic else (STATE,), **self.features_extractor_kwargs)
 
     def _build_mlp_extractor(self) -> None:
         super()._build_mlp_extractor()
@@ -94,4 +97,5 @@ def layered(model: Any) -> Layered:
         scale=front.scale.numpy(),
         bound=BOUND,
         layers=[*body.policy_net, head],
+        turns=front.turns,
     )

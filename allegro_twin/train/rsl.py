@@ -6,6 +6,8 @@ runs on a GPU are not equal.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +19,17 @@ from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from allegro_twin.files.assets import find
 from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.policy.card import Card
 from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.evaluation import keywords
 from allegro_twin.train.export import Layered
 from allegro_twin.train.learned import ACHIEVED, GOAL, STATE, Advance, Trained, farthest_of, rate_of
+from allegro_twin.train.left import left
 from allegro_twin.train.rounds import in_rounds
 from allegro_twin.train.settings import Recipe
+from allegro_twin.train.starting import start_from
 from allegro_twin.train.tally import Tally
 
 SEEN, ALL = "policy", "critic"
@@ -37,7 +42,7 @@ class Learner:
     def __init__(self, recipe: Recipe, env: TensorVectorEnv) -> None:
         self.recipe, self.env, self.device = recipe, env, env.xp.device
         torch.manual_seed(recipe.seed)
-        self.widths = _widths(env.single_observation_space)
+        self.widths, self._turns = _widths(env.single_observation_space), env.engine.task.turns
         self._seen = self._grouped(env.reset())
         groups = {"actor": [SEEN], "critic": [ALL if ALL in self._seen.keys() else SEEN]}  # noqa: SIM118  # TensorDict.
         joints = env.engine.task.spec.n_joints
@@ -66,6 +71,9 @@ class Learner:
             device=str(self.device),
         )
         self.ppo.train_mode()
+        self._settling = recipe.settle
+        if recipe.start is not None:
+            start_from(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
         env.spread()
         self._tally = Tally(env)
 
@@ -80,9 +88,10 @@ class Learner:
             self._learn_at(rate_of(self.recipe, progress))
 
     def saved(self) -> Any:
-        return self.ppo.save()
+        return self.ppo.save() | {"settling": self._settling}
 
     def load(self, content: Any) -> None:
+        self._settling = content.get("settling", 0)
         self.ppo.load(content, None, strict=True)
 
     def update(self) -> None:
@@ -97,7 +106,8 @@ class Learner:
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
                 self._tally.add(reward, ended, info["is_success"])
             self.ppo.compute_returns(self._seen)
-        self.ppo.update()
+        with self._settled():
+            self.ppo.update()
 
     def episodes(self) -> tuple[int, float, float, float]:
         return self._tally.told()
@@ -107,7 +117,25 @@ class Learner:
         actor = self.ppo.get_policy()
         normal = actor.obs_normalizer
         scale = 1.0 / (normal.std + normal.eps)
-        return Layered(self.widths, normal.mean.cpu().numpy(), scale.cpu().numpy(), None, list(actor.mlp))
+        mean, scale = normal.mean.cpu().numpy(), scale.cpu().numpy()
+        return Layered(self.widths, mean, scale, None, list(actor.mlp), self._turns)
+
+    @contextmanager
+    def _settled(self) -> Iterator[None]:
+        """While the value of a policy that was given is not known, the policy stays as it is: a random one would
+        spoil it in a few updates."""
+        if not self._settling:
+            yield
+            return
+        ppo, actor = self.ppo, self.ppo.actor
+        schedule, ppo.schedule = ppo.schedule, "fixed"
+        actor.requires_grad_(False)
+        try:
+            yield
+        finally:
+            actor.requires_grad_(True)
+            ppo.schedule = schedule
+            self._settling -= 1
 
     def _learn_at(self, rate: float) -> None:
         self.ppo.learning_rate = rate
@@ -119,7 +147,7 @@ class Learner:
         parts = seen if isinstance(seen, dict) else {"observation": seen}
         flat = [parts[name] for name in self.widths] if isinstance(seen, dict) else [seen]
         if GOAL in parts:
-            flat.append(parts[GOAL] - parts[ACHIEVED])
+            flat.append(left(parts[GOAL], parts[ACHIEVED], self._turns))
         groups = {SEEN: torch.cat(flat, dim=-1)}
         if STATE in parts:
             groups[ALL] = torch.cat([groups[SEEN], parts[STATE]], dim=-1)

@@ -32,6 +32,11 @@ class Recipe(Settings):
     a Warp device; the third imitates a `teacher`."""
     teacher: str | None = None
     """Of `dagger`: a policy, by path or name, of the same task with `observation: full`."""
+    start: str | None = None
+    """With rsl-rl: a policy to begin with, by path or name, instead of a random one; its hidden layers are the
+    recipe's. Inputs that it has not (a goal) count nothing at first."""
+    settle: Annotated[int, Field(ge=0)] = 0
+    """With `start`: updates at the beginning in which only the value is learned, which no policy's file holds."""
     envs: Count = 256
     """Simulations side by side."""
     steps: Count = 1_000_000
@@ -75,12 +80,15 @@ class Recipe(Settings):
     def _served(self) -> Recipe:
         if (self.learner == "dagger") != (self.teacher is not None):
             raise ValueError("learner dagger and a teacher go together: give both, or neither")
-        if self.learner == "rsl-rl":
-            return self
-        if self.desired_kl is not None:
-            raise ValueError("desired_kl is for learner: rsl-rl")
-        if self.environment.device != "cpu":
-            raise ValueError(f"device {self.environment.device} needs learner: rsl-rl; {self.learner} has cpu")
+        if self.settle and self.start is None:
+            raise ValueError("settle is for a policy to start with: give start, or leave it out")
+        for name in ("desired_kl", "start"):
+            if getattr(self, name) is not None and self.learner != "rsl-rl":
+                raise ValueError(f"{name} is for learner: rsl-rl")
+        if self.environment.device != "cpu" and self.learner == "stable-baselines3":
+            raise ValueError(
+                f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"
+            )
         return self
 
     @property

@@ -60,13 +60,14 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
     from allegro_twin.gym.tasks import make_task
     from allegro_twin.gym.tensors import TensorVectorEnv
     from allegro_twin.train.dagger import Pupil
+    from allegro_twin.train.taken import Acting, layers_of
 
     chosen = recipe(
         teacher=str(teacher), envs=32, rollout=8, steps=7680, batch=64, epochs=8, hidden=[64], learning_rate=3e-3
     )
     env = TensorVectorEnv("Rotate", 32, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()
-    pupil = Pupil(chosen, env, card, load_policy(teacher).policy)
+    pupil = Pupil(chosen, env, card, Acting(layers_of(teacher)))
 
     def apart() -> float:
         with torch.inference_mode():
@@ -87,10 +88,11 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     from allegro_twin.gym.tasks import make_task
     from allegro_twin.gym.tensors import TensorVectorEnv
     from allegro_twin.train.dagger import Pupil
+    from allegro_twin.train.taken import Acting, layers_of
 
     env = TensorVectorEnv("Rotate", 4, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()
-    pupil = Pupil(recipe(teacher=str(teacher)), env, card, load_policy(teacher).policy)
+    pupil = Pupil(recipe(teacher=str(teacher)), env, card, Acting(layers_of(teacher)))
     acted: list[Any] = []
     step = env.step
     env.step = lambda actions: acted.append((actions.clone(), pupil._wish(pupil._seen))) or step(actions)  # type: ignore[method-assign,func-returns-value]
@@ -104,8 +106,6 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
 def test_what_cannot_teach_is_refused_in_one_line(tmp_path: Path, teacher: Path) -> None:
     with pytest.raises(ValueError, match="learner dagger and a teacher go together"):
         recipe()
-    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl; dagger has cpu"):
-        recipe(teacher="x.onnx", environment=HAND | {"device": "warp"})
     with pytest.raises(ConfigError, match="the policy has decimation 20, these environments have 10"):
         train(recipe(teacher=str(teacher), environment=HAND | {"decimation": 10}), tmp_path)
     with pytest.raises(ConfigError, match="policies that see what a hand reports: environment.observation: hand"):

@@ -73,7 +73,11 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
 def test_what_only_one_learner_has_is_refused_for_the_other() -> None:
     with pytest.raises(ValueError, match="desired_kl is for learner: rsl-rl"):
         recipe(learner="stable-baselines3", desired_kl=0.01)
-    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl; stable-baselines3 has cpu"):
+    with pytest.raises(ValueError, match="start is for learner: rsl-rl"):
+        recipe(learner="stable-baselines3", start="reach_right")
+    with pytest.raises(ValueError, match="settle is for a policy to start with"):
+        recipe(settle=2)
+    with pytest.raises(ValueError, match="device warp needs learner: rsl-rl or dagger; stable-baselines3 has cpu"):
         recipe(learner="stable-baselines3", environment={"device": "warp"})
 
 
@@ -121,3 +125,72 @@ def test_without_rsl_rl_training_says_what_to_install(tmp_path: Path, monkeypatc
     monkeypatch.setitem(__import__("sys").modules, "rsl_rl", None)
     with pytest.raises(ConfigError, match=r"training needs rsl_rl: pip install 'allegro-twin\[rsl\]'"):
         train(recipe(), tmp_path)
+
+
+def acts(policy: Path, seen: dict[str, Any]) -> Any:
+    return load_policy(policy).policy(seen)
+
+
+def test_a_training_that_starts_from_a_policy_keeps_it_until_its_value_is_known(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    given = train(recipe(), tmp_path / "given").policy
+    draws = np.random.default_rng(0)
+    seen = {name: draws.normal(0.0, 0.3, (5, width)).astype(np.float32)
+            for name, width in (("observation", 64), ("achieved_goal", 12), ("desired_goal", 12))}  # fmt: skip
+    settled = train(recipe(start=str(given), settle=3), tmp_path / "settled").policy
+    # The normalisation takes the few observations of this training in as well.
+    np.testing.assert_allclose(acts(settled, seen), acts(given, seen), atol=1e-3)
+    assert load_policy(settled).card.note.startswith(f"PPO from {given} on, seed 0, 48 actions")
+    on = train(recipe(start=str(given), settle=2), tmp_path / "on").policy
+    assert np.abs(acts(on, seen) - acts(given, seen)).max() > 2e-3
+
+
+def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    torch = pytest.importorskip("torch")
+    from allegro_twin.gym.tensors import TensorVectorEnv
+    from allegro_twin.train.rsl import Learner
+
+    hand = {"timestep": 0.003, "observation": "hand"}
+    given = train(recipe(task="Rotate", environment=hand), tmp_path).policy
+    env = TensorVectorEnv("Rotate", 4, timestep=0.003)
+    seen = env.reset()
+    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given)), env)
+    with torch.inference_mode():
+        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+    np.testing.assert_allclose(theirs, load_policy(given).policy(seen[:, :64].numpy()), atol=1e-5)
+    with pytest.raises(ConfigError, match="its layers are 64-8-16, and this recipe's 77-9-16"):
+        Learner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given), hidden=[9]), env)
+    fingers = TensorVectorEnv("Rotate", 4, **hand | {"history": 1})
+    full = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path / "full").policy
+    with pytest.raises(ConfigError, match="it sees 77 numbers of observation, here are 64"):
+        Learner(recipe(task="Rotate", environment=hand, start=str(full)), fingers)
+
+
+def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_path: Path) -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    torch = pytest.importorskip("torch")
+    from allegro_twin.gym.tensors import TensorVectorEnv
+    from allegro_twin.train.export import to_onnx
+    from allegro_twin.train.rsl import Learner
+    from allegro_twin.train.taken import Acting, layers_of
+
+    given = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path).policy
+    env = TensorVectorEnv("Reorient", 4, timestep=0.003, state=True)
+    learner = Learner(recipe(task="Reorient", environment={"timestep": 0.003, "state": True}, start=str(given)), env)
+    seen = env.reset()
+    with torch.inference_mode():
+        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+    np.testing.assert_allclose(theirs, load_policy(given).policy(seen["observation"].numpy()), atol=1e-5)
+    learner.update()
+    to_onnx(learner.layers(), tmp_path / "turned.onnx", env.engine.task.card())
+    again = layers_of(tmp_path / "turned.onnx")
+    assert again.turns
+    assert again.widths == {"observation": 77, "achieved_goal": 4, "desired_goal": 4}
+    flat = learner._grouped(seen)["policy"]
+    with torch.inference_mode():
+        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        read = Acting(again)(flat).numpy()
+    ours = load_policy(tmp_path / "turned.onnx").policy({name: part.numpy() for name, part in seen.items()})
+    np.testing.assert_allclose(ours, theirs, atol=1e-5)
+    np.testing.assert_allclose(read, theirs, atol=1e-5)

@@ -62,6 +62,8 @@ class Task(ABC):
     settings: EnvSettings
     interface: Interface
     worlds: Worlds
+    turns: ClassVar[bool] = False
+    """Its goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
     """How far new goals are at most, rad, where a task has such."""
     thing: Body | None = None

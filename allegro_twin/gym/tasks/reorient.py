@@ -12,6 +12,7 @@ from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import DROPPED, InHand
+from allegro_twin.gym.tasks.vectors import twist
 from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
 from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
@@ -23,7 +24,9 @@ NEAREST = 0.3  # rad that a new goal is away at least: never reached already.
 FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name nothing else.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
 BESIDE = (-0.07, 0.0, 0.08)  # m, of the goal in pictures from where the object began.
-BONUS = 10.0  # For a goal.
+BONUS = (
+    10.0  # For a goal: what ten seconds within reach of it would be paid, so that it never pays to stay short of it.
+)
 
 
 class Reorient(InHand):
@@ -34,6 +37,7 @@ class Reorient(InHand):
     purpose = "turn a cube in the fingertips to one goal orientation after another"
     seconds = 30.0
     own: ClassVar[tuple[str, ...]] = ("goals", "farthest")
+    turns = True
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -79,15 +83,20 @@ class Reorient(InHand):
         self._renewed |= there
         xp = self.worlds.xp
         dropped = xp.where(lost, DROPPED, 0.0)
-        terms = {"near": _near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
+        terms = {"near": self._near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
         return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """How near the orientations (..., 4) are, from 0 to 1, the bonus for a goal, and what a loss costs."""
+        """How near the orientations (..., 4) are, from 0 to 1 a second, the bonus for a goal, and what a loss costs."""
         angle = _angle(achieved, desired)
-        return _near(angle) + _bonus(angle) + dropped
+        return self._near(angle) + _bonus(angle) + dropped
+
+    def _near(self, angle: Array) -> Array:
+        """A second at the goal is worth 1, however many decisions it has."""
+        found: Array = self.interface.seconds * library(angle).exp(-angle / WIDTH)
+        return found
 
     def _renew(self, rows: Rows) -> None:
         """New goals, from where the objects are: each simulation's own numbers, the same in every batch."""
@@ -96,23 +105,21 @@ class Reorient(InHand):
         even = (jitter(self._key[rows], self.reached[rows], 10, 3) + 1.0) / 2.0
         z, around, far = (even[:, k] for k in range(3))
         angle = NEAREST + (max(self.farthest, NEAREST) - NEAREST) * far
+        here = self.thing.pose[rows, 3:]
         if self.settings.goals == "yaw":
             axis = xp.stack([0.0 * z, 0.0 * z, xp.where(z < 0.5, -1.0, 1.0)], axis=-1)
+            half = twist(here) / 2.0  # Upright, however the object leans: a lean is nothing to repeat.
+            here = xp.stack([xp.cos(half), 0.0 * half, 0.0 * half, xp.sin(half)], axis=-1)
         else:
             height = 2.0 * z - 1.0
             radius = xp.sqrt(xp.maximum(1.0 - height * height, 0.0))
             axis = xp.stack([radius * xp.cos(2 * np.pi * around), radius * xp.sin(2 * np.pi * around), height], axis=-1)
-        turned = turned_by(self.thing.pose[rows, 3:], axis * angle[:, None])
+        turned = turned_by(here, axis * angle[:, None])
         self._goal[rows] = xp.asarray(turned, np.float32)
 
 
 def _angle(achieved: ArrayLike, desired: ArrayLike) -> Array:
     return angle_between_quaternions(own(achieved), own(desired))
-
-
-def _near(angle: Array) -> Array:
-    found: Array = library(angle).exp(-angle / WIDTH)
-    return found
 
 
 def _bonus(angle: Array) -> Array:

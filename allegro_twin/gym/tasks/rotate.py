@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.gym.camera import Seen
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Outcome, Ticks
-from allegro_twin.gym.tasks.in_hand import DROPPED, FAST, SPINS, InHand
+from allegro_twin.gym.tasks.in_hand import DROPPED, InHand
 from allegro_twin.gym.tasks.vectors import length, tilt, twist
 from allegro_twin.policy.interface import Observation
 from allegro_twin.sim.batch import Rows
@@ -73,15 +72,3 @@ class Rotate(InHand):
         told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
         return Outcome(reward, lost, success, terms | told)
-
-    def told(self, seen: Seen) -> Array:
-        """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
-        four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
-        w, x, y, z = (seen.quaternion[:, k] for k in range(4))
-        xp = self.worlds.xp
-        shift = (seen.position - self.place) / 0.05
-        lean = xp.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=-1)
-        yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        looks = xp.stack([xp.cos(yaw), xp.sin(yaw)], axis=-1)
-        found: Array = xp.concatenate([shift, lean, looks, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
-        return found
