@@ -77,7 +77,7 @@ def evaluate_policy(
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe, hand=hand, side=side)
     path = find(policy, "policy", "conf/policies", ".onnx")
-    console.console.print(_table(compare(path, loaded, episodes)))
+    console.console.print(_table(compare(path, loaded, episodes), loaded))
     if can:
         from allegro_twin.train.deployment import over_can
 
@@ -94,7 +94,7 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
 
     compared = report.compare(policy, recipe, episodes)
     report.write(compared, folder / "evaluation.json")
-    console.console.print(_table(compared))
+    console.console.print(_table(compared, recipe))
     if not video:
         return
     try:
@@ -103,13 +103,21 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
         console.errors.print(f"[yellow]no film: {error}[/]")  # The policy is what was asked for.
 
 
-def _table(compared: list[Compared]) -> object:
+def _table(compared: list[Compared], recipe: Recipe) -> object:
     from rich.table import Table
 
+    from allegro_twin.gym.tasks import task_type
+    from allegro_twin.train.report import quartiles
+
     table = Table(title="success, in the same episodes", title_justify="left", title_style="bold")
-    for column in ("objects", "episodes", "policy", "no action"):
+    kind = task_type(recipe.task)
+    more = (f"{kind.counted}, {kind.unit}: mean (quartiles)",) if kind.counted else ()
+    for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in compared:
         shares = [f"{e.rate:.1%} ± {e.error:.1%}" for e in (each.policy, each.still)]
+        if (counted := each.policy.counted) is not None:
+            low, median, high = quartiles(counted)
+            shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table

@@ -25,6 +25,8 @@ class Evaluation:
     """Sum of the rewards."""
     things: tuple[str, ...]
     """The object of each episode; empty where a task has none."""
+    counted: NDArray[np.float64] | None = None
+    """What each came to at its end, where its task counts something: rad turned, goals reached."""
 
     @property
     def rate(self) -> float:
@@ -51,15 +53,18 @@ def evaluate(
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords(settings))
     observation, report = env.reset(seed=seed)
     going = np.ones(episodes, bool)
-    success, returned = np.zeros(episodes, bool), np.zeros(episodes)
+    success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
+    name = env.engine.task.counted
     while going.any():
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         returned += np.where(going, reward, 0.0)
+        if name:
+            counted[going] = info[name][going]
         ended = going & (terminated | truncated)
         success[ended] = info["is_success"][ended]
         going &= ~ended
     env.close()
-    return Evaluation(success, returned, tuple(report.get("object", ())))
+    return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None)
 
 
 def fitting(card: Card, task: Card) -> None:

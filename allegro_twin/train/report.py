@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.env import HandEnv
@@ -59,8 +60,8 @@ def sets(recipe: Recipe) -> dict[str, EnvSettings]:
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
-    """The same environments with the physics that they have by default, and nothing randomised."""
-    own = ("timestep", "noslip", "coarse", "randomise")
+    """The same environments with the physics that they have by default, on processors, and nothing randomised."""
+    own = ("timestep", "noslip", "coarse", "randomise", "device")
     given = {name: value for name, value in keywords(settings).items() if name not in own}
     return EnvSettings(**given)
 
@@ -92,8 +93,16 @@ def _pictures(env: HandEnv, policy: Policy, episodes: int) -> Iterator[Picture]:
             over = terminated or truncated
 
 
+def quartiles(counted: NDArray[np.float64]) -> list[float]:
+    """Three."""
+    found: list[float] = np.percentile(counted, [25, 50, 75]).tolist()
+    return found
+
+
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
-    return {
+    counted = evaluation.counted
+    more = {} if counted is None else {"counted": {"mean": float(counted.mean()), "quartiles": quartiles(counted)}}
+    return more | {
         "episodes": len(evaluation.success),
         "rate": evaluation.rate,
         "error": evaluation.error,

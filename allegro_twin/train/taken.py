@@ -35,7 +35,7 @@ def layers_of(path: Path) -> Layered:
     return Layered(widths, constants[0][0], constants[1][0], bound, layers, turns)
 
 
-class Acting(torch.nn.Module):
+class Acting(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
     """Its mean action, within [-1, 1], of inputs that are side by side already, (n, features)."""
 
     def __init__(self, policy: Layered) -> None:

@@ -99,14 +99,16 @@ def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
     fitting(card, Episode(recipe.task, recipe.environment).engine.task.card())
 
 
-def test_the_policy_that_sees_the_cube_fits_its_task_and_no_real_hand() -> None:
+@pytest.mark.parametrize("name", ["rotate", "reorient"])
+def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     from allegro_twin.policy.loading import load_policy
+    from allegro_twin.train.report import as_shipped
 
-    path, recipe = POLICIES / "rotate_right.onnx", load_recipe("rotate")
+    path, recipe = POLICIES / f"{name}_right.onnx", load_recipe(name)
     assert path.stat().st_size < 1_000_000
     card = load_policy(path).card
-    fitting(card, Episode(recipe.task, recipe.environment).engine.task.card())
+    fitting(card, Episode(recipe.task, as_shipped(recipe.environment)).engine.task.card())
     with pytest.raises(ConfigError, match="privileged: 13 of the numbers it sees are not measured by any hand"):
         card.interface(load_spec())
 

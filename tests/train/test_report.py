@@ -57,8 +57,8 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     assert unseen.objects == grasp.held_out
     assert as_shipped(unseen) == unseen
     rotate = load_recipe("rotate").environment
-    assert rotate.coarse
-    assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation)
+    assert rotate.device == "warp"
+    assert as_shipped(rotate) == EnvSettings(decimation=rotate.decimation, state=True)
     assert list(sets(recipe())) == ["trained on"]
 
 

@@ -62,6 +62,9 @@ class Task(ABC):
     settings: EnvSettings
     interface: Interface
     worlds: Worlds
+    counted: ClassVar[str] = ""
+    """Of what an outcome tells, what an episode has come to besides success; with its unit in `unit`."""
+    unit: ClassVar[str] = ""
     turns: ClassVar[bool] = False
     """Its goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0

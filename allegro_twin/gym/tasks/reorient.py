@@ -23,7 +23,7 @@ REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.
 NEAREST = 0.3  # rad that a new goal is away at least: never reached already.
 FARTHEST = {"any": np.pi, "yaw": np.pi / 2}  # rad, where the settings name nothing else.
 WIDTH = 0.5  # rad of angle at which the reward for being near has fallen to 1/e.
-BESIDE = (-0.07, 0.0, 0.08)  # m, of the goal in pictures from where the object began.
+BESIDE = (0.12, 0.0, 0.03)  # m, of the goal in pictures from where the object began.
 BONUS = (
     10.0  # For a goal: what ten seconds within reach of it would be paid, so that it never pays to stay short of it.
 )
@@ -36,6 +36,7 @@ class Reorient(InHand):
     name = "Reorient"
     purpose = "turn a cube in the fingertips to one goal orientation after another"
     seconds = 30.0
+    counted, unit = "reached", "goals"
     own: ClassVar[tuple[str, ...]] = ("goals", "farthest")
     turns = True
 

@@ -27,6 +27,7 @@ class Rotate(InHand):
     name = "Rotate"
     purpose = "rotate an object in the fingertips about the vertical, continuously"
     seconds = 30.0
+    counted, unit = "turned", "rad"
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
