@@ -115,7 +115,7 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> N
         ("run lem", {"lemon"}),
         ("run sim_", SIMULATED),
         ("run lemon --object gol", {"golf_ball"}),
-        ("run sim_right --policy re", {"reach_right"}),
+        ("run sim_right --policy re", {"reach_right", "reorient_right"}),
         ("posture home -c can_v", {"can_v4_right", "can_virtual"}),
         ("list pol", {"policies"}),
         ("teleop sim_", SIMULATED),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from allegro_twin.train.checkpoint import Progress
+from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
 
 GOAL, ACHIEVED = "desired_goal", "achieved_goal"  # As Gymnasium names them.

@@ -30,7 +30,7 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("onnx")
     from allegro_twin.gym.settings import EnvSettings
     from allegro_twin.gym.tasks import make_task
-    from allegro_twin.train.export import Layered, to_onnx
+    from allegro_twin.train.graph.export import Layered, to_onnx
 
     torch.manual_seed(1)
     card = make_task("Rotate", EnvSettings(timestep=0.003, decimation=20), 1, 1).card()
@@ -59,8 +59,8 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
     from allegro_twin.gym.settings import EnvSettings
     from allegro_twin.gym.tasks import make_task
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.dagger import Pupil
-    from allegro_twin.train.taken import Acting, layers_of
+    from allegro_twin.train.graph.taken import Acting, layers_of
+    from allegro_twin.train.tensors.dagger import Pupil
 
     chosen = recipe(
         teacher=str(teacher), envs=32, rollout=8, steps=7680, batch=64, epochs=8, hidden=[64], learning_rate=3e-3
@@ -87,8 +87,8 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     from allegro_twin.gym.settings import EnvSettings
     from allegro_twin.gym.tasks import make_task
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.dagger import Pupil
-    from allegro_twin.train.taken import Acting, layers_of
+    from allegro_twin.train.graph.taken import Acting, layers_of
+    from allegro_twin.train.tensors.dagger import Pupil
 
     env = TensorVectorEnv("Rotate", 4, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()

@@ -38,7 +38,7 @@ def weights(folder: Path) -> dict[str, Any]:
     """Everything that the policy and its optimiser have learned, as it is in the last checkpoint."""
     import torch
 
-    from allegro_twin.train.checkpoint import newest
+    from allegro_twin.train.stable.checkpoint import newest
 
     path = newest(folder)
     assert path is not None
@@ -206,7 +206,7 @@ def test_rounds_are_whole_updates() -> None:
 
 
 def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_path: Path) -> None:
-    from allegro_twin.train import learning
+    from allegro_twin.train.stable import ppo as learning
 
     few = recipe(task="Reorient", environment={"timestep": 0.003}, envs=2, rollout=4, steps=16, round=8, batch=8,
                  trials=1, farthest=(0.4, 0.8))  # fmt: skip

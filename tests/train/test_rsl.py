@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train import Recipe, train
-from allegro_twin.train.checkpoint import same_training
+from allegro_twin.train.progress import same_training
 from allegro_twin.train.settings import load_recipe
 
 EXTRA = "rsl_rl is not installed: pip install 'allegro-twin[rsl]'"
@@ -56,8 +56,8 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.export import to_onnx
-    from allegro_twin.train.rsl import Learner
+    from allegro_twin.train.graph.export import to_onnx
+    from allegro_twin.train.tensors.ppo import Learner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003, state=True)
     learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003, "state": True}), env)
@@ -93,7 +93,7 @@ def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monke
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.rsl import Learner
+    from allegro_twin.train.tensors.ppo import Learner
 
     env = TensorVectorEnv("Reach", 4, timestep=0.003)
     learner = Learner(recipe(rollout=1, batch=4), env)
@@ -149,7 +149,7 @@ def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.rsl import Learner
+    from allegro_twin.train.tensors.ppo import Learner
 
     hand: dict[str, Any] = {"timestep": 0.003, "observation": "hand"}
     given = train(recipe(task="Rotate", environment=hand), tmp_path).policy
@@ -171,9 +171,9 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
     from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.export import to_onnx
-    from allegro_twin.train.rsl import Learner
-    from allegro_twin.train.taken import Acting, layers_of
+    from allegro_twin.train.graph.export import to_onnx
+    from allegro_twin.train.graph.taken import Acting, layers_of
+    from allegro_twin.train.tensors.ppo import Learner
 
     given = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path).policy
     env = TensorVectorEnv("Reorient", 4, timestep=0.003, state=True)

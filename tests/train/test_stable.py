@@ -13,7 +13,7 @@ from allegro_twin.gym.vector import HandVectorEnv
 from tests.gym.test_batch import kwargs_of
 
 pytest.importorskip("stable_baselines3", reason="the adapter is for Stable-Baselines3: extra rl")
-from allegro_twin.train.stable import StableEnv
+from allegro_twin.train.stable.env import StableEnv
 
 N = 6
 FEW: dict[str, Any] = {"objects": ("tennis_ball", "lemon")}

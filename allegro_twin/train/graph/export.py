@@ -12,8 +12,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card, write_card
+from allegro_twin.train.graph.left import HAD, SCALAR, VECTOR, WANTED
 from allegro_twin.train.learned import ACHIEVED, GOAL
-from allegro_twin.train.left import HAD, SCALAR, VECTOR, WANTED
 
 OPSET, IR = 17, 9  # Read by every onnxruntime since 1.17.
 
@@ -52,7 +52,7 @@ class Layered:
     layers: list[Any]
     """Of PyTorch: linear ones, Tanh and ELU."""
     turns: bool = False
-    """Goals are orientations (allegro_twin/train/left.py)."""
+    """Goals are orientations (allegro_twin/train/graph/left.py)."""
 
 
 def to_onnx(policy: Layered, path: Path, card: Card) -> None:

@@ -17,14 +17,14 @@ from allegro_twin.files.assets import find
 from allegro_twin.gym.tasks import make_task
 from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.policy.card import Card, read_card
-from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.evaluation import fitting, keywords
-from allegro_twin.train.export import Layered
+from allegro_twin.train.graph.export import Layered
+from allegro_twin.train.graph.taken import Acting, layers_of
 from allegro_twin.train.learned import Advance, Trained, rate_of
-from allegro_twin.train.rounds import in_rounds
+from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
-from allegro_twin.train.taken import Acting, layers_of
-from allegro_twin.train.tally import Tally
+from allegro_twin.train.tensors.rounds import in_rounds
+from allegro_twin.train.tensors.tally import Tally
 
 _LED = 0.25
 """Share of a training in which the teacher drives some simulations: all at its beginning, none at its end."""

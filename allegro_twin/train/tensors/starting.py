@@ -9,9 +9,9 @@ from typing import Any
 import torch
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.train.graph.left import numbers_left
+from allegro_twin.train.graph.taken import layers_of
 from allegro_twin.train.learned import ACHIEVED, GOAL
-from allegro_twin.train.left import numbers_left
-from allegro_twin.train.taken import layers_of
 
 KNOWN = 1_000_000
 """Observations that the normalisation of the policy counts as."""

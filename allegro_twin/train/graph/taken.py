@@ -11,7 +11,7 @@ import torch
 from onnx import numpy_helper
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.train.export import Layered
+from allegro_twin.train.graph.export import Layered
 
 _PLAIN = {"Tanh": torch.nn.Tanh, "Elu": torch.nn.ELU}
 

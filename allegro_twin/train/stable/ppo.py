@@ -13,16 +13,16 @@ from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 
 from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.vector import HandVectorEnv
-from allegro_twin.train import checkpoint
-from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
-from allegro_twin.train.export import to_onnx
+from allegro_twin.train.graph.export import to_onnx
 from allegro_twin.train.learned import EVALUATION, STATE, Advance, Trained, farthest_of, note, rate_of
-from allegro_twin.train.network import Asymmetric, Normalised, layered
+from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
-from allegro_twin.train.stable import StableEnv
-from allegro_twin.train.watching import Watching
+from allegro_twin.train.stable import checkpoint
+from allegro_twin.train.stable.env import StableEnv
+from allegro_twin.train.stable.network import Asymmetric, Normalised, layered
+from allegro_twin.train.stable.watching import Watching
 
 ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
 
-from allegro_twin.train.export import Layered
+from allegro_twin.train.graph.export import Layered
+from allegro_twin.train.graph.left import left, numbers_left
 from allegro_twin.train.learned import ACHIEVED, GOAL, STATE
-from allegro_twin.train.left import left, numbers_left
 
 BOUND = 5.0
 """Standard deviations beyond which an observation is clipped."""

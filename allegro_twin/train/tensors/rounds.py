@@ -15,11 +15,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card
 from allegro_twin.policy.loading import load_policy
-from allegro_twin.train.checkpoint import VERSION, Progress, same_training
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate
-from allegro_twin.train.export import Layered, to_onnx
+from allegro_twin.train.graph.export import Layered, to_onnx
 from allegro_twin.train.learned import EVALUATION, Advance, Trained, note
+from allegro_twin.train.progress import VERSION, Progress, same_training
 from allegro_twin.train.settings import Recipe
 
 

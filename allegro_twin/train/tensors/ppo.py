@@ -22,15 +22,15 @@ from tensordict import TensorDict
 from allegro_twin.files.assets import find
 from allegro_twin.gym.tensors import TensorVectorEnv
 from allegro_twin.policy.card import Card
-from allegro_twin.train.checkpoint import Progress
 from allegro_twin.train.evaluation import keywords
-from allegro_twin.train.export import Layered
+from allegro_twin.train.graph.export import Layered
+from allegro_twin.train.graph.left import left
 from allegro_twin.train.learned import ACHIEVED, GOAL, STATE, Advance, Trained, farthest_of, rate_of
-from allegro_twin.train.left import left
-from allegro_twin.train.rounds import in_rounds
+from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
-from allegro_twin.train.starting import start_from
-from allegro_twin.train.tally import Tally
+from allegro_twin.train.tensors.rounds import in_rounds
+from allegro_twin.train.tensors.starting import start_from
+from allegro_twin.train.tensors.tally import Tally
 
 SEEN, ALL = "policy", "critic"
 """Groups of an observation: what the policy sees, and what the critic sees."""
