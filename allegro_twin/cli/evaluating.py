@@ -78,15 +78,20 @@ def evaluate(
     episodes: Annotated[int, typer.Option(help="Of a policy, for every set.", callback=options.positive)] = 200,
     can: Annotated[int, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.")] = 0,
     hand: options.TrainedHand = None,
+    film: Annotated[
+        Path | None,
+        typer.Option(help="Of a policy: an .mp4 of three episodes.", callback=options.file(".mp4", ".mkv")),
+    ] = None,
 ) -> None:
     """Say what grasps are worth: a row for each with its margins, or how often it holds under uncertainty."""
     if _of_policy(targets):
         if side is Sides.both:
             raise ConfigError("a policy is for one side: --side right or left")
-        _policy(targets, episodes, can, hand, side and side.value)
+        _policy(targets, episodes, can, hand, side and side.value, film)
         return
-    if hand is not None:
-        raise ConfigError(f"--hand {hand} is for policies: a scenario says which hand it is for")
+    for name, given in (("--hand", hand), ("--film", film)):
+        if given is not None:
+            raise ConfigError(f"{name} {given} is for policies, and {targets[0]} is a scenario")
     from allegro_twin.build.campaign import Asked, targets_of
     from allegro_twin.cli import verdicts
 
@@ -151,12 +156,12 @@ def _of_policy(targets: list[str]) -> bool:
     return named or (len(targets) == 2 and targets[1] in complete.recipes())
 
 
-def _policy(targets: list[str], episodes: int, can: int, hand: str | None, side: str | None) -> None:
+def _policy(targets: list[str], episodes: int, can: int, hand: str | None, side: str | None, film: Path | None) -> None:
     from allegro_twin.cli.training import evaluate_policy
 
     if len(targets) != 2:
         raise ConfigError(f"missing argument or one too many: a policy takes its recipe: evaluate {targets[0]} RECIPE")
-    evaluate_policy(targets[0], targets[1], episodes, can, hand, side)
+    evaluate_policy(targets[0], targets[1], episodes, can, hand, side, film)
 
 
 def _sides(side: Sides | None) -> tuple[Side, ...] | None:

@@ -64,19 +64,28 @@ def train(
 
 
 def evaluate_policy(
-    policy: str, recipe: str, episodes: int, can: int, hand: str | None = None, side: str | None = None
+    policy: str,
+    recipe: str,
+    episodes: int,
+    can: int,
+    hand: str | None = None,
+    side: str | None = None,
+    film: Path | None = None,
 ) -> None:
     """Compare a policy with the scripted player in the same episodes, `can` of them on a virtual CAN bus, too. Raises
     HandError."""
     from allegro_twin.cli import console
     from allegro_twin.files.assets import find
+    from allegro_twin.policy.loading import load_policy
     from allegro_twin.train import load_recipe
-    from allegro_twin.train.report import SEED, compare, sets
+    from allegro_twin.train.report import SEED, compare, filmed, sets
 
     if not 0 <= can <= episodes:
         raise ConfigError(f"--can must be 0 to --episodes, which is {episodes}; not {can}")
     loaded = load_recipe(recipe, hand=hand, side=side)
     path = find(policy, "policy", "conf/policies", ".onnx")
+    if film is not None:
+        filmed(load_policy(path).policy, loaded, film)
     console.console.print(_table(compare(path, loaded, episodes), loaded))
     if can:
         from allegro_twin.train.deployment import over_can

@@ -81,11 +81,12 @@ def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
         assert film.streams.video[0].average_rate == 26
 
 
-def test_the_command_line_says_both_rates(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_says_both_rates_and_films(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    monkeypatch.setattr(
-        "sys.argv", ["allegro-twin", "evaluate", "reach_right", "Reach", "--episodes", "4", "--can", "2"]
-    )
+    asked = ["--episodes", "4", "--can", "2", "--film", str(tmp_path / "reach.mp4")]
+    monkeypatch.setattr("sys.argv", ["allegro-twin", "evaluate", "reach_right", "Reach", *asked])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 0
@@ -93,4 +94,5 @@ def test_the_command_line_says_both_rates(monkeypatch: pytest.MonkeyPatch, capfd
     assert "trained on" in said
     assert "0.0% ± 0.0%" in said
     assert "over CAN, trained on: 100.0%" in said
+    assert (tmp_path / "reach.mp4").stat().st_size > 10_000
     assert SEED > 1_000_000_000
