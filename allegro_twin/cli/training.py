@@ -88,12 +88,14 @@ def evaluate_policy(
         filmed(load_policy(path).policy, loaded, film)
     console.console.print(_table(compare(path, loaded, episodes), loaded))
     if can:
+        from allegro_twin.gym.tasks import task_type
         from allegro_twin.train.deployment import over_can
 
         for name, settings in sets(loaded).items():
             driven = over_can(path, loaded.task, settings, can, seed=SEED)
             share = f"{driven.rate:.1%} ± {driven.error:.1%}"
-            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes")
+            more = "" if driven.counted is None else f", {driven.counted.mean():.1f} {task_type(loaded.task).unit}"
+            console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
 
 
 def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bool) -> None:

@@ -131,14 +131,20 @@ class Engine:
         xp = self.worlds.xp
         if not _finite(position):
             position, velocity = (xp.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
-        tick = self.memory.tick
+        goal = self.task.goal() if self.task.interface.goal != "none" else None
+        told = self.task.interface.observe(position, velocity, self.memory, goal)
+        self._seen = told["observation"] if isinstance(told, dict) else told
+        return self.completed(told)
+
+    def completed(self, told: Observation) -> Observation:
+        """What the interface makes of joints, with what no hand reports: what a camera or touch tells, an object's
+        goal, a critic's state."""
+        xp, tick = self.worlds.xp, self.memory.tick
         achieved, goal = self.task.achieved(tick), self.task.goal()
-        told = self.task.interface.observe(position, velocity, self.memory, goal if achieved is None else None)
-        parts = told if isinstance(told, dict) else {"observation": told}
-        self._seen = parts["observation"]
+        parts = dict(told) if isinstance(told, dict) else {"observation": told}
         more = [self.task.seen(tick), None if self._touch is None else self._touch.felt(tick)]
         if extra := [each for each in more if each is not None]:
-            parts["observation"] = _lengthened(self._seen, extra)
+            parts["observation"] = _lengthened(parts["observation"], extra)
         if achieved is not None and goal is not None:
             parts |= {"achieved_goal": xp.asarray(achieved, np.float32), "desired_goal": xp.copy(goal)}
         if self._state is not None:

@@ -13,6 +13,7 @@ from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.errors import CommandError, HandFault
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.policy.interface import Observation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, HandState, Vector, frozen
 
@@ -38,6 +39,8 @@ class Episode:
         """Of the period that just ended: a step's where a step ended with it, but for what actions cost."""
         self.report: dict[str, Any] = {}
         """What was drawn at the last reset, a row each."""
+        self.counted = 0.0
+        """What the episode has come to, where its task counts something: rad turned, goals reached."""
 
     @property
     def spec(self) -> HandSpec:
@@ -49,9 +52,22 @@ class Episode:
 
     @property
     def goal(self) -> Vector | None:
-        """What a policy should reach in this episode, where the task has goals."""
-        goal = self.engine.task.goal()
+        """What a policy should bring its fingertips to in this episode, where the task has such goals."""
+        goal = self.engine.task.goal() if self.engine.task.interface.goal != "none" else None
         return None if goal is None else frozen(goal[0])
+
+    @property
+    def target(self) -> Vector | None:
+        """Where the joints are drawn to when the episode begins, rad; None: where they are."""
+        targets = self.engine.task.targets(_ROW)
+        return None if targets is None else frozen(targets[0])
+
+    def completed(self, observation: Observation) -> Observation:
+        """What a policy sees of the hand, with what no hand reports, as a camera beside it would tell it."""
+        parts = observation if isinstance(observation, dict) else {"observation": observation}
+        rows = {name: part[None] for name, part in parts.items()}
+        told = self.engine.completed(rows if isinstance(observation, dict) else rows["observation"])
+        return {name: part[0] for name, part in told.items()} if isinstance(told, dict) else told[0]
 
     @property
     def script(self) -> int:
@@ -61,6 +77,7 @@ class Episode:
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
         self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
+        self.counted = 0.0
         self._most = None
         if self.engine.worlds.leads:
             self._most = np.array(self._ranges())
@@ -105,6 +122,8 @@ class Episode:
         engine.count += 1
         outcome, _ = engine.outcome(np.zeros((1, self.spec.n_joints)), engine.observe())
         self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
+        if name := engine.task.counted:
+            self.counted = float(outcome.terms[name][0])
         self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
 
     def _state(self) -> HandState:

@@ -3,6 +3,7 @@ a PD law, or by the hand's own."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -52,6 +53,10 @@ class PolicyController:
     """For a policy with goals: where the fingertips should be in the palm frame, shape (3 * fingers,), m."""
     script: int = 0
     """Which of the interface's scripts."""
+    target: Vector | None = None
+    """Where the joints are drawn to at the beginning, rad; None: to the script's beginning, or to where they are."""
+    beside: Callable[[Observation], Observation] | None = None
+    """What completes an observation with what no hand reports, as a camera beside it would."""
 
     def __post_init__(self) -> None:
         wanted = self.interface.n_goal
@@ -60,7 +65,7 @@ class PolicyController:
             raise ConfigError(f"this policy takes a goal of {wanted} numbers, not {given}")
 
     def start(self, state: HandState) -> Deciding:
-        return self._decided(state, self.interface.start(state.position, self.script), 0)
+        return self._decided(state, self.interface.start(state.position, self.script, self.target), 0)
 
     def __call__(self, state: HandState, memory: Deciding) -> tuple[Command, Deciding]:
         inner, age = memory.memory, memory.age + state.tick - memory.tick
@@ -75,6 +80,8 @@ class PolicyController:
 
     def _decided(self, state: HandState, memory: Memory, age: int) -> Deciding:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)
+        if self.beside is not None:
+            observation = self.beside(observation)
         action = self.policy(observation)
         if not np.isfinite(action).all():
             raise CommandError(f"the policy's action at {state.t:.3f} s is not finite: {action}")

@@ -29,8 +29,9 @@ from allegro_twin.wire.host.settings import HostSettings
 def over_can(
     policy: Path, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, version: Version = "v4"
 ) -> Evaluation:
-    """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. Raises
-    ConfigError for a policy of another task."""
+    """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. What no hand
+    reports does not go over it: a camera beside the hand tells that. Raises ConfigError for a policy of another
+    task."""
     loaded, episode = load_policy(policy), Episode(task, settings)
     if "torque" not in episode.spec.commands:
         raise ConfigError(f"{episode.spec.name} is on no CAN bus: leave out --can")
@@ -38,17 +39,22 @@ def over_can(
     success: list[bool] = []
     returned: list[float] = []
     things: list[str] = []
+    counted: list[float] = []
+    name = episode.engine.task.counted
     for each in range(episodes):
         episode.seed = seed + each
         episode.reset()
         interface = episode.engine.task.interface  # With the scripts of these very objects.
-        controller = PolicyController(loaded.policy, interface, episode.goal, episode.script)
+        controller = PolicyController(
+            loaded.policy, interface, episode.goal, episode.script, episode.target, episode.completed
+        )
         with closing(_on_bus(episode, version)) as hand:  # Switched on anew: its motors are cold.
             returned.append(sum(_rewards(hand, controller, episode)))
         success.append(episode.success)
+        counted += [episode.counted] if name else []
         things.append(*episode.report.get("object", [""]))
     named = tuple(things) if any(things) else ()
-    return Evaluation(np.array(success), np.array(returned), named)
+    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None)
 
 
 def _rewards(hand: CanBackend, controller: PolicyController, episode: Episode) -> Iterator[float]:

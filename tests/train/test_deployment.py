@@ -61,6 +61,32 @@ def test_an_episode_driven_as_a_hand_is_the_environments_own(task: str, randomis
     assert np.ptp(own, axis=0).max() > 0.1
 
 
+@pytest.mark.parametrize("task", ["Rotate", "Reorient"])
+def test_what_no_hand_reports_is_told_beside_it_and_is_the_environments_own(task: str) -> None:
+    env, steps = HandEnv(task, decimation=20, timestep=0.003), 25
+    observation = env.reset(seed=4)[0]
+    weights = np.random.default_rng(0).normal(size=(77, 16)).astype(np.float32)
+    seen: list[Any] = []
+
+    def policy(observation: Any) -> Any:
+        seen.append(observation)
+        return (0.3 * np.tanh(joints_of(observation) @ weights)).astype(np.float32)
+
+    episode = Episode(task, env.engine.settings, seed=4)
+    episode.reset()
+    interface = episode.engine.task.interface
+    controller = PolicyController(policy, interface, episode.goal, 0, episode.target, episode.completed)
+    for sample in run(episode, controller):
+        if sample.state.tick == interface.decimation * steps:
+            break
+    driven, seen = seen, []
+    for step in range(steps):
+        for name, part in observation.items() if isinstance(observation, dict) else {"all": observation}.items():
+            np.testing.assert_array_equal(part, driven[step][name] if name != "all" else driven[step])
+        observation, _, _, _, info = env.step(policy(observation))
+    assert episode.counted == info[episode.engine.task.counted]
+
+
 def joints_of(observation: Any) -> Any:
     return observation["observation"] if isinstance(observation, dict) else observation
 
