@@ -129,9 +129,7 @@ def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path, 
 
 def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path, command: Run) -> None:
     image, video = tmp_path / "a.png", tmp_path / "a.mp4"
-    code, _, errors = command(
-        "run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video
-    )
+    code, _, errors = command("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
     assert code == 0
     if image.exists():
         assert image.read_bytes().startswith(b"\x89PNG")
