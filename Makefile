@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
+PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
+# What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo demo-all docs test test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
 
@@ -16,8 +19,8 @@ demo-all: $(READY)
 test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/pytest -n $(JOBS)
+	MYPY_NUM_WORKERS=$(JOBS) $(BIN)/mypy
+	$(PYTEST)
 	$(BIN)/python -m tests.socketcan.guest --color=no
 
 test-socketcan: $(READY)
@@ -27,7 +30,7 @@ test-socketcan-timing: $(READY)
 	$(BIN)/python -m tests.socketcan.emulated
 
 test-all: test
-	$(BIN)/pytest -n $(JOBS) -m long
+	$(PYTEST) -m long
 	$(BIN)/python -m tests.socketcan.emulated --color=no
 
 # Every lower bound of pyproject.toml, as it stands there, but of the extras that bring PyTorch or Ray, which are gigabytes.
