@@ -8,7 +8,7 @@ PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 # What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-all docs test test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
+.PHONY: demo demo-all docs test tests types test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -16,15 +16,20 @@ demo: $(READY)
 demo-all: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo scenarios/more --side both --out out || test $$? -eq 5
 
+# Beside the tests, which wait for time now and then, the types and the guest of SocketCAN, one after the other.
 test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	MYPY_NUM_WORKERS=$(JOBS) $(BIN)/mypy
+	$(MAKE) --no-print-directory --jobs=2 tests types test-socketcan
+
+tests: $(READY)
 	$(PYTEST)
-	$(BIN)/python -m tests.socketcan.guest --color=no
+
+types: $(READY)
+	$(BIN)/mypy
 
 test-socketcan: $(READY)
-	$(BIN)/python -m tests.socketcan.guest
+	$(BIN)/python -m tests.socketcan.guest --color=no
 
 test-socketcan-timing: $(READY)
 	$(BIN)/python -m tests.socketcan.emulated
