@@ -66,4 +66,4 @@ def physical(tensor: Array) -> Array:
         return tensor
     moments = (axes * np.maximum(spread, 1e-3 * spread.max())) @ axes.T
     # To 1e-15 kg·m², beyond which processors round differently and the files that are made of it would differ.
-    return np.round(np.trace(moments) * np.eye(3) - moments, 15)
+    return np.asarray(np.round(np.trace(moments) * np.eye(3) - moments, 15))
