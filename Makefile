@@ -4,8 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
+PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
+# What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-all docs test test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
+.PHONY: demo demo-all docs test tests types test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -13,21 +16,26 @@ demo: $(READY)
 demo-all: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo scenarios/more --side both --out out || test $$? -eq 5
 
+# Beside the tests, which wait for time now and then, the types and the guest of SocketCAN, one after the other.
 test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(MAKE) --no-print-directory --jobs=2 tests types test-socketcan
+
+tests: $(READY)
+	$(PYTEST)
+
+types: $(READY)
 	$(BIN)/mypy
-	$(BIN)/pytest -n $(JOBS)
-	$(BIN)/python -m tests.socketcan.guest --color=no
 
 test-socketcan: $(READY)
-	$(BIN)/python -m tests.socketcan.guest
+	$(BIN)/python -m tests.socketcan.guest --color=no
 
 test-socketcan-timing: $(READY)
 	$(BIN)/python -m tests.socketcan.emulated
 
 test-all: test
-	$(BIN)/pytest -n $(JOBS) -m long
+	$(PYTEST) -m long
 	$(BIN)/python -m tests.socketcan.emulated --color=no
 
 # Every lower bound of pyproject.toml, as it stands there, but of the extras that bring PyTorch or Ray, which are gigabytes.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 from collections.abc import Callable
@@ -40,6 +41,15 @@ if threading.current_thread() is threading.main_thread():
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
+# While thousands of tests are collected, garbage is looked for again and again among what stays until the end.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
+
+
 MakeSim = Callable[..., SimBackend]
 
 
@@ -58,7 +68,7 @@ def home(spec: HandSpec) -> Vector:
     return load_posture("home", spec)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_sim() -> MakeSim:
     """A hand alone in the world; by default upright."""
 
@@ -76,13 +86,20 @@ def make_sim() -> MakeSim:
     return make
 
 
-@pytest.fixture
-def recording_path(tmp_path: Path, spec: HandSpec, home: Vector, make_sim: MakeSim) -> Path:
-    """0.75 s of a hand going home: 251 rows, two whole batches and a part."""
-    path = tmp_path / "home.arrow"
-    controller = PD(Hold(home), load_gains("default", spec))
+@pytest.fixture(scope="session")
+def recording_bytes(tmp_path_factory: pytest.TempPathFactory, make_sim: MakeSim) -> bytes:
+    spec, path = load_spec(), tmp_path_factory.mktemp("recording") / "home.arrow"
+    controller = PD(Hold(load_posture("home", spec)), load_gains("default", spec))
     for _ in recorded(until(0.75, run(make_sim(spec), controller)), path, spec, 0.003, meta={"note": "test"}):
         pass
+    return path.read_bytes()
+
+
+@pytest.fixture
+def recording_path(tmp_path: Path, recording_bytes: bytes) -> Path:
+    """0.75 s of a hand going home: 251 rows, two whole batches and a part. A file of the test's own."""
+    path = tmp_path / "home.arrow"
+    path.write_bytes(recording_bytes)
     return path
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -86,10 +87,16 @@ def layer(name: str) -> int:
     return next((k for k, names in enumerate(LAYERS) if name in names), len(LAYERS))
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+@cache
 def imports(path: Path) -> list[str]:
     """Every module imported anywhere in a file, lazily or not; what only types need is left out."""
     found = []
-    tree = ast.parse(path.read_text())
+    tree = parsed(path)
     typing_only = {
         id(inner)
         for node in ast.walk(tree)
@@ -229,7 +236,7 @@ def test_no_file_names_a_package_registry_or_a_machine() -> None:
 
 def test_every_module_says_its_idea_and_stays_one_idea() -> None:
     for path in MODULES:
-        tree = ast.parse(path.read_text())
+        tree = parsed(path)
         assert ast.get_docstring(tree), f"{path} has no docstring"
         assert path.read_text().count("\n") <= 250, f"{path} is longer than 250 lines"
 
@@ -252,7 +259,7 @@ def dotted(path: Path) -> str:
 
 def referred(name: str, path: Path, known: set[str]) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -289,7 +296,7 @@ def test_no_module_knows_another_hand_by_its_name() -> None:
     assert {"leap", "model_o", "qb_softhand"} <= hands
     hands |= {path.stem for path in (ROOT / "models" / "arms").glob("*.yaml")}
     for path in MODULES:
-        tree = ast.parse(path.read_text())
+        tree = parsed(path)
         docstrings = {
             id(node.body[0].value)
             for node in ast.walk(tree)

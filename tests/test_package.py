@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 
 import allegro_twin
+from tests.cli.conftest import Run, command
 
+__all__ = ["command"]  # The command line in this process, as a fixture.
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SIMULATED = {path.stem for path in (ROOT / "conf").glob("sim_*.yaml")}
@@ -55,13 +57,14 @@ def test_a_wheel_that_is_built_again_is_the_same_to_the_byte(wheel: zipfile.ZipF
     assert again.read_bytes() == Path(wheel.filename).read_bytes()
 
 
-def starts(python: str) -> bool:
-    """A manager of versions may leave a name on the path for one that is not switched on."""
-    return subprocess.run([python, "-c", ""], capture_output=True).returncode == 0
+def started(version: str) -> str:
+    """A Python. A manager of versions may leave a name on the path for one that is not switched on."""
+    python = shutil.which(f"python{version}")
+    if python is None or subprocess.run([python, "-c", ""], capture_output=True).returncode != 0:
+        pytest.skip(f"no python{version} here")
+    return python
 
 
-FOUND = [shutil.which(f"python{version}") for version in ("3.11", "3.12", "3.13")]
-PYTHONS = [python for python in FOUND if python and starts(python)]
 TOUR = """
 import gymnasium, pathlib, allegro_twin, allegro_twin.panel.host, allegro_twin.teleop.leading
 assert "site-packages" in allegro_twin.__file__, allegro_twin.__file__
@@ -72,13 +75,14 @@ env.reset(seed=0); env.step(env.action_space.sample())
 
 @pytest.mark.long
 @pytest.mark.parametrize("target", ["wheel", "sdist"])
-@pytest.mark.parametrize("python", PYTHONS)
-def test_what_is_built_runs_in_an_environment_of_its_own(python: str, target: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", ["3.11", "3.12", "3.13"])
+def test_what_is_built_runs_in_an_environment_of_its_own(version: str, target: str, tmp_path: Path) -> None:
     """Outside of the checkout, with the versions that an index gives today."""
+    python = started(version)
     made, own = built(tmp_path, target), tmp_path / "venv" / "bin"
     quiet = [str(own / "pip"), "install", "--quiet", "--disable-pip-version-check"]
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
-    for command in (
+    for words in (
         [python, "-m", "venv", str(tmp_path / "venv")],
         [*quiet, f"{made}[view]"],
         [str(own / "allegro-twin"), "list"],
@@ -86,8 +90,8 @@ def test_what_is_built_runs_in_an_environment_of_its_own(python: str, target: st
         [str(own / "allegro-twin"), "run", "lemon", "--out", str(tmp_path / "out")],
         [str(own / "python"), "-c", TOUR],
     ):
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900)
-        assert done.returncode == 0, (command, done.stdout[-1000:], done.stderr[-2000:])
+        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900)
+        assert done.returncode == 0, (words, done.stdout[-1000:], done.stderr[-2000:])
     assert (tmp_path / "out" / "lemon_right.png").is_file()
 
 
@@ -100,11 +104,16 @@ def test_the_script_is_the_one_that_is_quiet_about_ctrl_c() -> None:
     assert PROJECT["scripts"]["allegro-twin"] == "allegro_twin.__main__:main"
 
 
+def test_the_package_is_a_program() -> None:
+    done = subprocess.run([sys.executable, "-m", "allegro_twin", "--version"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"allegro-twin {allegro_twin.__version__}\n", "")
+
+
 @pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["run", "-h"], ["calibrate", "limits", "-h"]])
-def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> None:
-    done = subprocess.run([sys.executable, "-m", "allegro_twin", *arguments], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert (f"allegro-twin {allegro_twin.__version__}\n" == done.stdout) == (arguments == ["--version"])
+def test_version_and_help_are_answered_in_every_place(arguments: list[str], command: Run) -> None:
+    code, shown, errors = command(*arguments)
+    assert (code, errors) == (0, "")
+    assert (f"allegro-twin {allegro_twin.__version__}\n" == shown) == (arguments == ["--version"])
 
 
 @pytest.mark.parametrize(
@@ -123,13 +132,14 @@ def test_version_and_help_are_answered_in_every_place(arguments: list[str]) -> N
         ("play rip", {"ripple"}),
     ],
 )
-def test_the_shell_completes_names(typed: str, expected: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shell_completes_names(
+    typed: str, expected: set[str], command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     words = f"allegro-twin {typed}"
     monkeypatch.setenv("_ALLEGRO_TWIN_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    done = subprocess.run([sys.executable, "-m", "allegro_twin"], capture_output=True, text=True)
-    assert set(done.stdout.split()) == expected
+    assert set(command()[1].split()) == expected
 
 
 def test_completion_is_shown_and_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

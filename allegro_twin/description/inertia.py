@@ -65,4 +65,5 @@ def physical(tensor: Array) -> Array:
     if spread.min() >= 0.0:
         return tensor
     moments = (axes * np.maximum(spread, 1e-3 * spread.max())) @ axes.T
-    return np.asarray(np.trace(moments) * np.eye(3) - moments)
+    # To 1e-15 kg·m², beyond which processors round differently and the files that are made of it would differ.
+    return np.asarray(np.round(np.trace(moments) * np.eye(3) - moments, 15))

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from allegro_twin.cli import console, main
+from tests.cli.wrong import built
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -16,6 +17,7 @@ Run = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def command(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
     """The command line in this process: exit code, standard output and error."""
+    monkeypatch.setattr(main, "app", built())
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["allegro-twin", *map(str, arguments)])

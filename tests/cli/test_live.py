@@ -19,16 +19,18 @@ from allegro_twin.config import load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.hand import Hand
 from allegro_twin.library.library import Library
-from tests.cli.test_main import SUITE, allegro_twin
+from tests.cli.conftest import Run
+
+SUITE = Path(__file__).resolve().parents[2]
 
 
-def test_a_posture_and_a_grasp_show_their_outcome() -> None:
-    done = allegro_twin("posture", "home", "--config", "sim_left")
-    assert done.returncode == 0, done.stderr
-    assert "allegro_left at" in done.stdout
-    done = allegro_twin("grasp", "grasp_3", "--force", "2.5")
-    assert done.returncode == 0, done.stderr
-    assert "what the joints felt" in " ".join(done.stdout.split())
+def test_a_posture_and_a_grasp_show_their_outcome(command: Run) -> None:
+    code, shown, errors = command("posture", "home", "--config", "sim_left")
+    assert code == 0, errors
+    assert "allegro_left at" in shown
+    code, shown, errors = command("grasp", "grasp_3", "--force", "2.5")
+    assert code == 0, errors
+    assert "what the joints felt" in " ".join(shown.split())
 
 
 @pytest.mark.parametrize(
@@ -42,26 +44,26 @@ def test_a_posture_and_a_grasp_show_their_outcome() -> None:
         (["calibrate", "limits", "--by-hand", "0"], "--by-hand must be positive and finite, not 0.0"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_exit_code_2(arguments: list[str], message: str) -> None:
-    done = allegro_twin(*arguments)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert message in done.stderr
+def test_what_cannot_be_is_one_line_and_exit_code_2(arguments: list[str], message: str, command: Run) -> None:
+    code, _, errors = command(*arguments)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert message in errors
 
 
-def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path) -> None:
+def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path, command: Run) -> None:
     target = tmp_path / "taught.yaml"
-    done = allegro_twin("teach", "mine", "--seconds", "0.3", "--into", target, cwd=SUITE)
-    assert done.returncode == 0, done.stderr
+    code, _, errors = command("teach", "mine", "--seconds", "0.3", "--into", target)
+    assert code == 0, errors
     library = Library(target)
     right, left = (library.posture("mine", load_spec(side=side)) for side in ("right", "left"))
     assert (right[4:8] == left[4:8] * (-1, 1, 1, 1)).all()
 
 
-def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Path) -> None:
+def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Path, command: Run) -> None:
     target = tmp_path / "mine.yaml"
     target.write_text("# my hand, bought 2019\nactuation:\n  damping: 0.08  # measured\n")
-    done = allegro_twin("calibrate", "limits", "--into", target)
-    assert done.returncode == 0, done.stderr
+    code, _, errors = command("calibrate", "limits", "--into", target)
+    assert code == 0, errors
     text = target.read_text()
     assert text.startswith("# my hand, bought 2019\nactuation:\n  damping: 0.08  # measured\n")
     spec = load_spec(serial=str(target))
@@ -71,15 +73,15 @@ def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Pa
     config.write_text(
         f"hand: {{serial: {target}}}\nbackend: {{kind: sim}}\ncontroller: {{kind: pd}}\nlimits: {{margin: 0.05}}\n"
     )
-    shown = allegro_twin("hand", "show", "--config", config)
-    assert shown.returncode == 0, shown.stderr
-    assert "margin 0.05 rad" in " ".join(shown.stdout.split())
+    code, shown, errors = command("hand", "show", "--config", config)
+    assert code == 0, errors
+    assert "margin 0.05 rad" in " ".join(shown.split())
     table = yaml.safe_load(text)
     table["limits"]["lower"] = table["limits"]["lower"][:15]
     target.write_text(yaml.safe_dump(table))
-    again = allegro_twin("hand", "show", "--config", config)
-    assert again.returncode == 2
-    assert "limits.lower needs 16 numbers, rad" in again.stderr
+    code, _, errors = command("hand", "show", "--config", config)
+    assert code == 2
+    assert "limits.lower needs 16 numbers, rad" in errors
 
 
 def test_every_key_of_the_manufacturer_does_what_it_did() -> None:

@@ -1,4 +1,7 @@
-"""The command line does what it says, answers with its exit codes, and never shows a traceback."""
+"""The command line does what it says, answers with its exit codes, and never shows a traceback.
+
+Once as a program of its own; the rest in this process, which is many times faster.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import Run
+
 SUITE = Path(__file__).resolve().parents[2]
 
 
@@ -19,16 +24,22 @@ def allegro_twin(*arguments: str | Path, cwd: Path = SUITE) -> subprocess.Comple
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 
-def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path) -> None:
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the folder of the repository, from which README.md and conf/ are typed."""
+    monkeypatch.chdir(SUITE)
+
+
+def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path, command: Run) -> None:
     recording = tmp_path / "home.arrow"
-    done = allegro_twin("run", "conf/sim_right.yaml", "--seconds", "1.5", "--record", recording)
-    assert done.returncode == 0, done.stderr
-    assert "allegro_right at 1.500 s" in done.stdout
+    code, shown, errors = command("run", "conf/sim_right.yaml", "--seconds", "1.5", "--record", recording)
+    assert code == 0, errors
+    assert "allegro_right at 1.500 s" in shown
     config = tmp_path / "replay.yaml"
     config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
-    again = allegro_twin("run", config)
-    assert again.returncode == 0, again.stderr
-    assert "allegro_right at 1.500 s" in again.stdout
+    code, shown, errors = command("run", config)
+    assert code == 0, errors
+    assert "allegro_right at 1.500 s" in shown
 
 
 def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
@@ -41,12 +52,12 @@ def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
     assert (tmp_path / "lemon_right.arrow").stat().st_size > 1_000_000
 
 
-def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path) -> None:
+def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path, command: Run) -> None:
     text = (SUITE / "scenarios/demo/lemon.yaml").read_text()
     (tmp_path / "bare.yaml").write_text(text.replace("friction: 0.8", "friction: 0.05"))
-    done = allegro_twin("run", tmp_path / "bare.yaml")
-    assert done.returncode == 5
-    assert "not held" in done.stdout
+    code, shown, _ = command("run", tmp_path / "bare.yaml")
+    assert code == 5
+    assert "not held" in shown
 
 
 @pytest.mark.parametrize(
@@ -64,68 +75,67 @@ def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path) -> None:
         (["view", "nothing.arrow"], "no recording at nothing.arrow"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], message: str) -> None:
-    done = allegro_twin(*arguments)
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert "Traceback" not in done.stderr
+def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], message: str, command: Run) -> None:
+    code, _, errors = command(*arguments)
+    assert code == 2
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert "Traceback" not in errors
 
 
-def test_a_fault_is_exit_code_4(tmp_path: Path) -> None:
+def test_a_fault_is_exit_code_4(tmp_path: Path, command: Run) -> None:
     config = tmp_path / "fast.yaml"
     config.write_text(
         "backend: {kind: sim}\ncontroller: {kind: torque, torque: 0.3}\nlimits: {velocity: 0.5}\nseconds: 1\n"
     )
-    done = allegro_twin("run", config, "--record", tmp_path / "fault.arrow")
-    assert done.returncode == 4
-    assert "over its limit of 0.50 rad/s; reset to go on" in done.stderr
-    assert done.stderr.count("\n") == 1
-    exported = allegro_twin("export", tmp_path / "fault.arrow", tmp_path / "fault.csv")
-    assert exported.returncode == 0
+    code, _, errors = command("run", config, "--record", tmp_path / "fault.arrow")
+    assert code == 4
+    assert "over its limit of 0.50 rad/s; reset to go on" in errors
+    assert errors.count("\n") == 1
+    assert command("export", tmp_path / "fault.arrow", tmp_path / "fault.csv")[0] == 0
 
 
-def test_a_period_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+def test_a_period_that_does_not_fit_is_refused(tmp_path: Path, command: Run) -> None:
     config = tmp_path / "odd.yaml"
     config.write_text("backend: {kind: sim}\ncontroller: {kind: torque}\nperiod: 0.0025\n")
-    done = allegro_twin("run", config)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "period 0.0025 s is not a whole number of physics steps of 0.001 s" in done.stderr
+    code, _, errors = command("run", config)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "period 0.0025 s is not a whole number of physics steps of 0.001 s" in errors
 
 
-def test_a_replay_of_another_hand_is_refused(tmp_path: Path) -> None:
+def test_a_replay_of_another_hand_is_refused(tmp_path: Path, command: Run) -> None:
     recording = tmp_path / "left.arrow"
-    assert allegro_twin("run", "conf/sim_left.yaml", "--seconds", "0.1", "--record", recording).returncode == 0
+    assert command("run", "conf/sim_left.yaml", "--seconds", "0.1", "--record", recording)[0] == 0
     config = tmp_path / "replay.yaml"
     config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
-    done = allegro_twin("run", config)
-    assert done.returncode == 2
-    assert "is of the hand allegro_left; the config says allegro_right: change `hand`" in done.stderr
+    code, _, errors = command("run", config)
+    assert code == 2
+    assert "is of the hand allegro_left; the config says allegro_right: change `hand`" in errors
 
 
-def test_everything_that_ships_can_be_listed() -> None:
-    done = allegro_twin("list")
-    assert done.returncode == 0
+def test_everything_that_ships_can_be_listed(command: Run) -> None:
+    code, shown, _ = command("list")
+    assert code == 0
     for word in ("tomato_soup_can", "home", "quadpod", "golf_ball", "conf/replay.yaml", "menagerie_right"):
-        assert word in done.stdout
+        assert word in shown
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".rrd"])
-def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path) -> None:
-    done = allegro_twin("export", recording_path, tmp_path / f"r{suffix}")
-    assert done.returncode == 0, done.stderr
+def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path, command: Run) -> None:
+    code, _, errors = command("export", recording_path, tmp_path / f"r{suffix}")
+    assert code == 0, errors
     assert (tmp_path / f"r{suffix}").stat().st_size > 10_000
 
 
-def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path) -> None:
+def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path, command: Run) -> None:
     image, video = tmp_path / "a.png", tmp_path / "a.mp4"
-    done = allegro_twin("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
-    assert done.returncode == 0
+    code, _, errors = command("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
+    assert code == 0
     if image.exists():
         assert image.read_bytes().startswith(b"\x89PNG")
         assert video.stat().st_size > 1000
     else:
-        assert "headless rendering needs EGL: apt-get install" in " ".join(done.stderr.split())
+        assert "headless rendering needs EGL: apt-get install" in " ".join(errors.split())
 
 
 def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doctor(tmp_path: Path) -> None:

@@ -241,28 +241,39 @@ def test_ctrl_c_while_libraries_are_imported_is_exit_code_130_and_silence(librar
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-# A disk that takes so many bytes of a file and no more.
+# On a disk that takes so many bytes of a file and no more: what each command answers in a folder of its own.
 FULL = """
-import resource, signal, sys
+import json, os, resource, signal, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-sys.argv = ["allegro-twin", *sys.argv[1:]]
-from allegro_twin.__main__ import main
-main()
+from tests.cli.wrong import answered
+found = {}
+for typed, folder in json.loads(sys.stdin.read()).items():
+    os.chdir(folder)
+    found[typed] = answered(f"export r.arrow {typed}")
+sys.__stdout__.write(json.dumps(found))
 """
+EXPORTS = ["set --format lerobot", "set-v0 --format minari", "a.csv", "a.parquet"]
+Answers = dict[str, tuple[Path, int, str]]
 
 
-@pytest.mark.parametrize(
-    "typed",
-    ["set --format lerobot", "set-v0 --format minari", "a.csv", "a.parquet"],
-)
-def test_a_full_disk_leaves_nothing_half_written(typed: str, place: Path, tmp_path: Path) -> None:
-    (tmp_path / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
+@pytest.fixture(scope="module")
+def on_a_full_disk(place: Path, tmp_path_factory: pytest.TempPathFactory) -> Answers:
+    folders = {typed: tmp_path_factory.mktemp("full") for typed in EXPORTS}
+    for folder in folders.values():
+        (folder / "r.arrow").write_bytes((place / "r.arrow").read_bytes())
     done = subprocess.run(
-        [sys.executable, "-c", FULL, "export", "r.arrow", *typed.split()],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, "-c", FULL], input=json.dumps({typed: str(folder) for typed, folder in folders.items()}),
+        cwd=ROOT, capture_output=True, text=True, timeout=60, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
-    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
-    assert done.stderr.startswith("allegro-twin: cannot write")
-    assert done.stderr.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["r.arrow"]
+    assert done.returncode == 0, done.stderr
+    return {typed: (folders[typed], code, errors) for typed, (code, errors) in json.loads(done.stdout).items()}
+
+
+@pytest.mark.parametrize("typed", EXPORTS)
+def test_a_full_disk_leaves_nothing_half_written(typed: str, on_a_full_disk: Answers) -> None:
+    folder, code, errors = on_a_full_disk[typed]
+    assert code == 2, errors
+    assert errors.startswith("allegro-twin: cannot write")
+    assert errors.count("\n") == 1
+    assert [path.name for path in folder.iterdir()] == ["r.arrow"]

@@ -292,7 +292,7 @@ def answered(typed: str) -> tuple[int, str]:
     out, errors = io.StringIO(), io.StringIO()
     sys.argv = ["allegro-twin", *shlex.split(typed)]
     console.console, console.errors = Console(file=out, width=160), Console(file=errors, width=160)
-    parser = mock.patch.object(main, "app", _built())
+    parser = mock.patch.object(main, "app", built())
     with parser, contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         try:
             main.main()
@@ -302,7 +302,7 @@ def answered(typed: str) -> tuple[int, str]:
 
 
 @cache
-def _built() -> Any:
+def built() -> Any:
     """The parser. Typer would make it anew for every command line, which takes longer than most answers."""
     from typer.main import get_command
 

@@ -68,21 +68,35 @@ ARMS = ["arm", "arm-guarded", "arm-replay", "arm-with-a-hand", "hand-on-an-arm"]
 """Arms, alone and in a world that they share."""
 
 
+@pytest.fixture(scope="module")
+def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Callable[[HandSpec], HandBackend]:
+    """Replays 0.75 s of a hand, which are recorded once."""
+    folder = tmp_path_factory.mktemp("recordings")
+
+    def replay(spec: HandSpec) -> HandBackend:
+        path = folder / f"{spec.model}_{spec.side}.arrow"
+        if not path.exists():
+            torques = "torque" in spec.commands
+            law: Controller[Any] = (
+                Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+            )
+            for _ in recorded(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
+                pass
+        return ReplayBackend(load(path))
+
+    return replay
+
+
 @pytest.fixture(
     params=["sim", "sim-left", "sim-scenario", "sim-guarded", "replay", *CAN, "can-v4-left", *OTHERS, *SERVOS, *ARMS],
 )
-def make(request: pytest.FixtureRequest, make_sim: MakeSim, recording_path: Path, tmp_path: Path) -> Make:
-    def replayed(spec: HandSpec) -> HandBackend:
-        path = tmp_path / "other.arrow"
-        torques = "torque" in spec.commands
-        law: Controller[Any] = (
-            Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
-        )
-        samples = until(0.75, run(make_sim(spec), law))
-        for _ in recorded(samples, path, spec, 0.003):
-            pass
-        return ReplayBackend(load(path))
-
+def make(
+    request: pytest.FixtureRequest,
+    make_sim: MakeSim,
+    recording_path: Path,
+    tmp_path: Path,
+    replayed: Callable[[HandSpec], HandBackend],
+) -> Make:
     makers: dict[str, Make] = {
         "sim": lambda: make_sim(load_spec()),
         "sim-left": lambda: make_sim(load_spec(side="left")),

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.solution import Solutions
-from allegro_twin.spec import SIDES
+from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 
+Key = tuple[Side, str]
+"""A side and a finger."""
 SPECS = {side: load_spec(side=side) for side in SIDES}
 FINGERS = {(side, f.name): FingerKinematics(SPECS[side], f.name) for side in SIDES for f in SPECS[side].fingers}
 EVERY = list(FINGERS)
 LONG = [key for key in EVERY if key[1] != "thumb"]
 THUMBS = [key for key in EVERY if key[1] == "thumb"]
+SHORT = (("right", "index"), ("left", "ring"), *THUMBS)
+
+
+def shortly(keys: list[Key]) -> list[Any]:
+    """Before each push one long finger of either hand, and the thumbs, which differ in kind; all of them in the long
+    run: for what takes its time to look at very many postures."""
+    return [pytest.param(key, marks=[] if key in SHORT else [pytest.mark.long]) for key in keys]
 
 
 def postures(finger: FingerKinematics, n: int, seed: int = 0) -> Array:

@@ -13,7 +13,7 @@ from allegro_twin.kinematics.geometry import load_geometry
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, held, postures, solve
+from tests.kinematics.hands import EVERY, FINGERS, LONG, SPECS, held, postures, shortly, solve
 
 N = 100_000
 HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
@@ -31,7 +31,7 @@ def test_forward_kinematics_is_that_of_pinocchio(seed: int, side: Side) -> None:
         np.testing.assert_allclose(ours.rotation, pose.rotation, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("key", EVERY, ids=str)
+@pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_a_hundred_thousand_postures_are_found_again(key: Key) -> None:
     finger = FINGERS[key]
     q = postures(finger, N)
@@ -81,7 +81,7 @@ def test_a_full_pose_of_the_finger_is_found_with_no_angle_left(key: Key) -> None
         np.testing.assert_allclose(best.posture, q, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("key", LONG, ids=str)
+@pytest.mark.parametrize("key", shortly(LONG), ids=str)
 def test_the_rotation_found_is_the_nearest_that_the_finger_can_have_there(key: Key) -> None:
     """Against every pitch in steps of 1e-3 rad, limits left aside and limits kept."""
     finger = FINGERS[key]
@@ -159,7 +159,7 @@ def test_no_branch_is_given_twice() -> None:
     assert np.nanmin(gaps) > 1e-10
 
 
-@pytest.mark.parametrize("key", EVERY, ids=str)
+@pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_a_margin_keeps_every_joint_away_from_its_limits(key: Key) -> None:
     finger = FINGERS[key]
     q = postures(finger, 3000, seed=6)

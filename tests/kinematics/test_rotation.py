@@ -9,7 +9,7 @@ from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures
+from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures, shortly
 
 Key = tuple[Side, str]
 NEARLY = 1e-6  # rad, of what can be attained.
@@ -44,7 +44,7 @@ def least_angle(finger: FingerKinematics, points: Array, wanted: Array, count: i
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.02, 0.3])
-@pytest.mark.parametrize("key", EVERY, ids=str)
+@pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_no_posture_of_a_dense_sampling_is_turned_nearer(key: Key, noise: float) -> None:
     finger = FINGERS[key]
     q = postures(finger, 40, seed=1)

@@ -15,7 +15,7 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion, product,
 from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
-from tests.kinematics.hands import EVERY, FINGERS, held, postures, solve
+from tests.kinematics.hands import EVERY, FINGERS, held, postures, shortly, solve
 
 Key = tuple[Side, str]
 SAME = 1e-12  # rad: sums, products and roots round alike in both; an arc tangent may end in another digit.
@@ -42,7 +42,7 @@ def agree(one: Solutions, batch: Solutions, row: int) -> None:
     np.testing.assert_allclose(one.angle, batch.angle[row], rtol=0, atol=SAME)
 
 
-@pytest.mark.parametrize("key", EVERY, ids=str)
+@pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_one_target_gives_what_a_batch_gives(key: Key) -> None:
     """Postures anywhere, with a straight elbow and at limits, and points anywhere, most of which are out of reach."""
     finger = FINGERS[key]

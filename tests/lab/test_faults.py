@@ -25,8 +25,13 @@ def drifting(room: Room, force: tuple[float, float, float], at: float) -> Room:
     return replace(room, arm=Disturbed(room.arm, QUIET, np.array([*force, 0.0, 0.0, 0.0]), at))
 
 
-@pytest.mark.parametrize("force", [(5.0, 0.0, 0.0), (0.0, -5.0, 0.0), (0.0, 0.0, 5.0), (0.0, 0.0, -5.0)])
-@pytest.mark.parametrize("at", [1.0, 3.5])
+DRIFTS = [((5.0, 0.0, 0.0), 1.0), ((0.0, -5.0, 0.0), 3.5), ((0.0, 0.0, 5.0), 1.0), ((0.0, 0.0, -5.0), 3.5)]
+"""Every direction before each push, on the way there or with the thing in the hand; at either time in the long run."""
+
+
+@pytest.mark.parametrize(
+    ("force", "at"), [*DRIFTS, *(pytest.param(force, 4.5 - at, marks=pytest.mark.long) for force, at in DRIFTS)]
+)
 def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     force: tuple[float, float, float], at: float
 ) -> None:
@@ -69,7 +74,10 @@ def test_a_sensor_that_is_only_noisy_is_not_suspect() -> None:
         assert (str(report.end), report.end.sentence) == ("held", "")
 
 
-@pytest.mark.parametrize("way", [(0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05)])
+@pytest.mark.parametrize(
+    "way",
+    [(0.05, 0.0), (0.0, -0.05), *(pytest.param(way, marks=pytest.mark.long) for way in ((-0.05, 0.0), (0.0, 0.05)))],
+)
 def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_be_held_when_it_is_not(
     way: tuple[float, float],
 ) -> None:

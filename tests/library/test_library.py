@@ -60,6 +60,11 @@ def _read(text: str) -> dict[str, Any]:
     return parse_yaml(text, "it")
 
 
+def test_what_a_reader_of_a_file_changes_no_other_reader_sees() -> None:
+    _read(MINE)["entries"]["wave"]["angles"]["index"].clear()
+    assert _read(MINE)["entries"]["wave"]["angles"]["index"] == [0.0, 0.1, 0.2, 0.3]
+
+
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
     path = tmp_path / "mine.yaml"

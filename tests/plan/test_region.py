@@ -16,9 +16,9 @@ from allegro_twin.evaluate.scenario import load_protocol
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.evaluate.uncertainty import Uncertainty
 from allegro_twin.plan.propose import BATCH, Proposer
-from allegro_twin.plan.prove import Prover, pushed
+from allegro_twin.plan.prove import Planned, Prover, pushed
 from allegro_twin.plan.region import in_frame_of, region
-from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.search import Search
 from allegro_twin.plan.templates import templates
 from allegro_twin.sim.workbench import Workbench
 
@@ -87,11 +87,10 @@ def test_whoever_waits_for_proposals_can_look_at_the_clock_after_every_batch() -
     assert list(proposer.fresh(tries=3 * BATCH)).count(None) == 3
 
 
-def test_in_the_air_an_object_is_held_by_its_part_too() -> None:
+def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[Search, Planned]) -> None:
     """What holds the pushes, but elsewhere, is not returned."""
-    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
-    search = Search(scenario, SPEC, templates(SPEC), effort=Effort(guessed=24, closed=8))
-    (planned,) = search.run(1, 100.0)
+    search, planned = in_the_air
+    scenario = search.scenario
     inside, outside = region("z>-1"), region("z>1")
     bench = Workbench(SPEC, stage(scenario, load_protocol("fc"), "right", Path()))
     for by, kept in ((inside, 1), (outside, 0)):

@@ -13,7 +13,12 @@ from allegro_twin.study.folder import TRIALS, read, write
 from allegro_twin.study.protocol import Study
 from allegro_twin.study.work import sweep_of
 from allegro_twin.sweep import Local, Store, run
-from tests.study.small import study
+from tests.study import small
+
+
+def study(**changed: Any) -> Study:
+    """Of 29 trials."""
+    return small.study(**{"pairs": {"train": 2, "test": 2}} | changed)
 
 
 class Killed(Exception):

@@ -1,0 +1,21 @@
+"""One search in the air that several tests look at."""
+
+from __future__ import annotations
+
+import pytest
+
+from allegro_twin.cli.planning import scenario_of
+from allegro_twin.description.hands import load_spec
+from allegro_twin.plan.prove import Planned
+from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.templates import templates
+
+
+@pytest.fixture(scope="session")
+def in_the_air() -> tuple[Search, Planned]:
+    """A ball that is held against pushes along every axis, without a table and without weight."""
+    spec = load_spec()
+    scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
+    search = Search(scenario, spec, templates(spec), effort=Effort(guessed=24, closed=8, drawn=3))
+    (planned,) = search.run(1, 100.0)
+    return search, planned
