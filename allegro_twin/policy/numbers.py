@@ -63,11 +63,12 @@ class Lifted:
     of one hand then are, in a third of the time."""
 
     def __init__(self, numbers: Numbers) -> None:
-        self._known = {1: numbers}
+        self._flat = numbers
+        self._known: dict[int, Numbers] = {}
 
     def __call__(self, ndim: int) -> Numbers:
         if ndim not in self._known:
-            flat, ones = self._known[1], (1,) * (ndim - 1)
+            flat, ones = self._flat, (1,) * (ndim - 1)
             wide = {name: getattr(flat, name).reshape(*ones, -1) for name in _OF_JOINTS}
             parts, periods = flat.parts.reshape(-1, *ones, 1), flat.periods.reshape(-1, *ones)
             self._known[ndim] = Numbers(**wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length)
