@@ -42,8 +42,8 @@ def figures() -> Iterator[Figure]:
 
 
 def single(task: str) -> tuple[float, float]:
-    """Env steps a second over those of bare stepping, of one environment; bare and as made. In seconds of the processor,
-    for one thread does it all."""
+    """Env steps a second over those of bare stepping, of one environment; bare and as made. In seconds of the
+    processor, for one thread does it all."""
     import gymnasium
 
     made = gymnasium.make(f"allegro_twin.gym:AllegroTwin/{task}-v0")
