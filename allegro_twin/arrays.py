@@ -29,6 +29,23 @@ def own(x: Any) -> NDArray[np.float64]:
     return x if hasattr(x, "device") and not isinstance(x, np.ndarray) else np.asarray(x, dtype=np.float64)
 
 
+_YZX = np.array([1, 2, 0])
+
+
+def take(x: Any, index: Any, axis: int) -> Any:
+    """Parts of an array along its first axis (0) or its last (-1). NumPy's own indexing takes five times as long."""
+    if isinstance(x, np.ndarray):
+        return x.take(index, axis)
+    return x[index] if axis == 0 else x[..., index]
+
+
+def cross(x: Any, y: Any) -> Any:
+    """Of vectors (..., 3); NumPy's own, to the bit, takes ten times as long."""
+    if not isinstance(x, np.ndarray):
+        return library(x).cross(x, y)
+    return (x * y.take(_YZX, -1) - x.take(_YZX, -1) * y).take(_YZX, -1)
+
+
 def host(x: Any) -> Any:
     """As NumPy's array, which a tensor on a device is copied for."""
     return x if isinstance(x, np.ndarray) else x.detach().cpu().numpy()

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from allegro_twin.arrays import Tensors, fetched, host, library, tensors
+from allegro_twin.arrays import Tensors, cross, fetched, host, library, take, tensors
 from allegro_twin.gym.noise import Draws, jitter
 
 ROWS = 5
@@ -95,3 +95,15 @@ def test_what_is_fetched_from_a_device_comes_in_one_copy(xp: Tensors, monkeypatc
 def test_numpy_s_own_arrays_are_fetched_as_they_are() -> None:
     tree = {"x": np.zeros(2)}
     assert fetched(tree) is tree
+
+
+def test_a_cross_product_is_numpy_s_to_the_bit() -> None:
+    x, y = np.random.default_rng(0).normal(size=(2, ROWS, 3))
+    np.testing.assert_array_equal(cross(x, y), np.cross(x, y))
+
+
+def test_what_is_taken_is_what_indexing_finds_on_both(xp: Tensors) -> None:
+    x, rows, columns = np.random.default_rng(0).normal(size=(ROWS, 3)), np.array([[3], [0]]), np.array([[2, 0], [1, 1]])
+    for array in (x, xp.asarray(x)):
+        np.testing.assert_array_equal(host(take(array, rows, 0)), host(array[rows]))
+        np.testing.assert_array_equal(host(take(array, columns, -1)), host(array[..., columns]))

@@ -56,7 +56,7 @@ class Engine:
         mine, xp = [generators[row] for row in rows], self.worlds.xp
         rows = xp.asarray(rows)
         values = self.begin(rows, Draws.of(mine, xp), options)
-        return {"randomised": fetched(values), **self.task.facts(rows)}
+        return {"randomised": self.fetched(values), **self.task.facts(rows)}
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
         """New episodes of some simulations, of numbers that were drawn for them; the values that came of these."""
@@ -88,9 +88,15 @@ class Engine:
         return values
 
     def placed(self, action: NDArray[np.floating[Any]]) -> Any:
-        """Actions (n, joints) where the simulations are. Raises CommandError for one with a NaN."""
+        """Actions (n, joints) as they are taken, within [-1, 1], where the simulations are. Raises CommandError for one
+        with a NaN."""
         self._check(action)
-        return self.worlds.xp.asarray(action)
+        xp = self.worlds.xp
+        return xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
+
+    def fetched(self, tree: Any) -> Any:
+        """As `arrays.fetched`, of the simulations' own arrays."""
+        return tree if self.worlds.xp is np else fetched(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
         """Let all simulations, or some, take an action each, (n, joints), as `placed` gives it."""
@@ -100,11 +106,11 @@ class Engine:
         course = interface.course(memory)
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
-        gains = sensing.gains(self._gains)
-        pull, motion, torque, step = interface.pull, worlds.motion, worlds.torque, worlds.step
+        gains, pull, torque, step = sensing.gains(self._gains), interface.pull, worlds.torque, worlds.step
+        live = worlds.live if sensing.ideal else None
         for k in range(interface.decimation):
-            if sensing.ideal and motion is not None:
-                pull(motion, course, k, gains, torque)
+            if live is not None:
+                pull(*live, course, k, gains, torque)
             else:
                 tick = memory.tick + k
                 sensing.drive(interface.told(*sensing.measured(tick), course, k, (gains[0], gains[1])), tick)
@@ -140,6 +146,7 @@ class Engine:
         """What the interface makes of joints, with what no hand reports: what a camera or touch tells, an object's
         goal, a critic's state."""
         xp, tick = self.worlds.xp, self.memory.tick
+        self.task.look(tick)
         achieved, goal = self.task.achieved(tick), self.task.goal()
         parts = dict(told) if isinstance(told, dict) else {"observation": told}
         more = [self.task.seen(tick), None if self._touch is None else self._touch.felt(tick)]
@@ -151,12 +158,11 @@ class Engine:
             parts["state"] = self._state(tick)
         return parts if len(parts) > 1 else parts["observation"]
 
-    def outcome(self, action: NDArray[np.floating[Any]], observation: Observation) -> tuple[Outcome, Flags]:
-        """What the last step came to, and which simulations have diverged: those have failed, whatever they show."""
-        xp = self.worlds.xp
-        taken = xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
-        outcome = self.task.outcome(self.memory.tick, taken, observation)
-        position = self.worlds.position
+    def outcome(self, action: Array, observation: Observation) -> tuple[Outcome, Flags]:
+        """What the last step came to, of actions as `placed` gave them, and which simulations have diverged: those have
+        failed, whatever they show."""
+        xp, position = self.worlds.xp, self.worlds.position
+        outcome = self.task.outcome(self.memory.tick, action, observation)
         if _finite(position):
             return outcome, xp.zeros(self.n, bool)
         diverged = ~xp.isfinite(position).all(axis=-1)

@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
-from allegro_twin.arrays import fetched
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import read_settings
@@ -64,7 +63,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         actions = engine.placed(np.asarray(action)[None])
         engine.step(actions)
         seen = engine.observe()
-        observation, (outcome, diverged), count = fetched((seen, engine.outcome(actions, seen), engine.count))
+        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(actions, seen), engine.count))
         info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
         if diverged[0]:
             info["diverged"] = True
@@ -92,7 +91,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         return task.reward(achieved_goal, desired_goal, _dropped(info))
 
     def _seen(self) -> Observation:
-        return _first(fetched(self.engine.observe()))
+        return _first(self.engine.fetched(self.engine.observe()))
 
 
 def _first(observation: Observation) -> Observation:

@@ -43,8 +43,8 @@ class TensorVectorEnv:
         """As Gymnasium's vector environments: `info` has `is_success`, the reward's terms, and what those that ended
         saw last, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with a NaN is `info["diverged"]`."""
         engine, own = self.engine, self._own
-        taken = actions.numpy() if own is np else actions
-        engine.step(engine.placed(taken))
+        taken = engine.placed(actions.numpy() if own is np else actions)
+        engine.step(taken)
         observation: Any = engine.observe()
         outcome, diverged = engine.outcome(taken, observation)
         truncated = engine.count >= self.limit

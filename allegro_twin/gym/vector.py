@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from allegro_twin.arrays import fetched
 from allegro_twin.errors import ConfigError
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.settings import read_settings
@@ -74,7 +73,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         rows, options = self._masked(options)
         self._seed(seed, rows)
         info = self._restart(rows, options)
-        return fetched(self.engine.observe()), info
+        return self.engine.fetched(self.engine.observe()), info
 
     def step(self, actions: Floats) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         taken = self.engine.placed(np.asarray(actions))
@@ -82,8 +81,8 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         going = np.flatnonzero(~self._ended) if len(new) else None
         self.engine.step(taken, going)
         info = self._restart(new, None) if len(new) else {}
-        seen = self.engine.observe()
-        observation, (outcome, diverged), count = fetched((seen, self.engine.outcome(taken, seen), self.engine.count))
+        engine, seen = self.engine, self.engine.observe()
+        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(taken, seen), engine.count))
         terminated, truncated = outcome.failed, count >= self.limit
         reward, success = outcome.reward, outcome.success
         if len(new):
@@ -147,7 +146,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         mask = self._ended.copy()
         info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
         info |= self._restart(rows, None)
-        return fetched(self.engine.observe()), info
+        return self.engine.fetched(self.engine.observe()), info
 
     def _spread(self, report: dict[str, Any], rows: Rows) -> dict[str, Any]:
         spread: dict[str, Any] = {}

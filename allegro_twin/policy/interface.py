@@ -20,7 +20,7 @@ from allegro_twin.kinematics.chains import ChainTips
 from allegro_twin.kinematics.geometry import has_closed_form
 from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.memory import Course, Memory
-from allegro_twin.policy.numbers import Numbers, numbers_of, radian_of
+from allegro_twin.policy.numbers import Lifted, numbers_of, radian_of
 from allegro_twin.policy.script import Scripts
 from allegro_twin.sim.statics import tree_of
 from allegro_twin.spec import HandSpec
@@ -98,11 +98,11 @@ class Interface:
         return self.half if self.scripts is None else self.reach * radian_of(self.spec)
 
     @cached_property
-    def _numbers(self) -> Numbers:
-        """What is reckoned with at every decision, lying where the arrays do."""
+    def _own(self) -> Lifted:
+        """What is reckoned with at every decision, lying where the arrays do, for arrays of so many dimensions."""
         unit = radian_of(self.spec)
         sizes = self.half, SPEED * unit, self.span, self.step * unit
-        return numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp)
+        return Lifted(numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
 
     @property
     def frame(self) -> int:
@@ -125,8 +125,8 @@ class Interface:
     def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
         """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
         the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
-        own, xp, shape = self._numbers, self.xp, position.shape[:-1]
-        base = own.middle if own.scripts is None else own.scripts[0][script, 0]
+        own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
+        base = own.middle if own.scripts is None else own.scripts[0][script * own.length]
         drawn = (position if own.scripts is None else base) if target is None else target
         offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
         number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
@@ -136,7 +136,7 @@ class Interface:
     def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
         `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
-        xp, own = self.xp, self._numbers
+        xp, own = self.xp, self._own(memory.end.ndim)
         wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
@@ -155,13 +155,13 @@ class Interface:
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
             return Course(None, push)
-        xp, own = self.xp, self._numbers
-        lead = (-1, *(1,) * memory.tick.ndim)
-        base, speed = self._base(memory, xp.arange(self.decimation).reshape(lead))
+        xp, own = self.xp, self._own(memory.end.ndim)
+        base, speed = own.bases(xp, memory)
         travel = memory.end - memory.begin
-        target = own.parts.reshape(*lead, 1) * travel + memory.begin + base
-        rate = speed + travel / self.seconds + xp.zeros(target.shape[:1] + (1,) * travel.ndim)
-        return Course(xp.stack([_within(xp, target, own.lower, own.upper), rate], axis=1), push)
+        wish = xp.zeros((self.decimation, 2, *travel.shape))
+        wish[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
+        wish[:, 1] = speed + travel / self.seconds
+        return Course(wish, push)
 
     def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
         """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
@@ -175,24 +175,27 @@ class Interface:
         if wish is None:
             assert push is not None
             return push
-        kp, kd = (self._numbers.kp, self._numbers.kd) if gains is None else gains
+        own = self._own(position.ndim)
+        kp, kd = (own.kp, own.kd) if gains is None else gains
         pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
 
-    def pull(self, motion: Array, course: Course, k: int, gains: Array, out: Array) -> None:
-        """As `torque`, to the bit, in three operations and into an array (..., n) that is there: positions and speeds
-        are one array (2, ..., n), as kp and kd are. It uses the course's k-th set-points up."""
+    def pull(self, position: Array, velocity: Array, course: Course, k: int, gains: Array, out: Array) -> None:
+        """As `torque`, to the bit, without new arrays: into one (..., n) that is there, with kp and kd in one
+        (2, ..., n). It uses the course's k-th set-points up."""
         wish, push = course
         if wish is None:
             assert push is not None
             out[...] = push
             return
         error = wish[k]  # What is left of the way, and then the two torques.
-        np.subtract(error, motion, out=error)
-        np.multiply(error, gains, out=error)
-        np.add(error[0], error[1], out=out)
+        way, rate = error[0], error[1]
+        np.subtract(way, position, way)
+        np.subtract(rate, velocity, rate)
+        np.multiply(error, gains, error)
+        np.add(way, rate, out)
         if push is not None:
-            np.add(out, push, out=out)
+            np.add(out, push, out)
 
     def elapsed(self, memory: Memory) -> Memory:
         """The memory when the set-points of a decision have run out and the next is due."""
@@ -203,8 +206,8 @@ class Interface:
     ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""
-        xp, own = self.xp, self._numbers
-        target = _within(xp, self._base_now(memory) + memory.end, own.lower, own.upper)
+        xp, own = self.xp, self._own(position.ndim)
+        target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
             parts.append(memory.tick[..., None])
@@ -227,21 +230,6 @@ class Interface:
         if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
             return Fingertips(self.spec, self.xp)
         return ChainTips(self.spec, tree_of(self.spec))
-
-    def _base(self, memory: Memory, k: NDArray[np.int64]) -> Pair:
-        """What offsets are counted from, and its rate, `k` periods after the decision."""
-        own = self._numbers
-        if self.scripts is None or own.scripts is None:
-            return own.middle, own.rest
-        row = self.xp.minimum(memory.tick + k, self.scripts.periods - 1)
-        return own.scripts[0][memory.script, row], own.scripts[1][memory.script, row]
-
-    def _base_now(self, memory: Memory) -> Array:
-        own = self._numbers
-        if self.scripts is None or own.scripts is None:
-            return own.middle
-        base: Array = own.scripts[0][memory.script, self.xp.minimum(memory.tick, self.scripts.periods - 1)]
-        return base
 
 
 def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from allegro_twin.arrays import take
 from allegro_twin.control.controllers import Gains
+from allegro_twin.policy.memory import Memory
 from allegro_twin.policy.script import Scripts
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
 class Numbers(NamedTuple):
-    """Shape (n,) where nothing else is said."""
+    """Shape (n,) where nothing else is said, or (1, …, n) as `Lifted` has them."""
 
     step: Vector
     middle: Vector
@@ -28,8 +32,47 @@ class Numbers(NamedTuple):
     """What the numbers of an observation are divided by, (frame,)."""
     parts: Vector
     """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
+    periods: NDArray[np.int64]
+    """The numbers of these periods, from 0, (decimation,)."""
     scripts: tuple[Array, Array] | None
-    """Set-points and their rates, (s, t, n)."""
+    """Set-points and their rates, one script after the other, (s * t, n)."""
+    length: int
+    """Periods of a script, t."""
+
+    def base(self, xp: Any, memory: Memory) -> Array:
+        """What offsets are counted from when a decision is taken, (..., n)."""
+        return self.middle if self.scripts is None else take(self.scripts[0], self._row(xp, memory, 0), 0)
+
+    def bases(self, xp: Any, memory: Memory) -> tuple[Array, Array]:
+        """In every period until the next, with their rates, (decimation, ..., n) or (..., n) each."""
+        if self.scripts is None:
+            return self.middle, self.rest
+        row = self._row(xp, memory, self.periods)
+        return take(self.scripts[0], row, 0), take(self.scripts[1], row, 0)
+
+    def _row(self, xp: Any, memory: Memory, later: NDArray[np.int64] | int) -> Any:
+        """Where in the table of scripts a period stands; the last set-points stay."""
+        return memory.script * self.length + xp.minimum(memory.tick + later, self.length - 1)
+
+
+_OF_JOINTS = ("step", "middle", "rest", "lower", "upper", "span", "kp", "kd", "limit", "scale")
+
+
+class Lifted:
+    """The numbers with as many dimensions as what they are reckoned with: NumPy adds arrays of the same shape, as those
+    of one hand then are, in a third of the time."""
+
+    def __init__(self, numbers: Numbers) -> None:
+        self._flat = numbers
+        self._known: dict[int, Numbers] = {}
+
+    def __call__(self, ndim: int) -> Numbers:
+        if ndim not in self._known:
+            flat, ones = self._flat, (1,) * (ndim - 1)
+            wide = {name: getattr(flat, name).reshape(*ones, -1) for name in _OF_JOINTS}
+            parts, periods = flat.parts.reshape(-1, *ones, 1), flat.periods.reshape(-1, *ones)
+            self._known[ndim] = Numbers(**wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length)
+        return self._known[ndim]
 
 
 def radian_of(spec: HandSpec) -> Vector:
@@ -64,5 +107,12 @@ def numbers_of(
         limit=place(limit),
         scale=place(scale),
         parts=place(np.arange(1, decimation + 1) / decimation),
-        scripts=None if scripts is None else (place(scripts.position), place(scripts.velocity)),
+        periods=place(np.arange(decimation)),
+        scripts=None if scripts is None else _rows_of(scripts, place),
+        length=0 if scripts is None else scripts.periods,
     )
+
+
+def _rows_of(scripts: Scripts, place: Callable[[Array], Array]) -> tuple[Array, Array]:
+    joints = scripts.position.shape[-1]
+    return place(scripts.position.reshape(-1, joints)), place(scripts.velocity.reshape(-1, joints))

@@ -14,7 +14,6 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco import batch
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
@@ -63,6 +62,11 @@ class Worlds:
         """(n, joints), rad/s; live likewise."""
         return self._driven.velocity(self._qvel) if self._live is None else self._live[1]
 
+    @property
+    def live(self) -> tuple[Array, Array] | None:
+        """Positions and speeds of hands that take torques, where both are NumPy's own and live."""
+        return None if self.leads or self.xp is not np else self._live
+
     def place(self, rows: Rows, posture: Array) -> None:
         """Put hands into postures, (m, joints), rad, with what follows where nothing is in its way."""
         if self._live is None:
@@ -80,12 +84,6 @@ class Worlds:
         self._starts = np.empty((0, self._batch.nstate))
         self._qpos, self._qvel, self._ctrl = (self._batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
         self._push = self._batch.bind("xfrc_applied")
-
-    @cached_property
-    def motion(self) -> Array | None:
-        """Positions and velocities of hands that take torques in one array, (2, n, joints), for reading; None where
-        they are not neighbours."""
-        return None if self._live is None or self.leads else _both(*self._live)
 
     def add(self, model: mujoco.MjModel) -> int:
         """The number of a further variant. Raises ConfigError unless its layout is the first one's."""
@@ -237,10 +235,3 @@ class Snapshot:
     model: mujoco.MjModel
     data: mujoco.MjData
     spec: HandSpec
-
-
-def _both(first: Array, second: Array) -> Array:
-    """Two parts of the same rows as one view, so that one operation reads both."""
-    apart = second.__array_interface__["data"][0] - first.__array_interface__["data"][0]
-    assert first.strides == second.strides
-    return as_strided(first, (2, *first.shape), (apart, *first.strides), writeable=False)

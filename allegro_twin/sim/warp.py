@@ -66,10 +66,6 @@ class WarpWorlds(Worlds):
         """Where the steps are taken, as Warp calls it."""
         return str(self._device)
 
-    @cached_property
-    def motion(self) -> Array | None:
-        return None
-
     def add(self, model: mujoco.MjModel) -> int:
         asked = self._fields | _PICTURED | {"geom_type", "geom_dataid"}
         different = sorted(name for name in asked if not _same(self.model, model, name))

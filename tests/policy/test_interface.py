@@ -26,7 +26,7 @@ def test_the_torque_without_new_arrays_is_the_torque_to_the_bit(mode: Mode, scri
     for k in range(interface.decimation):
         out = np.full((7, spec.n_joints), np.nan)
         torque = interface.torque(motion[0], motion[1], course, k)
-        interface.pull(motion, course, k, both, out)
+        interface.pull(motion[0], motion[1], course, k, both, out)
         np.testing.assert_array_equal(out, torque)
         alone = np.array(
             [interface.torque(motion[0, row], motion[1, row], one, k) for row, one in each(interface, memory)]

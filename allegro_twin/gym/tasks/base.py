@@ -128,6 +128,10 @@ class Task(ABC):
         """What of the goal is so at that decision, shape (n, k), where the interface cannot tell it from the joints."""
         return None
 
+    def look(self, tick: Ticks) -> None:
+        """Look around at the decision `tick` (n,) periods after the beginning, once, for `achieved` and `seen`."""
+        return
+
     def seen(self, tick: Ticks) -> Array | None:
         """What no real hand has, shape (n, extra), at the decision `tick` (n,) periods after the beginning."""
         return None

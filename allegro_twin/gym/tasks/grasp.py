@@ -62,6 +62,7 @@ class Grasp(Closing):
         part = np.minimum(np.arange(self.periods + 1) * period / APPROACH, 1.0)
         place = self.worlds.xp.asarray
         self._left = place(1.0 - part**3 * (10 + part * (6 * part - 15)))  # Minimum jerk.
+        self._arrived = int((part < 1.0).sum())
         self._release = place(np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes]))
         self._retreats = place(np.array([scene.retreat for scene in self.scenes]))
         self._middles = place(np.array([scene.pose[:3] for scene in self.scenes]))
@@ -80,18 +81,20 @@ class Grasp(Closing):
     def plan(self, tick: Ticks) -> None:
         """What is the same in every period of the step is set here, once."""
         assert self.thing is not None
-        release, period = self._release[self.script], self.settings.period
+        release, calm = self._release[self.script], CALM / self.settings.period
         first = tick - release
         going = first + self._periods
         self._path = self._forces = None
         known = self.worlds.xp is np  # On a device asking costs more than doing it all.
-        if not known or first.min() < 0:
-            self._holding = going < 0
-            self._path = self._hand_at(slice(None), going + release)
-        else:
+        earliest, latest = (first.min(), going[-1].max()) if known else (-1, calm)
+        if earliest >= 0:
             self._holds[:] = 0.0
-        if not known or going[-1].max() >= CALM / period:
-            pushing = (going >= CALM / period) & (going < (CALM + PUSHED) / period)
+        elif latest < 0 and tick.min() >= self._arrived:
+            self._hand[:], self._holds[:] = self._hand_at(slice(None), tick), 1.0
+        else:
+            self._path, self._holding = self._hand_at(slice(None), going + release), going < 0
+        if latest >= calm:
+            pushing = (going >= calm) & (going < (CALM + PUSHED) / self.settings.period)
             self._forces = self.worlds.xp.where(pushing[..., None], self.push, 0.0)
         else:
             self.thing.force[:] = 0.0

@@ -13,7 +13,7 @@ from allegro_twin.gym.camera import Camera, Seen
 from allegro_twin.gym.given import thing_of
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
-from allegro_twin.gym.tasks.base import Flags, Task
+from allegro_twin.gym.tasks.base import Flags, Task, Ticks
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
 from allegro_twin.gym.tasks.vectors import length
@@ -63,6 +63,8 @@ class InHand(Task):
         self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
         self.start: Array = xp.zeros((n, self.spec.n_joints))
         """Targets of the fingers at the beginning, rad."""
+        self.shown: Seen
+        """What a camera told at this decision."""
 
     def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
         drawn = draws.number(len(self.settings.objects or (1,)))
@@ -95,19 +97,24 @@ class InHand(Task):
     def targets(self, rows: Rows) -> Array:
         return self.start[rows]
 
-    def seen(self, tick: NDArray[np.int64]) -> Array | None:
-        return self.told(self.camera.look(tick)) if self.extra else None
+    def look(self, tick: Ticks) -> None:
+        if self.extra:
+            self.shown = self.camera.look(tick)
+
+    def seen(self, tick: Ticks) -> Array | None:
+        return self.told(self.shown) if self.extra else None
 
     def told(self, seen: Seen) -> Array:
         """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
         four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
         w, x, y, z = (seen.quaternion[:, k] for k in range(4))
         xp = self.worlds.xp
-        shift = (seen.position - self.place) / 0.05
-        lean = xp.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=-1)
         yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        looks = xp.stack([xp.cos(yaw), xp.sin(yaw)], axis=-1)
-        found: Array = xp.concatenate([shift, lean, looks, seen.velocity / FAST, seen.spin / SPINS], axis=-1)
+        found: Array = xp.zeros((self.n, 13))
+        found[:, :3] = (seen.position - self.place) / 0.05
+        found[:, 3], found[:, 4] = 2 * (x * z + w * y), 2 * (y * z - w * x)
+        found[:, 5], found[:, 6] = xp.cos(yaw), xp.sin(yaw)
+        found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
         return found
 
     def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:

@@ -91,7 +91,7 @@ class Lift(Closing):
         up, period = self._up[self.script], self.settings.period
         moved = self.thing.pose[:, :3] - self.place
         xp = self.worlds.xp
-        rise = xp.where(tick > up, xp.clip(moved[:, 2] / HEIGHT, 0.0, 1.0), 0.0)
+        rise = xp.where(tick > up, xp.minimum(xp.maximum(moved[:, 2] / HEIGHT, 0.0), 1.0), 0.0)
         shoved = length(moved * self._level)
         effort = effort_of(action)
         over = tick >= up + (UP + HOLD) / period

@@ -72,8 +72,11 @@ class Reorient(InHand):
     def goal(self) -> Floats:
         return self._goal
 
+    def look(self, tick: Ticks) -> None:
+        self.shown = self.camera.look(tick)
+
     def achieved(self, tick: Ticks) -> Array:
-        return self.camera.look(tick).quaternion
+        return self.shown.quaternion
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
         assert isinstance(observation, dict)

@@ -60,7 +60,7 @@ class Rotate(InHand):
         gained = xp.minimum((farthest - self._farthest) / self.interface.seconds / FASTEST, 1.0)
         self._farthest = farthest
         away = self.worlds.position - self.start
-        torque = xp.clip(self.worlds.torque, -self._limit, self._limit)
+        torque = xp.minimum(xp.maximum(self.worlds.torque, -self._limit), self._limit)
         terms = {
             "speed": xp.where(leaning < UPRIGHT, gained, 0.0),
             "slide": -_SLIDE * xp.minimum(length(self.thing.velocity), 1.0),

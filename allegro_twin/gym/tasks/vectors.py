@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.arrays import library
+from allegro_twin.arrays import cross, library
 from allegro_twin.types import Array
 
 
@@ -22,7 +22,7 @@ def effort_of(action: Array) -> Array:
 
 def turned(quaternion: Array, vector: Array) -> Array:
     """Vectors (..., 3) of a body's axes in the world's, where its orientation is (..., 4)."""
-    axis, cross = quaternion[..., 1:], library(vector).cross
+    axis = quaternion[..., 1:]
     twice = 2.0 * cross(axis, vector)
     found: Array = vector + quaternion[..., :1] * twice + cross(axis, twice)
     return found
@@ -31,7 +31,8 @@ def turned(quaternion: Array, vector: Array) -> Array:
 def tilt(quaternion: Array) -> Array:
     """Between a body's own z axis and the vertical, its orientation (..., 4), shape (...), rad."""
     x, y, xp = quaternion[..., 1], quaternion[..., 2], library(quaternion)
-    angle: Array = xp.arccos(xp.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
+    upward = 1.0 - 2.0 * (x * x + y * y)  # At most 1.
+    angle: Array = xp.arccos(xp.maximum(upward, -1.0))
     return angle
 
 
