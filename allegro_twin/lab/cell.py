@@ -15,6 +15,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.apart import Apart
 from allegro_twin.lab.itself import Itself
 from allegro_twin.lab.nothing import PERIOD
 from allegro_twin.lab.settings import LabSettings, SecuritySettings, ThingSettings
@@ -51,6 +52,8 @@ class Room:
     """Of the hand, (n,), rad."""
     stiffness: Vector
     """Of its controller, (n,), N·m/rad."""
+    apart: Apart
+    """What is in the way of arm and hand."""
     itself: Itself | None = None
     """What a camera at the wrist sees of arm and hand."""
 
@@ -79,7 +82,7 @@ def make_room(settings: LabSettings) -> Room:
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, Apart(cell),
         Itself(cell, settings.camera) if settings.at_the_wrist else None,
     )  # fmt: skip
 

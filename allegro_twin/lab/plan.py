@@ -1,4 +1,4 @@
-"""Of the ways to take a thing, the one that the arm reaches best."""
+"""Of the ways to take a thing, the one that the arm reaches best, with nothing in its way."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.arm.cell import Cell
+from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.apart import Met
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.choice import Body, Way, body_of, ways
+from allegro_twin.lab.grip import OPENING
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 _TRIED = 8
 """Ways, those first in which the arm bends the least."""
@@ -28,6 +31,8 @@ _LITTLE = 0.04
 """m: not worth a way of its own."""
 _ROOM = 0.08
 """rad: to the end of every joint."""
+_STEP = 0.02
+"""rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
 
 class Reached(NamedTuple):
@@ -38,18 +43,36 @@ class Reached(NamedTuple):
     way: Way
     through: tuple[Vector, ...]
     """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
+    there: tuple[Vector, Vector]
+    """Those of the grasp and of the end of the lift."""
 
 
 def best_way(solid: Solid, room: Room) -> Reached:
-    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits.
+    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
+    which it comes near to nothing.
 
-    Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
+    Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
-    return best_of(body_of(solid), room.cell, room.posture, room.settings.lift)
+    body, first = body_of(solid), ""
+    room.apart.see(body)
+    for one in within_reach(body, room.cell, room.posture, room.settings.lift):
+        met = in_the_way(one, room)
+        if met is None:
+            return one
+        first = first or f"{met} on the way to its {one.way.card.name} grasp"
+    raise ConfigError(
+        f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is in "
+        "every other; move the thing, or turn it"
+    )
 
 
 def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
-    """The same from where the arm waits, (n,), rad, for a lift of so much, m."""
+    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way."""
+    return within_reach(body, cell, waiting, lift)[0]
+
+
+def within_reach(body: Body, cell: Cell, waiting: Vector, lift: float) -> list[Reached]:
+    """The ways that the arm reaches, that with the least turn of a joint first; at least one. Raises ConfigError."""
     found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
     found.sort(key=lambda way: -_across(way.palm, cell.base))
     sides = [np.array(side) for side in (_RIGHT, _LEFT)]
@@ -61,7 +84,29 @@ def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
             f"{cell.spec.name} does not reach the {best.card.name} grasp of the {body.kind} at "
             f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
         )
-    return min(reached, key=lambda one: one.far)
+    return sorted(reached, key=lambda one: one.far)
+
+
+def in_the_way(one: Reached, room: Room) -> Met | None:
+    """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift."""
+    open_hand, shaped = room.open, room.library.grasp(one.way.card.grasp, room.hand.spec).preshape
+    shaping = Steering(open_hand)
+    shaping.head_for(0.0, shaped, OPENING)
+    begin, t = room.posture, 0.0
+    for end in one.through:
+        arm, times = way_of(begin, end, room.settings.arm.joint_speed)
+        met = room.apart.on_way(arm, np.stack([shaping(t + each).position for each in times]))
+        if met is not None:
+            return met
+        begin, t = end, t + float(times[-1])
+    return next(filter(None, (room.apart.of_arm(at, shaped) for at in one.there)), None)
+
+
+def way_of(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
+    """Postures of a far way from rest to rest, (k, n), rad, and when they are, (k,), s."""
+    path = Steering(begin)
+    times = np.linspace(0.0, path.head_for(0.0, end, speed), int(np.abs(end - begin).max() / _STEP) + 2)
+    return np.stack([path(t).position for t in times]), times
 
 
 def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Vector) -> Reached | None:
@@ -76,7 +121,7 @@ def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Ve
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
-    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]))
+    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]), (postures[1], postures[2]))
 
 
 def _over(way: Way, top: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
