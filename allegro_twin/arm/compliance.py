@@ -92,7 +92,7 @@ class Compliance:
     pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
-    bandwidth: float = 30.0
+    bandwidth: float = 20.0
     """ω of the follower, rad/s. A stiffer one swings where the tool sticks to what it presses on; docs/arm.md."""
     lag: float = 0.05
     """rad."""
