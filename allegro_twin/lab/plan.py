@@ -25,6 +25,8 @@ _NEAR = 2e-3
 _RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
 _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
+_OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1, 0.0))
+"""rad. With the elbow out to either side, where the others reach none: fingers that point at the arm, or away from it."""
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -75,16 +77,18 @@ def within_reach(body: Body, cell: Cell, waiting: Vector, lift: float) -> list[R
     """The ways that the arm reaches, that with the least turn of a joint first; at least one. Raises ConfigError."""
     found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
     found.sort(key=lambda way: -_across(way.palm, cell.base))
-    sides = [np.array(side) for side in (_RIGHT, _LEFT)]
-    each = (_from(way, top, cell, waiting, lift, side) for way in found[:_TRIED] for side in sides)
-    reached = [one for one in each if one is not None]
-    if not reached:
+    for sides in ((_RIGHT, _LEFT), _OUT):
+        each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found[:_TRIED] for side in sides)
+        reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
+        if reached:
+            break
+    else:
         best = found[0]
         raise ConfigError(
             f"{cell.spec.name} does not reach the {best.card.name} grasp of the {body.kind} at "
             f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
         )
-    return sorted(reached, key=lambda one: one.far)
+    return reached
 
 
 def in_the_way(one: Reached, room: Room) -> Met | None:
