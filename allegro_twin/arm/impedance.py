@@ -4,8 +4,8 @@
 target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
 cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
 
-With a bridge to the flange's sensor the joints' dry friction is overcome, too: at rest the spring and what is felt cancel,
-and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
+With a bridge to the flange's sensor the joints' dry friction is overcome, too: at rest the spring and what is felt
+cancel, and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
 """
 
 from __future__ import annotations
@@ -111,7 +111,8 @@ def hung(
     if felt is None:
         return torque
     off = jacobian.T @ (force + felt) / _FINE
-    return torque + model.spec.actuation.frictionloss * np.minimum(np.maximum(off, -1.0), 1.0)
+    torque += model.spec.actuation.frictionloss * np.minimum(np.maximum(off, -1.0), 1.0)
+    return torque
 
 
 def stuck(

@@ -26,7 +26,7 @@ _SHAPES = {
     "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (0, 2)),
     "lying ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0, 1, 2)),
 }
-"""The geom of a kind of body, and which of its half extents are the geom's sizes; of any other kind the box around it."""
+"""The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
 
 
 class Met(NamedTuple):

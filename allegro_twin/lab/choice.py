@@ -1,8 +1,8 @@
 """Which grasp for what was seen: one rule for all things.
 
-Every scenario that ships is a thing, a grasp and the palm's place beside it; those in scenarios/on_arm come first. What was seen is taken as that thing of
-the same kind of solid whose extents are the nearest by ratio; its grasp is turned about the vertical with the thing, in
-one of the ways that symmetry leaves open.
+Every scenario that ships is a thing, a grasp and the palm's place beside it; those in scenarios/on_arm come first. What
+was seen is taken as that thing of the same kind of solid whose extents are the nearest by ratio; its grasp is turned
+about the vertical with the thing, in one of the ways that symmetry leaves open.
 """
 
 from __future__ import annotations

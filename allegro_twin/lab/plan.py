@@ -26,7 +26,7 @@ _RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
 _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
 _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1, 0.0))
-"""rad. With the elbow out to either side, where the others reach none: fingers that point at the arm, or away from it."""
+"""rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -63,8 +63,8 @@ def best_way(solid: Solid, room: Room) -> Reached:
             return one
         first = first or f"{met} on the way to its {one.way.card.name} grasp"
     raise ConfigError(
-        f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is in "
-        "every other; move the thing, or turn it"
+        f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is "
+        "in every other; move the thing, or turn it"
     )
 
 
