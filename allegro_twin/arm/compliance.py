@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.arm.impedance import Stiffness
+from allegro_twin.arm.impedance import Stiffness, freed
 from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import ConfigError
@@ -119,8 +119,9 @@ class Compliance:
             speed, due = (virtual.position - reference) / self.cycle, due + self.cycle
         carried = memory.carried + (felt - memory.carried) * min(dt / _CARRIED, 1.0)
         wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
-        torque = self.model.inertia(q) @ wanted + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
-        return TorqueCommand(torque), Led(virtual, reference, speed, setpoint, state.t, due, carried)
+        follow = self.model.inertia(q) @ wanted
+        torque = follow + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
+        return TorqueCommand(torque + freed(self.model, follow)), Led(virtual, reference, speed, setpoint, state.t, due, carried)
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""

@@ -110,9 +110,13 @@ def hung(
     torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
     if felt is None:
         return torque
-    off = jacobian.T @ (force + felt) / _FINE
-    torque += model.spec.actuation.frictionloss * np.minimum(np.maximum(off, -1.0), 1.0)
-    return torque
+    return torque + freed(model, jacobian.T @ (force + felt))
+
+
+def freed(model: ArmModel, off: Vector) -> Vector:
+    """What frees the joints from dry friction where torques (n,) are not in balance, τ_f clip(r / ε, -1, 1), N·m."""
+    free: Vector = model.spec.actuation.frictionloss * np.minimum(np.maximum(off / _FINE, -1.0), 1.0)
+    return free
 
 
 def stuck(
