@@ -121,7 +121,9 @@ class Compliance:
         wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
         follow = self.model.inertia(q) @ wanted
         torque = follow + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
-        return TorqueCommand(torque + freed(self.model, follow)), Led(virtual, reference, speed, setpoint, state.t, due, carried)
+        return TorqueCommand(torque + freed(self.model, follow)), Led(
+            virtual, reference, speed, setpoint, state.t, due, carried
+        )
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""
