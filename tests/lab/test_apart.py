@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ PALM = ROOM.cell.palm(ROOM.cell.arm.reset()).position
 
 def through(*postures: Vector) -> tuple[Array, Array]:
     """Postures on the way, and an open hand for each."""
-    legs = [way_of(begin, end, 1.5)[0] for begin, end in zip(postures, postures[1:], strict=False)]
+    legs = [way_of(begin, end, 1.5)[0] for begin, end in pairwise(postures)]
     arm = np.concatenate(legs)
     return arm, np.tile(ROOM.open, (len(arm), 1))
 
@@ -40,13 +42,13 @@ def test_nothing_is_in_the_way_of_a_hand_that_turns_in_the_air() -> None:
 @pytest.mark.parametrize("kind", ["box", "sphere", "cylinder", "lying ellipsoid", "lying cylinder"])
 def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(kind: str) -> None:
     way = through(moved(q0=-0.6), moved(q0=0.6))
-    tall = Body(kind, (0.1, 0.1, 0.1), 0.3, PALM + [0.0, 0.0, -0.05])
+    tall = Body(kind, (0.1, 0.1, 0.1), 0.3, PALM - np.array([0.0, 0.0, 0.05]))
     APART.see(tall)
     met = APART.on_way(*way)
     assert met is not None
     assert met.other == "the thing"
     assert met.distance < NEAR
-    APART.see(Body(kind, tall.extents, 0.3, PALM + [0.5, 0.0, -0.05]))
+    APART.see(Body(kind, tall.extents, 0.3, PALM + np.array([0.5, 0.0, -0.05])))
     assert APART.on_way(*way) is None
 
 
@@ -74,7 +76,7 @@ def test_a_grasp_that_would_have_the_arm_in_the_table_is_refused_in_one_line_and
 
 def test_a_way_back_through_the_table_is_not_gone() -> None:
     room = room_of(decide={"retries": 1})
-    low = room.posture + [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    low = room.posture + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     def gone(now: Now) -> None:
         if now.state == "Approach" and now.tries == 1:
