@@ -6,9 +6,10 @@ cartesian_compliance_controller, which the lab's report uses. A cycle, of one or
 f = R K Rᵀ e + w_felt + w_target,  u = s (P f + D ḟ),  q̈ = H⁻¹ Jᵀ u,  q ← q + q̇ Δ,  q̇ ← 0.9 (q̇ + q̈ Δ)
 
 The real joints follow by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇ - Jᵀ w̄_felt, with q_r on a straight line from cycle
-to cycle and w̄ smoothed. At rest f = 0, whatever P and the iterations are: P sets how fast, K where. FZI sets the
-virtual arm to where the real one is before each cycle; here it goes on from where it was, since an arm that takes
-torques lags a little and would swing; it is brought back where the real one lags by more than `lag`.
+to cycle and w̄ smoothed; what dry friction holds of the first term is overcome (`impedance.freed`). At rest f = 0,
+whatever P and the iterations are: P sets how fast, K where. FZI sets the virtual arm to where the real one is before
+each cycle; here it goes on from where it was, since an arm that takes torques lags a little and would swing; it is
+brought back where the real one lags by more than `lag`.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ class Compliance:
     cycle: float = 0.01
     """s."""
     bandwidth: float = 20.0
-    """ω of the follower, rad/s. A stiffer one swings where the tool sticks to what it presses on; docs/arm.md."""
+    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may; docs/arm.md."""
     lag: float = 0.05
     """rad."""
     smoothing: Smoothing | None = SMOOTH

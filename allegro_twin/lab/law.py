@@ -16,7 +16,7 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _QUICK = 30.0
-"""rad/s: how fast what is off goes, ω of docs/arm.md's follower."""
+"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in docs/arm.md."""
 
 
 class Straight(NamedTuple):
