@@ -18,7 +18,7 @@ from allegro_twin.types import Array, Vector
 
 NEAR = 0.005
 """m: what comes nearer is in the way. OWN: what follows a far way lags behind it by millimetres."""
-_GIVES = 0.001  # m. What was near at the beginning of a way may stay so.
+_GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, may be so on it.
 _AWAY = (5.0, 5.0, 5.0)  # m: nothing was seen.
 _THING, _TABLE = "seen", "table"
 _SHAPES = {
@@ -75,11 +75,13 @@ class Apart:
         place[:3], place[3:] = thing.position, quaternion_from_matrix(about(thing.yaw))
 
     def on_way(self, arm: Array, hand: Array) -> Met | None:
-        """The first that comes too near on postures of both, (k, n) each, rad, that was not as near in the first."""
-        first = self._near(arm[0], hand[0])
+        """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
+        the last, where nothing may touch."""
+        first, last = self._near(arm[0], hand[0]), self._near(arm[-1], hand[-1])
         for one, other in zip(arm[1:], hand[1:], strict=True):
             for pair, distance in self._near(one, other).items():
-                if distance < min(_least(pair), first.get(pair, np.inf) - _GIVES):
+                end = max(last.get(pair, np.inf) - _GIVES, 0.0)
+                if distance < min(_least(pair), first.get(pair, np.inf) - _GIVES, end):
                     return Met(*pair, distance)
         return None
 

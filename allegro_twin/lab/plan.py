@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
 _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1, 0.0))
 """rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
+_EVERY = ((_RIGHT, _LEFT), _OUT)
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -58,10 +60,11 @@ def best_way(solid: Solid, room: Room) -> Reached:
     body, first = body_of(solid), ""
     room.apart.see(body)
     for one in within_reach(body, room.cell, room.posture, room.settings.lift):
-        met = in_the_way(one, room)
-        if met is None:
-            return one
-        first = first or f"{met} on the way to its {one.way.card.name} grasp"
+        for each in (one, *_higher(one, room.cell)):
+            met = in_the_way(each, room)
+            if met is None:
+                return each
+            first = first or f"{met} on the way to its {one.way.card.name} grasp"
     raise ConfigError(
         f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is "
         "in every other; move the thing, or turn it"
@@ -69,15 +72,19 @@ def best_way(solid: Solid, room: Room) -> Reached:
 
 
 def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
-    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way."""
-    return within_reach(body, cell, waiting, lift)[0]
+    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way and never with the
+    elbow out."""
+    return within_reach(body, cell, waiting, lift, ((_RIGHT, _LEFT),))[0]
 
 
-def within_reach(body: Body, cell: Cell, waiting: Vector, lift: float) -> list[Reached]:
-    """The ways that the arm reaches, that with the least turn of a joint first; at least one. Raises ConfigError."""
+def within_reach(
+    body: Body, cell: Cell, waiting: Vector, lift: float, near: Sequence[Sequence[Sequence[float]]] = _EVERY
+) -> list[Reached]:
+    """The ways that the arm reaches, that with the least turn of a joint first; at least one. `near`: postures from
+    which they are looked for, those of the second row where the first leads to none. Raises ConfigError."""
     found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
     found.sort(key=lambda way: -_across(way.palm, cell.base))
-    for sides in ((_RIGHT, _LEFT), _OUT):
+    for sides in near:
         each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found[:_TRIED] for side in sides)
         reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
         if reached:
@@ -132,8 +139,16 @@ def _over(way: Way, top: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
     """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
     none where it is above already, or the arm does not reach so high."""
     up = top + _CLEAR - float(way.before.position[2])
-    if up < _LITTLE:
-        return ()
+    return _above(way, up, cell, at) if up >= _LITTLE else ()
+
+
+def _higher(one: Reached, cell: Cell) -> list[Reached]:
+    """The same from above, where the way to it is straight: a hand that turns low over the table may sweep it."""
+    above = _above(one.way, _CLEAR, cell, one.through[-1]) if len(one.through) == 1 else ()
+    return [one._replace(through=(*above, *one.through))] if above else []
+
+
+def _above(way: Way, up: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
     for part in (1.0, 0.6):
         above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:
