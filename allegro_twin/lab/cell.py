@@ -15,13 +15,14 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.apart import Apart
 from allegro_twin.lab.itself import Itself
 from allegro_twin.lab.nothing import PERIOD
 from allegro_twin.lab.settings import LabSettings, SecuritySettings, ThingSettings
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
+from allegro_twin.sim.apart import Apart
+from allegro_twin.sim.mounted import Mounted
 from allegro_twin.sim.objects import Placement, named, orientation
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import Vector
@@ -82,7 +83,8 @@ def make_room(settings: LabSettings) -> Room:
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, Apart(cell),
+        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        Apart(cell.spec, Mounted(spec, cell.mount), cell.base.position),
         Itself(cell, settings.camera) if settings.at_the_wrist else None,
     )  # fmt: skip
 

@@ -11,12 +11,12 @@ from allegro_twin.arm.cell import Cell
 from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.apart import Met
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.choice import Body, Way, body_of, ways
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
+from allegro_twin.sim.apart import Met
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -58,7 +58,7 @@ def best_way(solid: Solid, room: Room) -> Reached:
     Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
     body, first = body_of(solid), ""
-    room.apart.see(body)
+    room.apart.see(body.kind, body.extents, body.position, body.yaw)
     for one in within_reach(body, room.cell, room.posture, room.settings.lift):
         for each in (one, *_higher(one, room.cell)):
             met = in_the_way(each, room)

@@ -149,7 +149,7 @@ class Work:
         """To where the arm waits, unless the table is in the way; where the thing is by now nobody knows."""
         room = self.room
         arm, times = way_of(state.position, room.posture, room.settings.arm.joint_speed)
-        room.apart.see(None)
+        room.apart.nothing()
         met = room.apart.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
         if met is None:
             self._far(t, state, room.posture)

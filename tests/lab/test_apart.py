@@ -7,16 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.lab.apart import NEAR, Apart
-from allegro_twin.lab.choice import Body
 from allegro_twin.lab.plan import way_of
 from allegro_twin.lab.run import perform
 from allegro_twin.lab.states import Now
+from allegro_twin.sim.apart import NEAR
 from allegro_twin.types import Array, Vector
 from tests.lab.test_run import room_of, states, still
 
 ROOM = room_of()
-APART = Apart(ROOM.cell)
+APART = ROOM.apart
 PALM = ROOM.cell.palm(ROOM.cell.arm.reset()).position
 
 
@@ -35,25 +34,24 @@ def moved(**joints: float) -> Vector:
 
 
 def test_nothing_is_in_the_way_of_a_hand_that_turns_in_the_air() -> None:
-    APART.see(None)
+    APART.nothing()
     assert APART.on_way(*through(ROOM.posture, moved(q0=0.8), moved(q0=-0.8))) is None
 
 
 @pytest.mark.parametrize("kind", ["box", "sphere", "cylinder", "lying ellipsoid", "lying cylinder"])
 def test_a_thing_that_stands_in_the_way_is_named_and_one_beside_it_is_none(kind: str) -> None:
     way = through(moved(q0=-0.6), moved(q0=0.6))
-    tall = Body(kind, (0.1, 0.1, 0.1), 0.3, PALM - np.array([0.0, 0.0, 0.05]))
-    APART.see(tall)
+    APART.see(kind, (0.1, 0.1, 0.1), PALM - np.array([0.0, 0.0, 0.05]), 0.3)
     met = APART.on_way(*way)
     assert met is not None
     assert met.other == "the thing"
     assert met.distance < NEAR
-    APART.see(Body(kind, tall.extents, 0.3, PALM + np.array([0.5, 0.0, -0.05])))
+    APART.see(kind, (0.1, 0.1, 0.1), PALM + np.array([0.5, 0.0, -0.05]), 0.3)
     assert APART.on_way(*way) is None
 
 
 def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise() -> None:
-    APART.see(None)
+    APART.nothing()
     down = through(ROOM.posture, moved(q1=1.0))
     met = APART.on_way(*down)
     assert met is not None

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from allegro_twin.arm.cell import Cell
-from allegro_twin.kinematics.orientation import quaternion_from_matrix
-from allegro_twin.lab.choice import Body, about
+from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.sim.mounted import Mounted
-from allegro_twin.sim.objects import Placement, Thing
+from allegro_twin.sim.objects import Placement, Thing, orientation
 from allegro_twin.sim.posed import Posed
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.types import Array, Vector
@@ -47,32 +46,33 @@ class Met(NamedTuple):
 class Apart:
     """Arm, hand, table and one thing, posed and never stepped; for one thread."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, arm: ArmSpec, mounted: Mounted, base: Array) -> None:
         placed = Placement(Thing(_THING, "box", (0.01, 0.01, 0.01), 0.01), _AWAY, (1.0, 0.0, 0.0, 0.0))
-        stage = Stage(cell.base.position, np.array([1.0, 0.0, 0.0, 0.0]), things=[placed], table=True)
-        model = compile_scene(cell.spec, stage, Mounted(cell.hand.spec, cell.mount))
+        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=[placed], table=True)
+        model = compile_scene(arm, stage, mounted)
         self._model, self._data = model, mujoco.MjData(model)
-        self._arm, self._hand = Posed(cell.spec, model), Posed(cell.hand.spec, model)
+        self._arm, self._hand = Posed(arm, model), Posed(mounted.hand, model)
         self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
         self._place = int(model.joint(_THING).qposadr[0])
         model.geom_margin[[self._thing, self._table]] = NEAR
         self._of_hand = _below(model, model.body("palm_link").id)
-        self._moves = _below(model, model.body(f"{cell.spec.name}_link1").id)
+        self._moves = _below(model, model.body(f"{arm.name}_link1").id)
 
-    def see(self, thing: Body | None) -> None:
-        """From now on this stands on the table; None: nothing does."""
-        kind, which = _SHAPES.get("" if thing is None else thing.kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
-        place = self._data.qpos[self._place : self._place + 7]
-        if thing is None:
-            place[:3] = _AWAY
-            return
-        half = np.zeros(3)
-        half[: len(which)] = np.array(thing.extents)[list(which)] / 2.0
+    def nothing(self) -> None:
+        """From now on the table is empty."""
+        self._data.qpos[self._place : self._place + 3] = _AWAY
+
+    def see(self, kind: str, extents: Sequence[float], position: Array, yaw: float) -> None:
+        """From now on this stands on the table: a shape, with `lying` before it where its axis is level; how far it
+        extends in two level directions and upwards, m; its middle, (3,), m; its turn about the vertical, rad."""
+        shape, which = _SHAPES.get(kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
+        half, place = np.array(extents) / 2.0, self._data.qpos[self._place : self._place + 7]
         model, number = self._model, self._thing
-        model.geom_type[number], model.geom_size[number] = kind, half
-        model.geom_aabb[number] = [0.0, 0.0, 0.0, *(np.array(thing.extents) / 2.0)]
-        model.geom_rbound[number] = float(np.linalg.norm(thing.extents)) / 2.0
-        place[:3], place[3:] = thing.position, quaternion_from_matrix(about(thing.yaw))
+        model.geom_type[number] = shape
+        model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
+        model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
+        model.geom_rbound[number] = float(np.linalg.norm(half))
+        place[:3], place[3:] = position, orientation("z", yaw)
 
     def on_way(self, arm: Array, hand: Array) -> Met | None:
         """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
