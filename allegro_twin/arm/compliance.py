@@ -6,9 +6,10 @@ cartesian_compliance_controller, which the lab's report uses. A cycle, of one or
 f = R K Rᵀ e + w_felt + w_target,  u = s (P f + D ḟ),  q̈ = H⁻¹ Jᵀ u,  q ← q + q̇ Δ,  q̇ ← 0.9 (q̇ + q̈ Δ)
 
 The real joints follow by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇ - Jᵀ w̄_felt, with q_r on a straight line from cycle
-to cycle and w̄ smoothed. At rest f = 0, whatever P and the iterations are: P sets how fast, K where. FZI sets the
-virtual arm to where the real one is before each cycle; here it goes on from where it was, since an arm that takes
-torques lags a little and would swing; it is brought back where the real one lags by more than `lag`.
+to cycle and w̄ smoothed; what dry friction holds of the first term is overcome (`impedance.freed`). At rest f = 0,
+whatever P and the iterations are: P sets how fast, K where. FZI sets the virtual arm to where the real one is before
+each cycle; here it goes on from where it was, since an arm that takes torques lags a little and would swing; it is
+brought back where the real one lags by more than `lag`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.arm.impedance import Stiffness
+from allegro_twin.arm.impedance import Stiffness, freed
 from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import ConfigError
@@ -92,8 +93,8 @@ class Compliance:
     pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
-    bandwidth: float = 30.0
-    """ω of the follower, rad/s. A stiffer one swings where the tool sticks to what it presses on; docs/arm.md."""
+    bandwidth: float = 20.0
+    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may; docs/arm.md."""
     lag: float = 0.05
     """rad."""
     smoothing: Smoothing | None = SMOOTH
@@ -119,8 +120,11 @@ class Compliance:
             speed, due = (virtual.position - reference) / self.cycle, due + self.cycle
         carried = memory.carried + (felt - memory.carried) * min(dt / _CARRIED, 1.0)
         wanted = self.bandwidth**2 * (reference - q) + 2.0 * self.bandwidth * (speed - v)
-        torque = self.model.inertia(q) @ wanted + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
-        return TorqueCommand(torque), Led(virtual, reference, speed, setpoint, state.t, due, carried)
+        follow = self.model.inertia(q) @ wanted
+        torque = follow + self.model.coriolis(q, v) - self.model.motion(q)[2].T @ carried
+        return TorqueCommand(torque + freed(self.model, follow)), Led(
+            virtual, reference, speed, setpoint, state.t, due, carried
+        )
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""

@@ -3,6 +3,9 @@
 τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the
 target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
 cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
+
+With a bridge to the flange's sensor the joints' dry friction is overcome, too: at rest the spring and what is felt
+cancel, and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
 """
 
 from __future__ import annotations
@@ -13,13 +16,17 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.arm.target import SMOOTH, Smoothing, Target, approached
+from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import ArmModel, turn
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.types import Array, HandState, TorqueCommand, Vector
+from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
 
 _SINGULAR = 1e-6  # Added to J Jᵀ: what a stretched arm would divide by, m² and rad².
 _AXES = ("x", "y", "z")
+_FINE = 0.02  # ε, N·m. OWN: an eleventh of the friction of a Franka's joints is left, and nothing swings (tests).
+_SMOOTHED = 0.05  # s. Time constant of w̄.
+_UNFELT = frozen(np.zeros(6))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +50,8 @@ class Hanging(NamedTuple):
     rest: Vector
     """Where the elbow likes to be: joint positions at the start, (n,), rad."""
     t: float
+    felt: Vector = _UNFELT
+    """By the tool, smoothed, in the axes of the base, (6,), N and N·m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +70,8 @@ class Impedance:
     """None: targets are set-points."""
     slack: tuple[float, float] = (0.01, 0.1)
     """How far friction may keep the tool from its target, m and rad."""
+    bridge: Bridge | None = None
+    """To what the flange feels, by which friction is overcome. None: it is not."""
     spring: Vector = field(init=False)
     """The stiffness along and about the axes, (6,)."""
 
@@ -68,17 +79,28 @@ class Impedance:
         object.__setattr__(self, "spring", self.stiffness.diagonal())
 
     def start(self, state: HandState) -> Hanging:
-        stuck(self.model, state.position, self.stiffness, self.slack)
+        if self.bridge is not None and not state.wrench.size:
+            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge")
+        stuck(self.model, state.position, self.stiffness, self.slack, felt=self.bridge is not None)
         return Hanging(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
-        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null)
-        return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t)
+        dt, felt = state.t - memory.t, memory.felt
+        setpoint = approached(memory.setpoint, self.target.pose, dt, self.smoothing)
+        if self.bridge is not None:
+            axes, at = self.model.flange(state.position).rotation, self.model.tool.position
+            now = self.bridge.outside(state.wrench, axes, state.gravity, at)
+            felt = felt + (now - felt) * min(dt / _SMOOTHED, 1.0)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null,
+                      None if self.bridge is None else felt)  # fmt: skip
+        return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
 
 
-def hung(model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffness: Vector, null: float) -> Vector:
-    """The law above, (n,), N·m. `stiffness` has shape (6,)."""
+def hung(
+    model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffness: Vector, null: float,
+    felt: Vector | None = None,
+) -> Vector:  # fmt: skip
+    """The law above, (n,), N·m. `stiffness` has shape (6,); `felt` is w̄, (6,), or None: friction is left as it is."""
     q, v = state.position, state.velocity
     place, axes, jacobian = model.motion(q)
     error = np.concatenate([place - setpoint.position, turn(setpoint.rotation, axes)])
@@ -86,12 +108,23 @@ def hung(model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffn
     free = null * (rest - q) - 2.0 * np.sqrt(null) * v
     taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)
     torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
-    return torque
+    if felt is None:
+        return torque
+    return torque + freed(model, jacobian.T @ (force + felt))
 
 
-def stuck(model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float]) -> None:
-    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad."""
-    band = _dead_band(model, position)
+def freed(model: ArmModel, off: Vector) -> Vector:
+    """What frees the joints from dry friction where torques (n,) are not in balance, τ_f clip(r / ε, -1, 1), N·m."""
+    free: Vector = model.spec.actuation.frictionloss * np.minimum(np.maximum(off / _FINE, -1.0), 1.0)
+    return free
+
+
+def stuck(
+    model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float], *, felt: bool = False
+) -> None:
+    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad; what is
+    left of it, where the flange is `felt`."""
+    band = _dead_band(model, position, felt)
     for first, value, unit, most, name in (
         (0, stiffness.linear, "N/m", slack[0], "linear"),
         (3, stiffness.angular, "N·m/rad", slack[1], "angular"),
@@ -106,7 +139,10 @@ def stuck(model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[
             )
 
 
-def _dead_band(model: ArmModel, position: Vector) -> Array:
+def _dead_band(model: ArmModel, position: Vector, felt: bool) -> Array:
     """The largest force and torque along each axis that the joints' dry friction can hold, |J⁺ᵀ| τ, (6,), N and N·m."""
     _, _, jacobian = model.motion(position)
-    return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ model.spec.actuation.frictionloss)
+    friction = model.spec.actuation.frictionloss
+    if felt:
+        friction = friction / (1.0 + friction / _FINE)  # r + τ_f r / ε = τ_f.
+    return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ friction)

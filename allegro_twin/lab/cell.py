@@ -21,6 +21,8 @@ from allegro_twin.lab.settings import LabSettings, SecuritySettings, ThingSettin
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
+from allegro_twin.sim.apart import Apart
+from allegro_twin.sim.mounted import Mounted
 from allegro_twin.sim.objects import Placement, named, orientation
 from allegro_twin.sim.statics import hand_model
 from allegro_twin.types import Vector
@@ -51,6 +53,8 @@ class Room:
     """Of the hand, (n,), rad."""
     stiffness: Vector
     """Of its controller, (n,), N·m/rad."""
+    apart: Apart
+    """What is in the way of arm and hand."""
     itself: Itself | None = None
     """What a camera at the wrist sees of arm and hand."""
 
@@ -80,6 +84,7 @@ def make_room(settings: LabSettings) -> Room:
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
         hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        Apart(cell.spec, Mounted(spec, cell.mount), cell.base.position),
         Itself(cell, settings.camera) if settings.at_the_wrist else None,
     )  # fmt: skip
 

@@ -1,14 +1,15 @@
 """Which grasp for what was seen: one rule for all things.
 
-Every scenario that ships is a thing, a grasp and the palm's place beside it. What was seen is taken as that thing of
-the same kind of solid whose extents are the nearest by ratio; its grasp is turned about the vertical with the thing, in
-one of the ways that symmetry leaves open.
+Every scenario that ships is a thing, a grasp and the palm's place beside it; those in scenarios/on_arm come first. What
+was seen is taken as that thing of the same kind of solid whose extents are the nearest by ratio; its grasp is turned
+about the vertical with the thing, in one of the ways that symmetry leaves open.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from allegro_twin.types import Array
 
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
 _SQUARE = 1.03  # Ratio of level edges under which a box is square.
+_ON_ARM = "on_arm"  # The folder of scenarios that leave room for an arm behind the hand; they come before others.
 _MOST = 0.25  # Of the logarithm of a ratio of extents: beyond it no stored grasp is for the thing.
 
 
@@ -95,13 +97,21 @@ def unlike(one: Body, other: Body) -> float:
 @cache
 def cards(model: str) -> tuple[Card, ...]:
     """What ships for a model of hand. Raises ConfigError where nothing does."""
-    stored = [(path.stem, load_scenario(path)[0]) for path in sorted((data_root() / "scenarios").glob("*/*.yaml"))]
-    mine = [(name, one) for name, one in stored if one.hand == model and one.objects[0].shape is None]
-    # The one that is named after its thing, with the hand before it or not: others show other grasps of it.
-    found = tuple(_card(one) for name, one in mine if name.removeprefix(f"{model}_") == one.objects[0].name)
+    found: dict[str, Card] = {}
+    for path in sorted((data_root() / "scenarios").glob("*/*.yaml"), key=_order):
+        one = load_scenario(path)[0]
+        thing = one.objects[0].name
+        # The one that is named after its thing, with the hand before it or not: others show other grasps of it.
+        named = path.parent.name == _ON_ARM or path.stem.removeprefix(f"{model}_") == thing
+        if one.hand == model and one.objects[0].shape is None and named:
+            found[thing] = _card(one)
     if not found:
         raise ConfigError(f"no scenario takes a thing of the catalogue with the hand {model}: add some to scenarios/")
-    return found
+    return tuple(found.values())
+
+
+def _order(path: Path) -> tuple[bool, Path]:
+    return path.parent.name == _ON_ARM, path
 
 
 def _card(scenario: Scenario) -> Card:

@@ -12,6 +12,9 @@ from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
+OPENING = 2.0
+"""rad/s, of the fingers in the air."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wish:

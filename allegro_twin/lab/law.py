@@ -3,17 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from allegro_twin.arm.impedance import Hanging, hung
 from allegro_twin.arm.target import Smoothing, Target, approached
+from allegro_twin.control.profiles import minimum_jerk
 from allegro_twin.control.steering import Steering
-from allegro_twin.kinematics.arm import ArmModel
+from allegro_twin.kinematics.arm import ArmModel, turn, turned
+from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _QUICK = 30.0
-"""rad/s: how fast what is off goes, ω of docs/arm.md's follower."""
+"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in docs/arm.md."""
+
+
+class Straight(NamedTuple):
+    """From rest to rest on a straight line and by the shortest turn, with the least jerk."""
+
+    begin: Pose
+    end: Pose
+    since: float
+    """s."""
+    seconds: float
+
+    def at(self, t: float) -> Pose:
+        """At a time, s."""
+        part, _ = minimum_jerk(min(max((t - self.since) / self.seconds, 0.0), 1.0))
+        left = turn(self.begin.rotation, self.end.rotation)
+        way = self.end.position - self.begin.position
+        return Pose(self.begin.position + part * way, turned(self.begin.rotation, part * left))
 
 
 class Guide:
@@ -24,16 +44,25 @@ class Guide:
         self.target = Target(model.pose(posture))
         """The pose, in the base's frame; of the path's end while there is one."""
         self.path: Steering | None = Steering(posture)
+        self.line: Straight | None = None
+        """How the set-point goes to the target; None: smoothed."""
 
     def through_joints(self, t: float, position: Vector, posture: Vector, speed: float) -> float:
         """From rest at `position` (n,), rad, to a posture, the fastest joint at `speed`, rad/s. When it is there, s."""
         self.target.move(self._model.pose(posture))
-        self.path = Steering(position)
+        self.path, self.line = Steering(position), None
         return self.path.head_for(t, posture, speed)
+
+    def straight(self, t: float, flange: Pose, seconds: float) -> float:
+        """On a spring from the target that there is to another, in the base's frame. When it will be there, s."""
+        begin = self.target.pose
+        self.target.move(flange)
+        self.path, self.line = None, Straight(begin, self.target.pose, t, seconds)
+        return t + seconds
 
     def let_go(self) -> None:
         """From now on the target counts, as on a spring."""
-        self.path = None
+        self.path, self.line = None, None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,9 +84,10 @@ class Guided:
         return Hanging(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        path = self.guide.path
+        path, line = self.guide.path, self.guide.line
         if path is None:
-            setpoint = approached(memory.setpoint, self.guide.target.pose, state.t - memory.t, self.smoothing)
+            goal, dt = self.guide.target.pose, state.t - memory.t
+            setpoint = line.at(state.t) if line is not None else approached(memory.setpoint, goal, dt, self.smoothing)
             torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null)
             return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t)
         point = path(state.t)

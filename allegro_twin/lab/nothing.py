@@ -28,7 +28,8 @@ SQUEEZE = 0.6
 PERIOD = 0.003
 """Of a hand in the cell, s."""
 _PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
-_REST = 0.5  # s. After the squeeze, until nothing moves.
+_REST = 0.5  # s. After the squeeze, at least, until nothing moves;
+_STILL, _LONGEST = 2e-3, 4.0  # and that is rad/s, or s after the squeeze at the latest: slow motors creep.
 _FINE = 0.5  # m/s². Of gravity in the palm's frame, which hardly matters: the hand carries itself.
 
 
@@ -70,7 +71,7 @@ def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float,
         t, position = sample.state.t, sample.state.position
         if end is None and t >= closed:
             end = path.head_for(t, grasp.squeeze, squeezing(grasp)) + _REST
-        if end is not None and t >= end:
+        if end is not None and t >= end and (np.abs(sample.state.velocity).max() < _STILL or t >= end + _LONGEST):
             break
     backend.close()
     return Nothing(frozen(position), _telling(position, grasp, load_gains(gains, spec).kp, spec))

@@ -1,19 +1,23 @@
-"""Of the ways to take a thing, the one that the arm reaches best."""
+"""Of the ways to take a thing, the one that the arm reaches best, with nothing in its way."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from allegro_twin.arm.cell import Cell
+from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.choice import Body, Way, body_of, ways
+from allegro_twin.lab.grip import OPENING
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
-from allegro_twin.types import Vector
+from allegro_twin.sim.apart import Met
+from allegro_twin.types import Array, Vector
 
 _TRIED = 8
 """Ways, those first in which the arm bends the least."""
@@ -22,12 +26,17 @@ _NEAR = 2e-3
 _RIGHT = (0.5, 0.7, -0.2, -2.1, -1.7, 1.7, 1.0)
 _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
+_OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1, 0.0))
+"""rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
+_EVERY = ((_RIGHT, _LEFT), _OUT)
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
 """m: not worth a way of its own."""
 _ROOM = 0.08
 """rad: to the end of every joint."""
+_STEP = 0.02
+"""rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
 
 class Reached(NamedTuple):
@@ -38,30 +47,77 @@ class Reached(NamedTuple):
     way: Way
     through: tuple[Vector, ...]
     """Postures of the arm on the way to where the approach begins, which is the last, (n,) each, rad."""
+    there: tuple[Vector, Vector]
+    """Those of the grasp and of the end of the lift."""
 
 
 def best_way(solid: Solid, room: Room) -> Reached:
-    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits.
+    """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
+    which it comes near to nothing.
 
-    Raises ConfigError where no stored grasp is for the thing, or the arm reaches none of the ways.
+    Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
-    return best_of(body_of(solid), room.cell, room.posture, room.settings.lift)
+    body, first = body_of(solid), ""
+    room.apart.see(body.kind, body.extents, body.position, body.yaw)
+    for one in within_reach(body, room.cell, room.posture, room.settings.lift):
+        for each in (one, *_higher(one, room.cell)):
+            met = in_the_way(each, room)
+            if met is None:
+                return each
+            first = first or f"{met} on the way to its {one.way.card.name} grasp"
+    raise ConfigError(
+        f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is "
+        "in every other; move the thing, or turn it"
+    )
 
 
 def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
-    """The same from where the arm waits, (n,), rad, for a lift of so much, m."""
+    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way and never with the
+    elbow out."""
+    return within_reach(body, cell, waiting, lift, ((_RIGHT, _LEFT),))[0]
+
+
+def within_reach(
+    body: Body, cell: Cell, waiting: Vector, lift: float, near: Sequence[Sequence[Sequence[float]]] = _EVERY
+) -> list[Reached]:
+    """The ways that the arm reaches, that with the least turn of a joint first; at least one. `near`: postures from
+    which they are looked for, those of the second row where the first leads to none. Raises ConfigError."""
     found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
     found.sort(key=lambda way: -_across(way.palm, cell.base))
-    sides = [np.array(side) for side in (_RIGHT, _LEFT)]
-    each = (_from(way, top, cell, waiting, lift, side) for way in found[:_TRIED] for side in sides)
-    reached = [one for one in each if one is not None]
-    if not reached:
+    for sides in near:
+        each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found[:_TRIED] for side in sides)
+        reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
+        if reached:
+            break
+    else:
         best = found[0]
         raise ConfigError(
             f"{cell.spec.name} does not reach the {best.card.name} grasp of the {body.kind} at "
             f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
         )
-    return min(reached, key=lambda one: one.far)
+    return reached
+
+
+def in_the_way(one: Reached, room: Room) -> Met | None:
+    """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift."""
+    open_hand, shaped = room.open, room.library.grasp(one.way.card.grasp, room.hand.spec).preshape
+    shaping = Steering(open_hand)
+    shaping.head_for(0.0, shaped, OPENING)
+    begin, t = room.posture, 0.0
+    for end in one.through:
+        arm, times = way_of(begin, end, room.settings.arm.joint_speed)
+        met = room.apart.on_way(arm, np.stack([shaping(t + each).position for each in times]))
+        if met is not None:
+            return met
+        begin, t = end, t + float(times[-1])
+    return next(filter(None, (room.apart.of_arm(at, shaped) for at in one.there)), None)
+
+
+def way_of(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:
+    """Postures of a far way from rest to rest, (k, n), rad, and when they are, (k,), s."""
+    path = Steering(begin)
+    times = np.linspace(0.0, path.head_for(0.0, end, speed), int(np.abs(end - begin).max() / _STEP) + 2)
+    return np.stack([path(t).position for t in times]), times
 
 
 def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Vector) -> Reached | None:
@@ -76,15 +132,23 @@ def _from(way: Way, top: float, cell: Cell, waiting: Vector, lift: float, at: Ve
     if min(float(np.minimum(q - spec.lower, spec.upper - q).min()) for q in postures) < _ROOM:
         return None
     far = float(np.abs(np.stack(postures) - waiting).max())
-    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]))
+    return Reached(far, way, (*_over(way, top, cell, postures[0]), postures[0]), (postures[1], postures[2]))
 
 
 def _over(way: Way, top: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
     """The posture above where the approach begins, from which the hand comes down beside a thing of such a height, m;
     none where it is above already, or the arm does not reach so high."""
     up = top + _CLEAR - float(way.before.position[2])
-    if up < _LITTLE:
-        return ()
+    return _above(way, up, cell, at) if up >= _LITTLE else ()
+
+
+def _higher(one: Reached, cell: Cell) -> list[Reached]:
+    """The same from above, where the way to it is straight: a hand that turns low over the table may sweep it."""
+    above = _above(one.way, _CLEAR, cell, one.through[-1]) if len(one.through) == 1 else ()
+    return [one._replace(through=(*above, *one.through))] if above else []
+
+
+def _above(way: Way, up: float, cell: Cell, at: Vector) -> tuple[Vector, ...]:
     for part in (1.0, 0.6):
         above = Pose(way.before.position + np.array([0.0, 0.0, part * up]), way.before.rotation)
         try:

@@ -30,6 +30,10 @@ class ArmSettings(Settings):
     """Of the set-point at most, m/s."""
     turning: Positive = 1.6
     """rad/s."""
+    approach: Positive = 1.2
+    """s that the approach takes, and"""
+    lift: Positive = 1.0
+    """s that the lift takes: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
     joint_speed: Positive = 1.5
     """Of the fastest joint on far ways, at its peak, rad/s."""
     period: Positive = 0.003

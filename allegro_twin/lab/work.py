@@ -17,9 +17,10 @@ from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked, checked, kept_apart, stopped, weighed
 from allegro_twin.lab.choice import Way
 from allegro_twin.lab.doubt import doubted, drifted, verdict, with_doubt
+from allegro_twin.lab.grip import OPENING
 from allegro_twin.lab.law import Guide
 from allegro_twin.lab.nothing import around_nothing, squeezing
-from allegro_twin.lab.plan import best_way
+from allegro_twin.lab.plan import best_way, way_of
 from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.perception.fits.model import Solid
@@ -27,7 +28,6 @@ from allegro_twin.perception.pipeline import Found
 from allegro_twin.perception.verdict import Refused, stale
 from allegro_twin.types import HandState, Vector
 
-_OPENING = 2.0  # rad/s, of the fingers in the air.
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
 _REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
@@ -51,6 +51,7 @@ class Work:
         self._last = room.camera.capture(room.cell.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[Frame, Vector] | None = None  # A picture, and where the arm was when it was taken.
         self._refused: End | None = None
+        self._blocked: End | None = None
         self._grasp: Grasp | None = None
         self._there = 0.0  # When the fingers will be.
         self._squeezed = False
@@ -65,8 +66,8 @@ class Work:
         t = now.since
         match now.state:
             case "ToSecurityPose":
-                self._head_for(t, self.room.open, _OPENING)
-                self._far(t, state, self.room.posture)
+                self._head_for(t, self.room.open, OPENING)
+                self._back(t, state)
             case "Look":
                 self._asked, self._refused, self.way = None, None, None
                 self._idle.clear()
@@ -74,12 +75,12 @@ class Work:
                 assert self.way is not None
                 self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
                 self._before.clear()
-                self._head_for(t, self._grasp.preshape, _OPENING)
+                self._head_for(t, self._grasp.preshape, OPENING)
                 self._left = list(self._through)
                 self._far(t, state, self._left.pop(0))
             case "Approach":
                 assert self.way is not None
-                self._go(self.way.palm)
+                self._go(t, self.way.palm, self.room.settings.arm.approach)
             case "ClosingHand":
                 assert self._grasp is not None
                 self._squeezed = False
@@ -88,7 +89,7 @@ class Work:
                 assert self.way is not None
                 self._after.clear()
                 up = np.array([0.0, 0.0, self.room.settings.lift])
-                self._go(Pose(self.way.palm.position + up, self.way.palm.rotation))
+                self._go(t, Pose(self.way.palm.position + up, self.way.palm.rotation), self.room.settings.arm.lift)
             case "Done":
                 self.stand_still(state)
 
@@ -119,6 +120,8 @@ class Work:
         full = at_limit(state, self.room.cell.spec, self.room.cell.limits)
         if full is not None:
             return Seen(state.t, fault=End("fault", "arm at a limit", full))
+        if self._blocked is not None:
+            return Seen(state.t, fault=self._blocked)
         match now.state:
             case "Look":
                 self._look(state)
@@ -135,13 +138,25 @@ class Work:
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
-    def _go(self, palm: Pose) -> None:
-        self.guide.target.move(self.room.cell.flange_for(palm))
-        self.guide.let_go()
+    def _go(self, t: float, palm: Pose, seconds: float) -> None:
+        self._there = max(self._there, self.guide.straight(t, self.room.cell.flange_for(palm), seconds))
 
     def _far(self, t: float, state: HandState, posture: Vector) -> None:
         speed = self.room.settings.arm.joint_speed
         self._there = max(self._there, self.guide.through_joints(t, state.position, posture, speed))
+
+    def _back(self, t: float, state: HandState) -> None:
+        """To where the arm waits, unless the table is in the way; where the thing is by now nobody knows."""
+        room = self.room
+        arm, times = way_of(state.position, room.posture, room.settings.arm.joint_speed)
+        room.apart.nothing()
+        met = room.apart.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
+        if met is None:
+            self._far(t, state, room.posture)
+            return
+        said = f"{met} on the way back to where it waits: the arm stands still; lead it out by hand"
+        self._blocked = End("fault", "in the way", said)
+        self.stand_still(state)
 
     def _head_for(self, t: float, posture: Vector, speed: float) -> None:
         # The fingers' clock is the controller's, which began with the run at 0.
@@ -190,7 +205,8 @@ class Work:
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            _, self.way, self._through = best_way(seen.solid, room)
+            best = best_way(seen.solid, room)
+            self.way, self._through = best.way, best.through
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
             return

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from allegro_twin.arm.compliance import Compliance, Pull, Virtual, cycled
+from allegro_twin.arm.faults import Disturbed
 from allegro_twin.arm.impedance import Impedance, Stiffness, hung
 from allegro_twin.arm.target import Smoothing, Target, approached
 from allegro_twin.arm.tool import Bridge
 from allegro_twin.arm_spec import Load
+from allegro_twin.description.arms import load_arm
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.kinematics.arm import turn, turned
+from allegro_twin.kinematics.arm import ArmModel, turn, turned
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
@@ -21,6 +23,7 @@ from allegro_twin.types import Array, frozen
 from tests.arm.rigs import GAP, WALL, Rig, at_a_wall, rig
 
 STICK = Bridge(Load(0.001, frozen([0.0, 0.0, 0.06])))
+BARE = Bridge(Load(0.0, frozen([0.0, 0.0, 0.0])))
 
 
 def below(arm: Rig, depth: float) -> Pose:
@@ -46,6 +49,33 @@ def test_a_push_of_ten_newtons_moves_the_tool_by_ten_over_k(name: str, stiffness
     state = arm.after(2.2, Impedance(arm.model, arm.target, Stiffness(stiffness, 10.0)))
     assert arm.moved(state)[2] == pytest.approx(-10.0 / stiffness, rel=0.05)
     assert np.abs(state.velocity).max() < 1e-3  # Stable: it has come to rest.
+
+
+@pytest.mark.parametrize(("name", "axis", "stiffness", "angular"), [
+    ("fer", 0, 150.0, 10.0), ("fer", 0, 1000.0, 10.0), ("fr3", 0, 400.0, 10.0), ("fr3", 2, 150.0, 30.0),
+])  # fmt: skip
+def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is_pushed(
+    name: str, axis: int, stiffness: float, angular: float
+) -> None:
+    push = np.zeros((2500, 3))
+    push[50:, axis] = -10.0
+    arm = rig(name, push)
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, angular), bridge=BARE))
+    assert arm.moved(state)[axis] == pytest.approx(-10.0 / stiffness, rel=0.02)
+    assert np.abs(state.velocity).max() < 2e-3
+
+
+@pytest.mark.parametrize("dry", [0.1, 0.2, 0.4])
+def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_arm_swing(dry: float) -> None:
+    push = np.zeros((2500, 3))
+    push[50:, 0] = -10.0
+    told = load_arm("fer")
+    arm = rig(force=push, spec=replace(told, actuation=replace(told.actuation, frictionloss=frozen(np.full(7, dry)))))
+    noisy = Disturbed(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
+    *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), bridge=BARE)))
+    state = last.state
+    assert arm.moved(state)[0] == pytest.approx(-10.0 / 400.0, rel=0.06)
+    assert np.abs(state.velocity).max() < 0.02
 
 
 @pytest.mark.parametrize("stiffness", [150.0, 1000.0])
@@ -109,6 +139,27 @@ def test_an_arm_under_impedance_presses_as_hard_as_its_spring_is_drawn_but_for_f
     assert 1000.0 * (0.05 - way) == pytest.approx(WALL * plate, rel=near)
 
 
+@pytest.mark.parametrize("stiffness", [400.0, 1000.0])
+def test_an_arm_that_feels_its_flange_presses_as_hard_as_its_spring_is_drawn_in_spite_of_friction(
+    stiffness: float,
+) -> None:
+    arm = at_a_wall()
+    arm.target.move(below(arm, 0.05))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0), bridge=STICK))
+    way, plate = -arm.moved(state)[2], -float(arm.sim.data.qpos[-1])
+    assert stiffness * (0.05 - way) == pytest.approx(WALL * plate, rel=0.01)
+
+
+@pytest.mark.parametrize("depth", [0.005, 0.02, 0.05])
+def test_ten_iterations_lead_the_arm_down_a_step_and_little_beyond_it(depth: float) -> None:
+    arm = rig()
+    arm.target.move(below(arm, depth))
+    law = Compliance(arm.model, arm.target, pull=Pull(iterations=10), smoothing=None)
+    heights = np.array([arm.moved(sample.state)[2] for sample in until(0.6, run(arm.guard, law))]) / -depth
+    assert 1.0 <= heights.max() < 1.1
+    assert int(np.argmax(heights > 0.9)) <= 120  # ms.
+
+
 def test_compliance_reaches_a_target_in_the_time_of_its_iterations_on_the_arm() -> None:
     arm = rig()
     arm.target.move(below(arm, 0.05))
@@ -168,8 +219,16 @@ def test_a_spring_that_friction_would_hold_is_refused_with_the_least_that_is_eno
         arm.after(0.1, Impedance(arm.model, arm.target, Stiffness(200.0, 0.5)))
 
 
-def test_compliance_without_a_sensor_says_what_to_do() -> None:
+def test_a_spring_that_friction_would_hold_is_soft_enough_for_an_arm_that_feels_its_flange() -> None:
     arm = rig()
-    law = Compliance(arm.model, Target(arm.home), STICK)
-    with pytest.raises(ConfigError, match="reports no wrench: leave out the bridge"):
-        law.start(replace(arm.sim.reset(), wrench=np.empty(0)))
+    arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(20.0, 30.0), bridge=BARE))
+    with pytest.raises(ConfigError, match=r"stiffness.linear 5 N/m: dry friction would keep fer up to"):
+        arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(5.0, 30.0), bridge=BARE))
+
+
+def test_a_law_that_feels_says_what_to_do_without_a_sensor() -> None:
+    arm = rig()
+    unfelt, target = replace(arm.sim.reset(), wrench=np.empty(0)), Target(arm.home)
+    for law in (Compliance(arm.model, target, STICK), Impedance(arm.model, target, bridge=STICK)):
+        with pytest.raises(ConfigError, match="reports no wrench: leave out the bridge"):
+            law.start(unfelt)

@@ -16,6 +16,7 @@ from allegro_twin.loop import run, until
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]
+ON_ARM = sorted((data_root() / "scenarios/on_arm").glob("*.yaml"))
 QUICK = [next(path for path in SCENARIOS if path.parent.name == hand) for hand in ("leap", "model_o")]
 """What the others pick up before each push they pick up through their wires: tests/serial."""
 
@@ -34,7 +35,7 @@ def test_one_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> None
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [*SCENARIOS, *ON_ARM], ids=lambda path: path.stem)
 def test_every_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> None:
     assert held(path)
 
@@ -49,6 +50,12 @@ def test_a_scenario_says_whose_it_is_and_is_of_a_demo_object(path: Path) -> None
     demo, _ = load_scenario(data_root() / f"scenarios/demo/{path.stem.removeprefix(path.parent.name + '_')}.yaml")
     assert scenario.hand == path.parent.name
     assert (scenario.objects, scenario.friction, scenario.protocol) == (demo.objects, demo.friction, demo.protocol)
+
+
+@pytest.mark.parametrize("path", ON_ARM, ids=lambda path: path.stem)
+def test_a_scenario_that_leaves_room_for_an_arm_is_of_a_hand_and_a_thing_that_it_is_named_after(path: Path) -> None:
+    scenario, _ = load_scenario(path)
+    assert path.stem == scenario.grasp == f"{scenario.hand}_{scenario.objects[0].name}_on_arm"
 
 
 def test_a_scenario_of_another_hand_is_refused_by_name(tmp_path: Path) -> None:

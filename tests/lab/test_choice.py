@@ -20,6 +20,13 @@ def test_every_thing_of_the_catalogue_has_a_grasp_that_is_found_by_its_size() ->
         np.testing.assert_allclose(nearest.body.extents, card.body.extents, rtol=0.04)
 
 
+def test_a_grasp_that_leaves_room_for_an_arm_comes_before_another_of_the_same_thing() -> None:
+    grasps = {card.name: card.grasp for card in cards("sih")}
+    assert grasps["apple"] == "sih_apple_on_arm"
+    assert grasps["lemon"] == "sih_lemon"
+    assert len(grasps) == 12
+
+
 def test_a_grasp_turns_with_the_thing() -> None:
     box = next(card for card in cards("allegro") if card.name == "sugar_box").body
     there = Body(box.kind, box.extents, 0.0, np.zeros(3))

@@ -26,6 +26,15 @@ def test_where_no_finger_meets_another_they_end_where_the_squeeze_wants_them() -
     np.testing.assert_allclose(nothing.position, squeeze, atol=2.0 * 0.02 / 12.0)  # Dry friction over stiffness.
 
 
+def test_motors_that_creep_are_waited_for() -> None:
+    card = next(card for card in cards("model_o") if card.name == "lemon")
+    nothing = around_nothing(HandSettings(model="model_o"), card.grasp, card.palm.rotation)
+    squeeze = Library().grasp(card.grasp, load_spec("model_o")).squeeze
+    np.testing.assert_allclose(
+        nothing.position, squeeze, atol=0.025
+    )  # Rad; its springs are stronger the more it closes.
+
+
 def test_fingers_that_meet_are_known_beforehand() -> None:
     nothing = around_nothing(HAND, *card_of("pear"))
     by_finger = nothing.telling.reshape(4, 4)
