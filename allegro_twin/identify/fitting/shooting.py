@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
 from allegro_twin.spec import HandSpec
@@ -55,22 +55,22 @@ class Cuts:
 
 def cut(motions: list[Motion], spec: HandSpec, length: int = PIECE, stride: int | None = None) -> Cuts:
     """All whole pieces, `stride` rows apart; by default one after the other."""
-    parts: list[list[Array]] = [[] for _ in range(8)]
+    parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
-        smooth = smoothed(motion)
+        smooth, push = smoothed(motion), pushes(motion)
         for first in range(BEFORE, len(motion.position) - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
             good = motion.good[rows].mean(axis=0)
             trust = np.array([good[list(f.joints)].min() >= TRUSTED for f in spec.fingers], dtype=float)
             found = (
                 smooth.position[first], smooth.velocity[first], motion.duty[first + 1 - BEFORE : first + 1 + length],
-                motion.gravity, motion.weight, motion.position[rows], trust, np.array(number),
+                motion.gravity, motion.weight, smooth.acceleration[first], push[first - BEFORE : first + 1],
+                motion.position[rows], trust, np.array(number),
             )  # fmt: skip
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    pieces = Pieces(arrays[2], arrays[3], arrays[4])
-    return Cuts(arrays[0], arrays[1], pieces, arrays[5], arrays[6], arrays[7])
+    return Cuts(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
