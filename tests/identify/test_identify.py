@@ -69,6 +69,23 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     assert noise_floor(motions()[0]).shape == (16,)
 
 
+@pytest.mark.long
+def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_what_auto_chooses() -> None:
+    result = identify(hidden.recordings(breaking=True), (), masses_known=True)
+    drive, spread = result.fit.drive, result.fit.spread
+    assert result.fit.bristly
+    assert np.median(spread.residual) < 1.3
+    assert spread.residual.max() < 4.0
+    for name, true in hidden.SHAPE.items():
+        assert np.median(np.abs(getattr(drive, name) - true)) < 0.1 * true, name
+    for name, true in (("torque_constant", hidden.CONSTANT), ("damping", hidden.DAMPING)):
+        off = np.abs(getattr(drive, name) / true - 1.0)
+        assert np.median(off) < 0.02, name
+        assert off.max() < 0.15, name
+    value = result.values["torque_constant"]
+    assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
+
+
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
     for name in ("torque_constant", "offset"):
         assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))

@@ -1,4 +1,9 @@
-"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
+"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them.
+
+In the place of k, the torque constant, stands k (1 − μ), μ: what a motor's torque adds to friction. A joint whose motor
+drives and hardly ever brakes tells that product alone, and a descent by k and μ themselves would have to follow a narrow
+curved valley.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.regress import LOAD
-from allegro_twin.identify.fitting.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.fitting.shooting import LONG, Shooting, cut
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
@@ -52,14 +57,15 @@ def index(name: str, n: int) -> slice:
 
 
 class Problem:
-    """Of some motions, of which every `every`-th piece is used."""
+    """Of some motions, of which every `every`-th piece of `length` periods is used."""
 
     def __init__(
-        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1
-    ) -> None:
+        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
+        length: int = LONG,
+    ) -> None:  # fmt: skip
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut(motions, player.spec, stride=every * PIECE)
+        self.cuts = cut(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
         self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in _BOTH] + [[_UNITS["delay"]]])
         self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in _BOTH] + [[0.0]]) / self.unit
@@ -71,12 +77,22 @@ class Problem:
 
     def x_of(self, drive: Parameters) -> Vector:
         values = [getattr(drive, name) for name in _BOTH] + [drive.delay[:1]]
+        values[0] = drive.torque_constant * (1.0 - drive.load_friction)
         return np.asarray(np.concatenate(values) / self.unit)
 
     def drive_of(self, x: Vector) -> Parameters:
         values = x * self.unit
         rows = {name: values[index(name, self.n)] for name in _BOTH}
+        rows["torque_constant"] = rows["torque_constant"] / (1.0 - rows["load_friction"])
         return Parameters(**rows, delay=np.full(self.n, values[-1]))
+
+    def slope(self, drive: Parameters) -> Array:
+        """The derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
+        found = np.diag(self.unit)
+        k, load = index("torque_constant", self.n), index("load_friction", self.n)
+        found[k, k] /= 1.0 - drive.load_friction[:, None]
+        found[k, load] = np.diag(self.unit[load] * drive.torque_constant / (1.0 - drive.load_friction))
+        return found
 
     def residuals(self, x: Vector) -> Vector:
         return np.concatenate(
@@ -93,6 +109,7 @@ class Problem:
                 self.by(drive, base, name, found)
         data = len(found) - len(self.prior)
         found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
         found[data:] = self.prior
         return found
 

@@ -121,8 +121,8 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
 
 def _half(found: Fit, name: str, covariance: Array) -> Vector:
     """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
-    what halving it does, its limit for a step of nothing where the error is of first order. Not less than the way from
-    the rough solution."""
+    what halving it does, its limit for a step of nothing where the error is of first order; and the step that is left to
+    go. Not less than the way from the rough solution."""
     transform = _per_pwm(found, name)
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = found.spread.by_recording @ transform.T
@@ -131,6 +131,7 @@ def _half(found: Fit, name: str, covariance: Array) -> Vector:
         between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
         variance = np.maximum(variance, between)
     linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ found.spread.step)
+    linear += np.abs(transform @ found.spread.rest)
     return np.asarray(np.maximum(linear, np.abs(transform @ found.spread.path)))
 
 
