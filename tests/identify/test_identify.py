@@ -78,8 +78,8 @@ def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_w
     assert spread.residual.max() < 4.0
     for name, true in hidden.SHAPE.items():
         assert np.median(np.abs(getattr(drive, name) - true)) < 0.1 * true, name
-    for name, true in (("torque_constant", hidden.CONSTANT), ("damping", hidden.DAMPING)):
-        off = np.abs(getattr(drive, name) / true - 1.0)
+    for name, hid in (("torque_constant", hidden.CONSTANT), ("damping", hidden.DAMPING)):
+        off = np.abs(getattr(drive, name) / hid - 1.0)
         assert np.median(off) < 0.02, name
         assert off.max() < 0.15, name
     value = result.values["torque_constant"]

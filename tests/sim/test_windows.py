@@ -114,7 +114,7 @@ def test_a_joint_gives_a_little_before_it_breaks_away(spec: HandSpec, make_sim: 
 
 
 def test_a_joint_that_is_held_begins_where_its_motor_has_bent_its_bristles(spec: HandSpec) -> None:
-    """Pushed to 0.9 of what breaks it away it holds still; begun with other bristles it would first give by 1.8 mrad."""
+    """Pushed to 0.9 of what breaks it away it holds still; with other bristles it would first give by 1.8 mrad."""
     shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 2e-3}
     drive = parameters(spec, **{name: np.full(16, value) for name, value in shape.items()})
     player = Player(spec, 0.003, bristly=True)

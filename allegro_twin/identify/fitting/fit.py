@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from allegro_twin.identify.fitting.descent import Descended, descend
 from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
-from allegro_twin.identify.fitting.shooting import LONG, SHORT
+from allegro_twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.identify.motions.motion import Motion, noise_floor
 from allegro_twin.sim.windows import STEP, Parameters, Player
@@ -41,8 +42,8 @@ FINE = {
     False: (Stage(1, LONG, STEP[False], 1, 0.05),),
     True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
 }
-"""Then. Coulomb's rough solution is near enough for one round. Where friction breaks away long pieces tell most, but only
-of a joint that is nearly right: one that is not slips in them where it should stick, and no derivative knows that."""
+"""Then. Coulomb's rough solution is near enough for one round. Where friction breaks away long pieces tell most, but
+only of a joint that is nearly right: another slips in them where it should stick, and no derivative knows that."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
@@ -55,6 +56,8 @@ class Fit:
     start: Parameters
     """Of the regression."""
     spread: Spread
+    shorter: Spread | None
+    """Of the stage before the last, on shorter pieces, which tell less and are misled less; where there was one."""
     covariance: Array
     """(p, p), in the order of `index`; that of masses which were only assumed is in it."""
     floor: Vector
@@ -87,19 +90,37 @@ def fit(
         player = Player(spec, period, stage.step, bristly=bristly)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
-    def descended(bristly: bool, stage: Stage, drive: Parameters) -> Descended:
-        return descend(problem(bristly, stage), drive, stage.rounds, stage.enough)
+    drive, bristly = _roughly(problem, start, slow, friction)
+    spreads = []
+    for stage in FINE[bristly]:
+        whole = problem(bristly, stage)
+        last = descend(whole, drive, stage.rounds, stage.enough)
+        spreads.append(spread(whole, last, drive, masses))
+        drive = last.drive
+    covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
+    shorter = spreads[-2] if len(spreads) > 1 else None
+    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), bristly)
 
-    found, bristly = descended(False, ROUGH[False], start), False
-    if friction == "lugre" or (friction == "auto" and found.left > SUSPICIOUS):
-        other = descended(True, ROUGH[True], slow)
-        bristly = friction == "lugre" or other.left < found.left
-        found = other if bristly else found
-    for stage in FINE[bristly][:-1]:
-        found = descended(bristly, stage, found.drive)
-    rough, stage = found.drive, FINE[bristly][-1]
-    whole = problem(bristly, stage)
-    last = descend(whole, rough, stage.rounds, stage.enough)
-    spreads = spread(whole, last, rough, masses)
-    covariance = spreads.covariance + mass_variance(whole, spreads)
-    return Fit(last.drive, start, spreads, covariance, floor, masses, len(whole.cuts.recording), bristly)
+
+def _roughly(
+    problem: Callable[[bool, Stage], Problem], start: Parameters, slow: Parameters, friction: Friction
+) -> tuple[Parameters, bool]:
+    """A drive by some of the motion, and whether its friction breaks away. By itself (`auto`) it does where Coulomb's
+    leaves more than SUSPICIOUS and Schwarz's criterion (1978), on the same pieces, prefers it."""
+    stage = ROUGH[False]
+    first = descend(problem(False, stage), start, stage.rounds, stage.enough)
+    if friction == "coulomb" or (friction == "auto" and first.left <= SUSPICIOUS):
+        return first.drive, False
+    stage, found = ROUGH[True], {}
+    for bristly, drive in ((False, first.drive), (True, slow)):
+        if bristly or friction == "auto":
+            own = problem(bristly, stage)
+            last = descend(own, drive, stage.rounds, stage.enough)
+            found[_information(own, last)] = last.drive, bristly
+    return found[min(found)]
+
+
+def _information(problem: Problem, found: Descended) -> float:
+    """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move."""
+    n = problem.cuts.measured.size // MEAN
+    return 2.0 * n * float(np.log(found.left)) + len(problem.active) * float(np.log(n))

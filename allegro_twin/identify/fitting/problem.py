@@ -1,8 +1,8 @@
 """The least-squares problem of identification: scaled parameters, data rows first, prior rows after them.
 
 In the place of k, the torque constant, stands k (1 − μ), μ: what a motor's torque adds to friction. A joint whose motor
-drives and hardly ever brakes tells that product alone, and a descent by k and μ themselves would have to follow a narrow
-curved valley.
+drives and hardly ever brakes tells that product alone, and a descent by k and μ themselves would have to follow a
+narrow curved valley.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 LONG, SHORT = 99, 33
-"""Periods of a piece: 0.3 s, in which a wrong start is forgotten after armature / damping = 40 ms; and 0.1 s, in which a
-joint whose model is still wrong has not yet slipped where it should have stuck: from far away the descent ends there."""
+"""Periods of a piece: 0.3 s, long enough, since a wrong start is forgotten after armature / damping = 40 ms; and 0.1 s,
+in which a joint whose model is still wrong has hardly slipped where it should have stuck: for where that is so."""
 MEAN = 3  # Periods whose residuals are averaged.
 TRUSTED = 0.9  # Of the rows of a piece.
 START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
@@ -82,7 +82,7 @@ class Shooting:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
-        self.moments = cuts.measured.shape[1] // MEAN
+        self.moments: int = cuts.measured.shape[1] // MEAN
         """Rows of a piece's residuals."""
         self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
@@ -160,7 +160,9 @@ class Shooting:
         joints = [finger[place] for finger in self._fingers if place < len(finger)]
         nudged = drive.changed(name, joints, NUDGE[name])
         pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
-        return (self.raw(replace(nudged, torque_constant=pulls) if name == "load_friction" else nudged) - base) / NUDGE[name]
+        return (self.raw(replace(nudged, torque_constant=pulls) if name == "load_friction" else nudged) - base) / NUDGE[
+            name
+        ]
 
     def late(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""
