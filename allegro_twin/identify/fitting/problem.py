@@ -1,8 +1,9 @@
 """The least-squares problem of identification: scaled parameters, data rows first, prior rows after them.
 
-In the place of k, the torque constant, stands k (1 − μ), μ: what a motor's torque adds to friction. A joint whose motor
-drives and hardly ever brakes tells that product alone, and a descent by k and μ themselves would have to follow a
-narrow curved valley.
+In the place of k, the torque constant, stands K = k (1 − μ), μ: what a motor's torque adds to friction; in those of
+armature, damping and friction stand A / K, B / K, F / K. A joint whose motor drives and hardly ever brakes tells K and
+not μ; one whose link weighs little tells what is divided by K and not K. A descent by k, A, B and F would have to
+follow a narrow curved valley.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ MASS_SPREAD, MASS_SCALE = 0.06, 0.16
 """Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
 for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
+PULLED = NAMES[1:4]
+"""Of which a recording tells what they are per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Of friction that breaks away and grows with the motor's torque."""
 _BOTH = (*NAMES, *SHAPE)
@@ -77,13 +80,16 @@ class Problem:
 
     def x_of(self, drive: Parameters) -> Vector:
         values = [getattr(drive, name) for name in _BOTH] + [drive.delay[:1]]
-        values[0] = drive.torque_constant * (1.0 - drive.load_friction)
+        values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
+        values[1:4] = [value / pulls for value in values[1:4]]
         return np.asarray(np.concatenate(values) / self.unit)
 
     def drive_of(self, x: Vector) -> Parameters:
         values = x * self.unit
         rows = {name: values[index(name, self.n)] for name in _BOTH}
-        rows["torque_constant"] = rows["torque_constant"] / (1.0 - rows["load_friction"])
+        pulls = rows["torque_constant"]
+        rows |= {name: rows[name] * pulls for name in PULLED}
+        rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
         return Parameters(**rows, delay=np.full(self.n, values[-1]))
 
     def slope(self, drive: Parameters) -> Array:
@@ -92,6 +98,11 @@ class Problem:
         k, load = index("torque_constant", self.n), index("load_friction", self.n)
         found[k, k] /= 1.0 - drive.load_friction[:, None]
         found[k, load] = np.diag(self.unit[load] * drive.torque_constant / (1.0 - drive.load_friction))
+        pulls = drive.torque_constant * (1.0 - drive.load_friction)
+        for name in PULLED:
+            part = index(name, self.n)
+            found[part, part] *= pulls
+            found[part, k] = np.diag(self.unit[k] * getattr(drive, name) / pulls)
         return found
 
     def residuals(self, x: Vector) -> Vector:
@@ -110,6 +121,8 @@ class Problem:
         data = len(found) - len(self.prior)
         found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
         found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
+        for name in PULLED:
+            found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
         found[data:] = self.prior
         return found
 

@@ -155,14 +155,19 @@ class Shooting:
         return (self.moments + len(self._states)) * len(finger)
 
     def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
-        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit; by `load_friction` with
-        k (1 − μ) as it is."""
+        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit; by `torque_constant` with
+        armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it is."""
         joints = [finger[place] for finger in self._fingers if place < len(finger)]
         nudged = drive.changed(name, joints, NUDGE[name])
-        pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
-        return (self.raw(replace(nudged, torque_constant=pulls) if name == "load_friction" else nudged) - base) / NUDGE[
-            name
-        ]
+        if name == "torque_constant":
+            by = nudged.torque_constant / drive.torque_constant
+            nudged = replace(
+                nudged, armature=by * drive.armature, damping=by * drive.damping, frictionloss=by * drive.frictionloss
+            )
+        if name == "load_friction":
+            pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
+            nudged = replace(nudged, torque_constant=pulls)
+        return (self.raw(nudged) - base) / NUDGE[name]
 
     def late(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""
