@@ -112,8 +112,10 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
         half = _half(found, name, found.covariance)
-        # Masses that are only assumed make all N·m doubtful, but the twin moves no worse for it.
-        sure = half if name == "offset" else _half(found, name, found.spread.covariance)
+        # Masses that are only assumed make all N·m doubtful, and a model that is not quite the hand all of a joint,
+        # but the twin moves no worse for it.
+        covariance = found.covariance if name == "offset" else found.spread.covariance
+        sure = _linear(found.spread, _per_pwm(found, name), covariance)
         reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
         result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
