@@ -69,6 +69,18 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     assert noise_floor(motions()[0]).shape == (16,)
 
 
+def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_and_keeps_its_value() -> None:
+    fit = hidden.found().fit
+    left = fit.spread.residual.copy()
+    left[3] = 2.0
+    wide = replace(fit.spread, covariance=100.0 * fit.spread.covariance)
+    doubted = replace(fit, spread=replace(fit.spread, residual=left), shorter=wide)
+    plain, found = (values(each, hidden.found().seen)["damping"] for each in (fit, doubted))
+    assert found.half[3] > 5.0 * plain.half[3]
+    np.testing.assert_array_equal(found.half[left < 1.0], plain.half[left < 1.0])
+    assert found.reason == plain.reason
+
+
 @pytest.mark.long
 def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_what_auto_chooses() -> None:
     result = identify(hidden.recordings(breaking=True), (), masses_known=True)
