@@ -59,6 +59,11 @@ class Pieces(NamedTuple):
     """In the palm frame, (w, 3), m/s²."""
     weight: Array
     """At the fingertips, (w, n), kg, as `Drive.tip_mass`."""
+    acceleration: Array
+    """Where it begins, (w, n), rad/s²."""
+    push: Array
+    """Fractions of full PWM around the row where it begins and BEFORE rows before that, as smooth as the acceleration,
+    (w, BEFORE + 1, n)."""
 
 
 STEP = {False: 0.001, True: 0.0006}
@@ -85,13 +90,14 @@ class Player:
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
         names = [bristles.name_of(name) for name in spec.joints] if bristly else []
         self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
+        self._scratch = mujoco.MjData(model)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
     def play(
         self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, bend: Array | None = None
     ) -> Array:
         """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
-        `bend`: how much more the bristles are bent than in steady motion, (w, n), rad."""
+        `bend`: how much more the bristles are bent than `_bent` says, (w, n), rad."""
         found = np.empty((len(position), pieces.duty.shape[1] - BEFORE, self.spec.n_joints))
         for weight in np.unique(pieces.weight, axis=0):
             rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
@@ -153,8 +159,8 @@ class Player:
         sims.bind("qpos")[:, self.qpos] = position - drive.offset
         sims.bind("qvel")[:, self.dofs] = velocity
         if self.bristly:
-            steady = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
-            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = steady + more
+            bent = self._bent(drive, position, velocity, pieces)
+            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = bent + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
         rubbing = bristles.Rubbing(sims, self._friction) if self.bristly and drive.load_friction.any() else None
@@ -170,6 +176,24 @@ class Player:
                 sims.step()
             found[k] = qpos[:, self.qpos]
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
+
+    def _bent(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+        """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
+        by what its motor's torque leaves for them where it creeps or sticks: there steady motion says nothing, and a
+        wrong guess is a joint that breaks away at another time, or to the other side."""
+        at = BEFORE - drive.delay / self._period
+        floor = np.clip(at.astype(int), 0, BEFORE - 1)
+        joints, part = np.arange(len(at)), np.clip(at - floor, 0.0, 1.0)
+        before, after = pieces.push[:, floor, joints], pieces.push[:, floor + 1, joints]
+        push = drive.torque_constant * (before + part * (after - before))
+        motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        # Armature is in it, and what the model itself holds against a motion: damping, and the bristles' springs at 0.
+        held = push - np.array([self.link_torque(*row) for row in motion])
+        dry = drive.frictionloss + drive.load_friction * np.abs(push)
+        sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
+        steady = bristles.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
+        moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))
+        return np.asarray(moving * steady + (1.0 - moving) * sticking)
 
     def _late(self, duty: Array, delay: Vector) -> Array:
         """What acts in every time step, (steps, w, n): its mean over the step, however the delay divides it."""
@@ -187,6 +211,8 @@ class Player:
 _STIFF = 0.999
 """Of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half their cost
 (0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/twin.md)."""
+_SLIDES = 0.15
+"""rad/s. Ours: at this speed bristles of 2 mrad are bent anew in 13 ms."""
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
 
 

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
-from allegro_twin.identify.fitting.descent import Descended, descend
+from allegro_twin.identify.fitting.descent import LONGEST, Descended, descend
 from allegro_twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
@@ -89,6 +90,20 @@ def test_a_piece_that_answers_to_the_smallest_change_hardly_counts_either() -> N
     weights = last.weight[: W * ROWS].reshape(W, ROWS)[:, 0]
     assert weights[3] < 0.3 * np.delete(weights, 3).min()
     np.testing.assert_allclose(drive, TRUTH, atol=0.02)
+
+
+def test_no_step_is_longer_than_derivatives_are_trusted_for() -> None:
+    toy = Toy()
+    tried: list[Vector] = []
+    inner = toy.residuals
+
+    def watched(x: Vector) -> Vector:
+        tried.append(x)
+        return inner(x)
+
+    toy.residuals = watched  # type: ignore[method-assign]  # To see where it is asked.
+    np.testing.assert_allclose(found(toy)[0], TRUTH, atol=1e-3)
+    assert tried[1][1] == pytest.approx(LONGEST)  # The first step of finger 1, which has 2 to go.
 
 
 def test_what_would_leave_its_range_ends_at_its_end() -> None:

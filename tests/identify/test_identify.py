@@ -69,6 +69,35 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     assert noise_floor(motions()[0]).shape == (16,)
 
 
+def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_and_keeps_its_value() -> None:
+    fit = hidden.found().fit
+    left = fit.spread.residual.copy()
+    left[3] = 2.0
+    wide = replace(fit.spread, covariance=100.0 * fit.spread.covariance)
+    doubted = replace(fit, spread=replace(fit.spread, residual=left), shorter=wide)
+    plain, found = (values(each, hidden.found().seen)["damping"] for each in (fit, doubted))
+    assert found.half[3] > 5.0 * plain.half[3]
+    np.testing.assert_array_equal(found.half[left < 1.0], plain.half[left < 1.0])
+    assert found.reason == plain.reason
+
+
+@pytest.mark.long
+def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_what_auto_chooses() -> None:
+    result = identify(hidden.recordings(breaking=True), (), masses_known=True)
+    drive, spread = result.fit.drive, result.fit.spread
+    assert result.fit.bristly
+    assert np.median(spread.residual) < 1.3
+    assert spread.residual.max() < 4.0
+    for name, true in hidden.SHAPE.items():
+        assert np.median(np.abs(getattr(drive, name) - true)) < 0.1 * true, name
+    for name, hid in (("torque_constant", hidden.CONSTANT), ("damping", hidden.DAMPING)):
+        off = np.abs(getattr(drive, name) / hid - 1.0)
+        assert np.median(off) < 0.02, name
+        assert off.max() < 0.15, name
+    value = result.values["torque_constant"]
+    assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
+
+
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
     for name in ("torque_constant", "offset"):
         assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))

@@ -23,6 +23,8 @@ LARGE = 3.0
 """Times the root mean square of the median piece: a piece that is off by more counts less."""
 STEPS = 5
 """With the same derivatives: near the solution they hardly change, and they cost all the time."""
+LONGEST = 1.0
+"""Of a step, in the units of the parameters: further than that derivatives say little, and a narrow valley is left."""
 _FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a step that was worse, or better.
 
 
@@ -139,7 +141,11 @@ def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping:
         free &= ~out
         if not out.any():
             break
-    return np.asarray(np.maximum(x + step, problem.least) - x)
+    step = np.maximum(x + step, problem.least) - x
+    for finger in range(len(damping)):
+        own = problem.columns(finger)
+        step[own] *= min(1.0, LONGEST / max(float(np.abs(step[own]).max()), 1e-12))
+    return np.asarray(step)
 
 
 def _calm(problem: Problem, J: Array) -> tuple[Vector, ...]:

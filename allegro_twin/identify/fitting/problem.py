@@ -1,4 +1,10 @@
-"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
+"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them.
+
+In the place of k, the torque constant, stands K = k (1 − μ), μ: what a motor's torque adds to friction; in those of
+armature, damping and friction stand A / K, B / K, F / K. A joint whose motor drives and hardly ever brakes tells K and
+not μ; one whose link weighs little tells what is divided by K and not K. A descent by k, A, B and F would have to
+follow a narrow curved valley.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.regress import LOAD
-from allegro_twin.identify.fitting.shooting import PIECE, Shooting, cut
+from allegro_twin.identify.fitting.shooting import LONG, Shooting, cut
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
@@ -21,6 +27,8 @@ MASS_SPREAD, MASS_SCALE = 0.06, 0.16
 """Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
 for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
+PULLED = NAMES[1:4]
+"""Of which a recording tells what they are per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Of friction that breaks away and grows with the motor's torque."""
 _BOTH = (*NAMES, *SHAPE)
@@ -52,14 +60,15 @@ def index(name: str, n: int) -> slice:
 
 
 class Problem:
-    """Of some motions, of which every `every`-th piece is used."""
+    """Of some motions, of which every `every`-th piece of `length` periods is used."""
 
     def __init__(
-        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1
-    ) -> None:
+        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
+        length: int = LONG,
+    ) -> None:  # fmt: skip
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut(motions, player.spec, stride=every * PIECE)
+        self.cuts = cut(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
         self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in _BOTH] + [[_UNITS["delay"]]])
         self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in _BOTH] + [[0.0]]) / self.unit
@@ -71,12 +80,30 @@ class Problem:
 
     def x_of(self, drive: Parameters) -> Vector:
         values = [getattr(drive, name) for name in _BOTH] + [drive.delay[:1]]
+        values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
+        values[1:4] = [value / pulls for value in values[1:4]]
         return np.asarray(np.concatenate(values) / self.unit)
 
     def drive_of(self, x: Vector) -> Parameters:
         values = x * self.unit
         rows = {name: values[index(name, self.n)] for name in _BOTH}
+        pulls = rows["torque_constant"]
+        rows |= {name: rows[name] * pulls for name in PULLED}
+        rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
         return Parameters(**rows, delay=np.full(self.n, values[-1]))
+
+    def slope(self, drive: Parameters) -> Array:
+        """The derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
+        found = np.diag(self.unit)
+        k, load = index("torque_constant", self.n), index("load_friction", self.n)
+        found[k, k] /= 1.0 - drive.load_friction[:, None]
+        found[k, load] = np.diag(self.unit[load] * drive.torque_constant / (1.0 - drive.load_friction))
+        pulls = drive.torque_constant * (1.0 - drive.load_friction)
+        for name in PULLED:
+            part = index(name, self.n)
+            found[part, part] *= pulls
+            found[part, k] = np.diag(self.unit[k] * getattr(drive, name) / pulls)
+        return found
 
     def residuals(self, x: Vector) -> Vector:
         return np.concatenate(
@@ -93,6 +120,9 @@ class Problem:
                 self.by(drive, base, name, found)
         data = len(found) - len(self.prior)
         found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
+        for name in PULLED:
+            found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
         found[data:] = self.prior
         return found
 

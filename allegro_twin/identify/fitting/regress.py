@@ -42,6 +42,11 @@ def smoothed(motion: Motion) -> Smoothed:
     return Smoothed(position, velocity, np.gradient(velocity, motion.period, axis=0))
 
 
+def pushes(motion: Motion) -> Array:
+    """What acted around each row, as fractions of full PWM, as smooth as `smoothed`, (k, n)."""
+    return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
+
+
 def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parameters:
     """The best straight line for every joint, with one delay for all."""
     parts = [_sides(motion, player, mass_scale) for motion in motions]

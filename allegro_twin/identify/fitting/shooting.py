@@ -1,6 +1,6 @@
 """Multiple shooting: recorded commands played into the model from many starts, and what is left of the measurement.
 
-A piece lasts PIECE periods; its start (positions and speeds) is unknown and is eliminated linearly, finger by finger:
+A piece lasts some periods; its start (positions and speeds) is unknown and is eliminated linearly, finger by finger:
 with r the residuals of one finger in one piece, S their derivative by its start and Λ how far a start may be off,
 Q from [S; Λ] = QR takes away what a better start would explain, r ← r − QQᵀr, and the same from the derivatives.
 """
@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-PIECE = 99  # Periods, 0.3 s: long enough, since a wrong start is forgotten after armature / damping = 40 ms.
+LONG, SHORT = 99, 33
+"""Periods of a piece: 0.3 s, long enough, since a wrong start is forgotten after armature / damping = 40 ms; and 0.1 s,
+in which a joint whose model is still wrong has hardly slipped where it should have stuck: for where that is so."""
 MEAN = 3  # Periods whose residuals are averaged.
 TRUSTED = 0.9  # Of the rows of a piece.
 START = {"position": 1e-3, "velocity": 0.2, "bend": 5e-4}
@@ -46,31 +48,31 @@ class Cuts:
     """(w, n), rad/s."""
     pieces: Pieces
     measured: Array
-    """(w, PIECE, n), rad."""
+    """(w, k, n), rad."""
     trust: Array
     """1 for fingers whose every joint can be trusted during a piece, (w, fingers)."""
     recording: Array
     """Which motion each is of, (w,)."""
 
 
-def cut(motions: list[Motion], spec: HandSpec, length: int = PIECE, stride: int | None = None) -> Cuts:
+def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int | None = None) -> Cuts:
     """All whole pieces, `stride` rows apart; by default one after the other."""
-    parts: list[list[Array]] = [[] for _ in range(8)]
+    parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
-        smooth = smoothed(motion)
+        smooth, push = smoothed(motion), pushes(motion)
         for first in range(BEFORE, len(motion.position) - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
             good = motion.good[rows].mean(axis=0)
             trust = np.array([good[list(f.joints)].min() >= TRUSTED for f in spec.fingers], dtype=float)
             found = (
                 smooth.position[first], smooth.velocity[first], motion.duty[first + 1 - BEFORE : first + 1 + length],
-                motion.gravity, motion.weight, motion.position[rows], trust, np.array(number),
+                motion.gravity, motion.weight, smooth.acceleration[first], push[first - BEFORE : first + 1],
+                motion.position[rows], trust, np.array(number),
             )  # fmt: skip
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    pieces = Pieces(arrays[2], arrays[3], arrays[4])
-    return Cuts(arrays[0], arrays[1], pieces, arrays[5], arrays[6], arrays[7])
+    return Cuts(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
@@ -80,6 +82,8 @@ class Shooting:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
+        self.moments: int = cuts.measured.shape[1] // MEAN
+        """Rows of a piece's residuals."""
         self._states = ("position", "velocity", "bend") if player.bristly else ("position", "velocity")
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
         self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
@@ -148,12 +152,22 @@ class Shooting:
 
     def rows(self, finger: list[int]) -> int:
         """Of a finger's residuals in one piece."""
-        return (PIECE // MEAN + len(self._states)) * len(finger)
+        return (self.moments + len(self._states)) * len(finger)
 
     def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
-        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit."""
+        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit; by `torque_constant` with
+        armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it is."""
         joints = [finger[place] for finger in self._fingers if place < len(finger)]
-        return (self.raw(drive.changed(name, joints, NUDGE[name])) - base) / NUDGE[name]
+        nudged = drive.changed(name, joints, NUDGE[name])
+        if name == "torque_constant":
+            by = nudged.torque_constant / drive.torque_constant
+            nudged = replace(
+                nudged, armature=by * drive.armature, damping=by * drive.damping, frictionloss=by * drive.frictionloss
+            )
+        if name == "load_friction":
+            pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
+            nudged = replace(nudged, torque_constant=pulls)
+        return (self.raw(nudged) - base) / NUDGE[name]
 
     def late(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""

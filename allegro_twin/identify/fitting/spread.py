@@ -8,7 +8,6 @@ import numpy as np
 
 from allegro_twin.identify.fitting.descent import Descended
 from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
-from allegro_twin.identify.fitting.shooting import MEAN, PIECE
 from allegro_twin.sim.windows import Parameters, Player
 from allegro_twin.types import Array, Vector
 
@@ -26,10 +25,12 @@ class Spread:
     path: Vector
     """What going from the rough solution to the last one changed, (p,): where steps were short of their end, or valleys
     lie next to each other, a linear estimate at the last one says too little."""
+    rest: Vector
+    """What one more step, undamped, would change, (p,): where the descent stopped short of its end."""
     mass: Array
     """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
     correlation: Array
-    """Of the data alone, (p, p)."""
+    """Of the data alone, as the descent has the parameters, (p, p)."""
     residual: Vector
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
@@ -47,7 +48,7 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    unit, player = problem.unit, problem.player
+    slope, player = problem.slope(drive), problem.player
     raw = problem.shooting.raw(drive)
     fine = problem.shooting.raw(
         drive,
@@ -58,11 +59,12 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
     sd = np.sqrt(np.diag(inverse))
     return Spread(
-        covariance=by_noise * np.outer(larger * unit, larger * unit),
-        by_recording=without * unit,
-        step=step * unit,
-        path=(problem.x_of(drive) - problem.x_of(rough)) * unit,
-        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(unit), problem.n)),
+        covariance=slope @ (by_noise * np.outer(larger, larger)) @ slope.T,
+        by_recording=without @ slope.T,
+        step=slope @ step,
+        path=slope @ (problem.x_of(drive) - problem.x_of(rough)),
+        rest=-slope @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
+        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(slope), problem.n)),
         correlation=inverse / np.outer(sd, sd),
         residual=_rms(problem, last.residuals),
     )
@@ -96,7 +98,7 @@ def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) 
     by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
-    return np.asarray(effect * problem.unit[:, None])
+    return np.asarray(problem.slope(last.drive) @ effect)
 
 
 def mass_variance(problem: Problem, found: Spread) -> Array:
@@ -108,6 +110,6 @@ def _rms(problem: Problem, r: Vector) -> Vector:
     w, found = len(problem.cuts.recording), np.zeros(problem.n)
     for number, rows in problem.parts():
         finger = problem.fingers[number]
-        own = r[rows].reshape(w, -1)[:, : PIECE // MEAN * len(finger)].reshape(-1, len(finger))
+        own = r[rows].reshape(w, -1)[:, : problem.shooting.moments * len(finger)].reshape(-1, len(finger))
         found[finger] = np.sqrt(np.square(own).mean(axis=0))
     return found

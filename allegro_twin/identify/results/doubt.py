@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from allegro_twin.identify.fitting.fit import Fit
 from allegro_twin.identify.fitting.problem import SHAPE
 from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.spread import Spread
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
 
+BELIEVED = 1.1  # Times the noise that long pieces may leave. A fit that arrived leaves 0.9 to 1.1 (ours).
 NORMAL = 1.96  # Standard deviations on either side of 95 %.
 SHORTEST = 10.0  # s of motion that can be trusted, over all recordings.
 MOVED = 0.1  # rad
@@ -110,8 +112,10 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
         half = _half(found, name, found.covariance)
-        # Masses that are only assumed make all N·m doubtful, but the twin moves no worse for it.
-        sure = half if name == "offset" else _half(found, name, found.spread.covariance)
+        # Masses that are only assumed make all N·m doubtful, and a model that is not quite the hand all of a joint,
+        # but the twin moves no worse for it.
+        covariance = found.covariance if name == "offset" else found.spread.covariance
+        sure = _linear(found.spread, _per_pwm(found, name), covariance)
         reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
         result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
@@ -120,18 +124,31 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
 
 
 def _half(found: Fit, name: str, covariance: Array) -> Vector:
-    """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
-    what halving it does, its limit for a step of nothing where the error is of first order. Not less than the way from
-    the rough solution."""
+    """Half the interval. Where long pieces leave more than noise of a joint they are misled by when it slips; then what
+    shorter ones say counts if it is more, and all of it as often as what is left is of the noise."""
     transform = _per_pwm(found, name)
+    half = _linear(found.spread, transform, covariance)
+    if found.shorter is None:
+        return half
+    residual = found.spread.residual
+    left = np.array([np.median(residual)]) if name == "delay" else residual
+    wider = np.maximum(half, _linear(found.shorter, transform, found.shorter.covariance))
+    return np.where(left > BELIEVED, left * wider, half)
+
+
+def _linear(spread: Spread, transform: Array, covariance: Array) -> Vector:
+    """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
+    what halving it does, its limit for a step of nothing where the error is of first order; and what is left to go. Not
+    less than the way from the rough solution."""
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
-    moved = found.spread.by_recording @ transform.T
+    moved = spread.by_recording @ transform.T
     m = len(moved)
     if m > 1:
         between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
         variance = np.maximum(variance, between)
-    linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ found.spread.step)
-    return np.asarray(np.maximum(linear, np.abs(transform @ found.spread.path)))
+    linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ spread.step)
+    linear += np.abs(transform @ spread.rest)
+    return np.asarray(np.maximum(linear, np.abs(transform @ spread.path)))
 
 
 def _per_pwm(found: Fit, name: str) -> Array:
