@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Settings, parse
+from allegro_twin.gym.given import Given
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.gym.tasks import ALONE, TASKS, alone
 from allegro_twin.library.entries import HAND
@@ -25,7 +26,7 @@ class Recipe(Settings):
     task: str
     environment: EnvSettings = EnvSettings()
     """Keywords of the environments that are trained in."""
-    held_out: tuple[str, ...] = ()
+    held_out: tuple[Given, ...] = ()
     """Objects that are kept from training, for the evaluation."""
     learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
     """Who learns: the first two by PPO, the one on processors, and the same policy again to the bit, the other also on
