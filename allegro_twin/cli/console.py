@@ -119,7 +119,8 @@ def phases(title: str, report: Report) -> Table:
 
 def final_state(spec: HandSpec, state: HandState) -> Table:
     """Where the fingers are at the end of a run."""
-    table = Table(title=f"{spec.name} at {state.t:.3f} s: joint positions, rad")
+    what = "positions of the motors, in their own units" if spec.followers else "joint positions, rad"
+    table = Table(title=f"{spec.name} at {state.t:.3f} s: {what}")
     table.add_column("finger")
     for place in range(max(len(finger.joints) for finger in spec.fingers)):
         table.add_column(str(place), justify="right")
