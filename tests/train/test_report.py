@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.cli import console
 from allegro_twin.cli.main import main
-from allegro_twin.cli.training import compared_table
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.env import HandEnv
@@ -104,5 +104,12 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
     def found(*success: bool) -> Evaluation:
         return Evaluation(np.array(success), np.zeros(len(success)), ())
 
-    rows = compared_table([Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe())
-    assert [list(column.cells)[0] for column in rows.columns] == ["seen", "4", "100% (51% to 100%)", "50% (15% to 85%)"]
+    rows = console.compared(
+        [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe()
+    )
+    assert [next(iter(column.cells)) for column in rows.columns] == [
+        "seen",
+        "4",
+        "100% (51% to 100%)",
+        "50% (15% to 85%)",
+    ]
