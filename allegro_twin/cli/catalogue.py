@@ -64,8 +64,8 @@ def configs() -> Table:
 def policies() -> Table:
     table = _table("policies", "name", "what it does")
     for path in sorted((data_root() / "conf" / "policies").glob("*.onnx")):
-        lines = path.with_suffix(".md").read_text(encoding="utf-8").splitlines()
-        table.add_row(path.stem, next(line for line in lines[1:] if line))
+        paragraph = path.with_suffix(".md").read_text(encoding="utf-8").split("\n\n")[1]
+        table.add_row(path.stem, " ".join(paragraph.split()).removesuffix(" Observations and actions: docs/rl.md."))
     return table
 
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from allegro_twin.identify.motions.limits import FoundLimits
     from allegro_twin.plan.prove import Planned
     from allegro_twin.spec import HandSpec
+    from allegro_twin.train.evaluation import Evaluation
+    from allegro_twin.train.report import Compared
+    from allegro_twin.train.settings import Recipe
     from allegro_twin.types import HandState
 
 console = Console(width=None if sys.stdout.isatty() else 120)
@@ -119,7 +122,8 @@ def phases(title: str, report: Report) -> Table:
 
 def final_state(spec: HandSpec, state: HandState) -> Table:
     """Where the fingers are at the end of a run."""
-    table = Table(title=f"{spec.name} at {state.t:.3f} s: joint positions, rad")
+    what = "positions of the motors, in their own units" if spec.followers else "joint positions, rad"
+    table = Table(title=f"{spec.name} at {state.t:.3f} s: {what}")
     table.add_column("finger")
     for place in range(max(len(finger.joints) for finger in spec.fingers)):
         table.add_column(str(place), justify="right")
@@ -177,3 +181,30 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
         motor = (motors.torque_limit[k], motors.damping[k], motors.frictionloss[k])
         table.add_row(name, mine.readable[k], *(f"{v:+.3f}" for v in limit), *(f"{v:.4f}" for v in motor))
     return table
+
+
+def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
+    """Success of a policy in each set of episodes, and without any action, with where the rate lies."""
+    from allegro_twin.gym.tasks import task_type
+    from allegro_twin.train.report import quartiles
+
+    table = Table(title="success in the same episodes (95 % interval)", title_justify="left", title_style="bold")
+    kind = task_type(recipe.task)
+    more = (f"{kind.counted}, {kind.unit}: mean (quartiles)",) if kind.counted else ()
+    for column in ("objects", "episodes", "policy", "no action", *more):
+        table.add_column(column, justify="left" if column == "objects" else "right")
+    for each in found:
+        shares = [share(each.policy), share(each.still)]
+        if (counted := each.policy.counted) is not None:
+            low, median, high = quartiles(counted)
+            shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
+        table.add_row(each.name, str(len(each.policy.success)), *shares)
+    return table
+
+
+def share(found: Evaluation) -> str:
+    """How many of its episodes were a success, and where the rate lies (95 %, Wilson)."""
+    from allegro_twin.evaluate.statistics import wilson
+
+    low, high = wilson(int(found.success.sum()), len(found.success))
+    return f"{found.rate:.0%} ({low:.0%} to {high:.0%})"

@@ -11,7 +11,6 @@ from allegro_twin.cli import complete, options
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.train.report import Compared
     from allegro_twin.train.settings import Recipe
 
 Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.", callback=options.positive)]
@@ -86,14 +85,14 @@ def evaluate_policy(
     path = find(policy, "policy", "conf/policies", ".onnx")
     if film is not None:
         filmed(load_policy(path).policy, loaded, film)
-    console.console.print(_table(compare(path, loaded, episodes), loaded))
+    console.console.print(console.compared(compare(path, loaded, episodes), loaded))
     if can:
         from allegro_twin.gym.tasks import task_type
         from allegro_twin.train.deployment import over_can
 
         for name, settings in sets(loaded).items():
             driven = over_can(path, loaded.task, settings, can, seed=SEED)
-            share = f"{driven.rate:.1%} ± {driven.error:.1%}"
+            share = console.share(driven)
             more = "" if driven.counted is None else f", {driven.counted.mean():.1f} {task_type(loaded.task).unit}"
             console.console.print(f"over CAN, {name}: {share} of the first {can} of these episodes{more}")
 
@@ -105,30 +104,10 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
 
     compared = report.compare(policy, recipe, episodes)
     report.write(compared, folder / "evaluation.json")
-    console.console.print(_table(compared, recipe))
+    console.console.print(console.compared(compared, recipe))
     if not video:
         return
     try:
         report.filmed(load_policy(policy).policy, recipe, folder / "policy.mp4")
     except ConfigError as error:
         console.errors.print(f"[yellow]no film: {error}[/]")  # The policy is what was asked for.
-
-
-def _table(compared: list[Compared], recipe: Recipe) -> object:
-    from rich.table import Table
-
-    from allegro_twin.gym.tasks import task_type
-    from allegro_twin.train.report import quartiles
-
-    table = Table(title="success, in the same episodes", title_justify="left", title_style="bold")
-    kind = task_type(recipe.task)
-    more = (f"{kind.counted}, {kind.unit}: mean (quartiles)",) if kind.counted else ()
-    for column in ("objects", "episodes", "policy", "no action", *more):
-        table.add_column(column, justify="left" if column == "objects" else "right")
-    for each in compared:
-        shares = [f"{e.rate:.1%} ± {e.error:.1%}" for e in (each.policy, each.still)]
-        if (counted := each.policy.counted) is not None:
-            low, median, high = quartiles(counted)
-            shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
-        table.add_row(each.name, str(len(each.policy.success)), *shares)
-    return table

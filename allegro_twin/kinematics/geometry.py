@@ -48,7 +48,7 @@ def load_geometry(model: str, finger: str) -> Geometry:
     """The geometry of one finger, from models/<model>.yaml. Raises ConfigError where the closed form does not hold."""
     path = data_root() / "models" / f"{model}.yaml"
     if not path.is_file():
-        raise ConfigError(f"{model} {finger}: no closed form of a hand that has no table of facts")
+        raise ConfigError(f"{model} {finger}: no closed form, for its links and axes are in no models/{model}.yaml")
     table = read_yaml(path)
     place = table["fingers"][finger]
     rows = table["chains"][place["chain"]]

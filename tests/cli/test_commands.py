@@ -48,6 +48,13 @@ def test_one_list_is_only_that_list(command: Run) -> None:
     }  # fmt: skip
 
 
+def test_what_a_policy_does_is_told_to_the_end_of_its_sentence(command: Run) -> None:
+    cells = [line.split("│")[2] for line in command("list", "policies")[1].splitlines() if "│" in line]
+    told = " ".join(" ".join(cells).split())
+    assert "and holds it through a push: the library's grasp plus up to 0.2 rad a joint." in told
+    assert "Observations and actions" not in told
+
+
 def test_a_scenario_is_a_job_for_each_hand_and_takes_another_grasp_and_object() -> None:
     jobs = configs_of(["lemon"], Options(side="both"))
     assert [(job.name, job.config.hand.side) for job in jobs] == [("lemon", "right"), ("lemon", "left")]

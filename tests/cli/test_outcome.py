@@ -134,6 +134,9 @@ def test_tables_show_the_numbers_of_their_columns(spec: HandSpec) -> None:
     row = np.arange(16) / 10
     shown = text(console.final_state(spec, state(3, position=row)))
     assert "index 0.0000 0.1000 0.2000 0.3000 middle 0.4000" in shown
+    assert "joint positions, rad" in shown
+    tendons = load_spec("model_o")
+    assert "positions of the motors, in their own units" in text(console.final_state(tendons, state(3, position=row)))
     mine = replace(spec, lower=spec.lower + 0.01, upper=spec.upper - 0.02)
     shown = text(console.identity(spec, mine, 0.1))
     low, high = spec.lower[0], spec.upper[0]

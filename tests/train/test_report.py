@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.cli import console
 from allegro_twin.cli.main import main
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.env import HandEnv
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.policy.controller import Still
-from allegro_twin.train.evaluation import evaluate
-from allegro_twin.train.report import SEED, as_shipped, compare, filmed, sets, write
+from allegro_twin.train.evaluation import Evaluation, evaluate
+from allegro_twin.train.report import SEED, Compared, as_shipped, compare, filmed, sets, write
 from allegro_twin.train.settings import Recipe, load_recipe
 
 REACH = data_root() / "conf" / "policies" / "reach_right.onnx"
@@ -93,7 +94,22 @@ def test_the_command_line_says_both_rates_and_films(
     assert ended.value.code == 0
     said = capfd.readouterr().out
     assert "trained on" in said
-    assert "0.0% ± 0.0%" in said
-    assert "over CAN, trained on: 100.0%" in said
+    assert "0% (0% to 49%)" in said
+    assert "over CAN, trained on: 100% (34% to 100%)" in said
     assert (tmp_path / "reach.mp4").stat().st_size > 10_000
     assert SEED > 1_000_000_000
+
+
+def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None:
+    def found(*success: bool) -> Evaluation:
+        return Evaluation(np.array(success), np.zeros(len(success)), ())
+
+    rows = console.compared(
+        [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe()
+    )
+    assert [next(iter(column.cells)) for column in rows.columns] == [
+        "seen",
+        "4",
+        "100% (51% to 100%)",
+        "50% (15% to 85%)",
+    ]
