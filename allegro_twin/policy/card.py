@@ -116,7 +116,7 @@ class Card(Settings):
         """The number of a grasp's script. Raises ConfigError with the nearest names."""
         names = [closed.grasp for closed in self.scripts]
         if grasp not in names:
-            raise ConfigError(unknown("grasp of this policy", grasp, names))
+            raise ConfigError(unknown("grasp of this policy", grasp, sorted({*names})))
         return names.index(grasp)
 
 
