@@ -263,7 +263,7 @@ def test_every_hand_is_opened_with_what_is_its_own_and_does_what_is_wished(
         assert opened.kinds == ("limp", "position")
         assert opened.gains == ("default",)
         assert len(opened.scenarios) == 12
-        assert {name for name in shelf.grasps if not name.endswith("_on_arm")} == {each for each in opened.scenarios}
+        assert {name for name in shelf.grasps if not name.endswith("_on_arm")} == set(opened.scenarios)
         assert all(name.startswith(hand) for name in (*shelf.postures, *shelf.grasps))
         assert desk.page.frame().position.shape == (MOTORS[hand],)
         spec, last = opened.spec, opened.spec.fingers[0].joints[-1]

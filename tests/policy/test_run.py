@@ -77,7 +77,8 @@ def test_a_policy_with_a_script_runs_as_long_as_it_and_by_the_grasps_name() -> N
     (job,) = configs_of(["sim_right"], Options(grasp="medium_wrap", policy="grasp_right"))
     rig = assemble(job.config.model_copy(update={"seconds": None}))
     assert rig.seconds == pytest.approx(4.3, abs=0.003)
-    with pytest.raises(ConfigError, match="no grasp of this policy named 'quadpod_bear'; did you mean 'quadpod_pear'[?]"):
+    said = "no grasp of this policy named 'quadpod_bear'; did you mean 'quadpod_pear'[?]"
+    with pytest.raises(ConfigError, match=said):
         assemble(config({"kind": "sim"}, file="grasp_right", grasp="quadpod_bear"))
 
 
