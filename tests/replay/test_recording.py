@@ -93,7 +93,7 @@ def test_a_killed_process_loses_at_most_the_last_batch(tmp_path: Path) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     process.stdout.close()
-    recording = load(path)
+    recording = load(path, partial=True)  # It may have died within a batch.
     assert written - BATCH <= len(recording)
     assert not recording.complete
     np.testing.assert_array_equal(recording.columns["tick"], np.arange(len(recording)))
