@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
-from allegro_twin.errors import ConfigError
 from allegro_twin.gym.state import FACTORS
 from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.policy.interface import Floats, Observation
@@ -113,7 +112,17 @@ def test_a_single_environment_has_them_too() -> None:
     assert observation["state"].shape == (4 * N + 13 + len(FACTORS),)
 
 
-def test_on_a_warp_device_both_are_refused_by_name() -> None:
+@pytest.mark.long
+def test_on_a_warp_device_both_are_what_they_are_on_processors() -> None:
     pytest.importorskip("mujoco_warp", reason="MuJoCo Warp is not installed: pip install 'allegro-twin[warp]'")
-    with pytest.raises(ConfigError, match="touch and state need device: cpu"):
-        HandVectorEnv("Reach", 1, device="warp:cpu", state=True)
+    told = []
+    for device in ("cpu", "warp:cpu"):
+        env = HandVectorEnv("Reach", 2, autoreset="disabled", device=device, state=True, touch=True)
+        env.reset(seed=5)
+        for _ in range(3):
+            seen = env.step(np.full((2, N), 0.2, np.float32))[0]
+        told.append(seen)
+    here, there = told
+    assert here["observation"].shape == (2, 4 * N + N)
+    np.testing.assert_allclose(here["observation"], there["observation"], atol=2e-4)
+    np.testing.assert_allclose(here["state"], there["state"], atol=2e-4)
