@@ -194,3 +194,17 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
     ours = load_policy(tmp_path / "turned.onnx").policy({name: part.numpy() for name, part in seen.items()})
     np.testing.assert_allclose(ours, theirs, atol=1e-5)
     np.testing.assert_allclose(read, theirs, atol=1e-5)
+
+
+def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
+    onnx = pytest.importorskip("onnx", reason=EXTRA)
+    pytest.importorskip("torch", reason=EXTRA)
+    from allegro_twin.train.graph.taken import layers_of
+
+    seen, given = (onnx.helper.make_tensor_value_info(name, 1, ["batch", 16]) for name in ("observation", "action"))
+    nodes = [
+        onnx.helper.make_node(kind, [a], [b]) for kind, a, b in (("Relu", seen.name, "x"), ("Tanh", "x", "action"))
+    ]
+    onnx.save(onnx.helper.make_model(onnx.helper.make_graph(nodes, "other", [seen], [given])), tmp_path / "other.onnx")
+    with pytest.raises(ConfigError, match=r"other\.onnx: not a policy that `allegro-twin train` wrote"):
+        layers_of(tmp_path / "other.onnx")
