@@ -79,7 +79,7 @@ def test_each_of_several_trials_of_any_hand_moves_as_if_it_were_alone(name: str)
 
 
 ORDERS = {
-    "model_o": PositionCommand(np.array([-0.4, 2.0, 2.0, 2.0]), effort=np.array([0.04, 0.5, 0.6, 0.7])),
+    "model_o": PositionCommand(np.array([0.4, 2.0, 2.0, 2.0]), effort=np.array([0.04, 0.5, 0.6, 0.7])),
     "qb_softhand": PositionCommand(np.array([0.6]), duration=0.5),
 }
 
