@@ -123,6 +123,8 @@ def test_the_model_os_pair_closes_side_by_side_on_the_thumb_or_a_quarter_of_a_tu
     forward, reverse, thumb = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0], axis=1)[:, None]
     assert forward @ reverse == pytest.approx(between, abs=0.02)
     assert forward @ thumb == pytest.approx(-0.5 * (1.0 + between), abs=0.02)
+    across = ends[0][1] - ends[0][0]
+    assert forward @ across / np.linalg.norm(across) == pytest.approx(0.5 * (1.0 - between), abs=0.02)
 
 
 def test_a_finger_of_the_softhand_that_is_held_stops_and_the_others_go_on(make_sim: MakeSim) -> None:

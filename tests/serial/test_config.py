@@ -175,8 +175,8 @@ def test_a_model_o_closes_through_its_four_servos_and_says_what_57600_baud_can_c
 
 
 def test_the_ticks_of_a_model_os_servos_are_those_of_its_authors_program() -> None:
-    """openhand_node, hands.py: the spread's 0.37 of 4095 ticks bring two fingers that face each other to where they face
-    the thumb; the fingers close by 0.7, the reverse one downwards from 0.13 + 0.7."""
+    """openhand_node's hands.py: 0.37 of 4095 ticks bring the pair from facing each other to facing the thumb. Fingers
+    close by 0.7, the reverse one downwards from 0.13 + 0.7."""
     config, spec = load_config("model_o_virtual"), load_spec("model_o")
     assert isinstance(config.backend, DynamixelSettings)
     calibration = calibration_of(config, config.backend, spec)
