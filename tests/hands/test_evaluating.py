@@ -79,7 +79,7 @@ def test_each_of_several_trials_of_any_hand_moves_as_if_it_were_alone(name: str)
 
 
 ORDERS = {
-    "model_o": PositionCommand(np.array([-0.4, 2.0, 2.0, 2.0]), effort=np.array([0.04, 0.5, 0.6, 0.7])),
+    "model_o": PositionCommand(np.array([0.4, 2.0, 2.0, 2.0]), effort=np.array([0.04, 0.5, 0.6, 0.7])),
     "qb_softhand": PositionCommand(np.array([0.6]), duration=0.5),
 }
 
@@ -99,13 +99,13 @@ def test_efforts_and_durations_side_by_side_are_those_of_a_hand_alone(name: str)
 
 def test_a_controllers_effort_and_the_guards_ceiling_hold_side_by_side_too() -> None:
     bench = Bench(load_spec("model_o"), period=0.004)
-    case, limits = brief(bench, OTHERS["model_o"]), replace(bench.limits, torque=0.8 * bench.limits.torque)
-    efforts = [None, 0.3 * bench.limits.torque, bench.limits.torque]
+    case, limits = brief(bench, OTHERS["model_o"]), replace(bench.limits, torque=0.1 * bench.limits.torque)
+    efforts = [None, 0.05 * bench.limits.torque, bench.limits.torque]
     trials = [bench.trial(case) for _ in efforts]
     found = together(trials, [Follow(t.reference, e) for t, e in zip(trials, efforts, strict=True)], limits)
     peaks = [verdict.report.peak_torque for verdict in found if verdict.report is not None]
-    assert peaks[0] == peaks[2] == pytest.approx(0.8)
-    assert peaks[1] == pytest.approx(0.3)
+    assert peaks[0] == peaks[2] == pytest.approx(0.1)
+    assert peaks[1] == pytest.approx(0.05)
 
 
 def test_no_motor_gives_more_than_its_card_says_whatever_its_file_lets_it(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import combinations, product
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,11 +12,14 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.explore import explored
+from allegro_twin.sim.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim
 
 CARDS = ("model_o", "qb_softhand", "sih")
+OUTER, ALL = ("forward", "reverse"), ("forward", "reverse", "thumb")
+"""The Model O's fingers: those that one motor spreads, and all."""
 
 
 def closed(sim: SimBackend, spec: HandSpec, position: Array, seconds: float = 2.0) -> list[dict[str, float]]:
@@ -25,6 +31,12 @@ def closed(sim: SimBackend, spec: HandSpec, position: Array, seconds: float = 2.
         sim.read()
         rows.append({each.name: float(sim.data.joint(each.name).qpos[0]) for each in spec.followers})
     return rows
+
+
+def _of(model: mujoco.MjModel, geom: int) -> str:
+    """The finger that a shape is on, "palm" for the palm."""
+    body: str = model.body(int(model.geom_bodyid[geom])).name
+    return body.split("_")[0]
 
 
 def hold(sim: SimBackend, joint: str, at: float) -> None:
@@ -70,8 +82,49 @@ def test_a_finger_of_the_model_o_that_is_held_at_its_base_closes_at_its_end(make
 def test_the_model_os_fingers_spread_to_either_side_with_one_motor(make_sim: MakeSim) -> None:
     spec = load_spec("model_o")
     sim = make_sim(spec)
-    last = closed(sim, spec, np.array([-1.0, 0.0, 0.0, 0.0]))[-1]
+    last = closed(sim, spec, np.array([1.0, 0.0, 0.0, 0.0]))[-1]
     assert last["reverse_0"] == pytest.approx(float(sim.data.joint("spread").qpos[0]), abs=0.02)
+    forward, reverse = (sim.data.geom(f"{name}_end").xpos - sim.data.body(name).xpos for name in OUTER)
+    across = sim.data.body("forward").xpos - sim.data.body("reverse").xpos
+    assert forward @ across > 0.05 * np.linalg.norm(across)  # Each is led to its own side: apart.
+    assert reverse @ across < -0.05 * np.linalg.norm(across)
+
+
+def test_open_fingers_of_the_model_o_never_touch_each_other_however_they_are_spread() -> None:
+    spec = load_spec("model_o")
+    model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
+    data, posed = mujoco.MjData(model), Posed(spec, model)
+    shapes = {f: [g for g in range(model.ngeom) if model.geom_contype[g] and _of(model, g) == f] for f in ALL}
+    for spread in np.linspace(spec.lower[0], spec.upper[0], 40):
+        posed(np.array([spread, 0.0, 0.0, 0.0]), data.qpos)
+        mujoco.mj_forward(model, data)
+        for one, other in combinations(ALL, 2):
+            apart = min(
+                mujoco.mj_geomDistance(model, data, a, b, 1.0, None) for a, b in product(shapes[one], shapes[other])
+            )
+            assert apart > 0.02, (spread, one, other)
+
+
+@pytest.mark.parametrize(("spread", "between"), [(0.0, 1.0), (0.5 * np.pi, -1.0)])
+def test_the_model_os_pair_closes_side_by_side_on_the_thumb_or_a_quarter_of_a_turn_on_each_other(
+    spread: float, between: float
+) -> None:
+    """openhand_node: the spread's ends are facing the thumb, and perpendicular to it, for a pinch of the two."""
+    spec = load_spec("model_o")
+    model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
+    data, posed = mujoco.MjData(model), Posed(spec, model)
+    first = next(each for each in spec.followers if each.name == "forward_1")
+    upright = np.interp(0.5 * np.pi, first.positions, np.linspace(0.0, spec.upper[1], len(first.positions)))
+    ends = []
+    for motor in (upright, upright + 0.01):
+        posed(np.array([spread, motor, motor, motor]), data.qpos)
+        mujoco.mj_kinematics(model, data)
+        ends.append(np.array([data.geom(f"{finger}_end").xpos for finger in ALL]))
+    forward, reverse, thumb = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0], axis=1)[:, None]
+    assert forward @ reverse == pytest.approx(between, abs=0.02)
+    assert forward @ thumb == pytest.approx(-0.5 * (1.0 + between), abs=0.02)
+    across = ends[0][1] - ends[0][0]
+    assert forward @ across / np.linalg.norm(across) == pytest.approx(0.5 * (1.0 - between), abs=0.02)
 
 
 def test_a_finger_of_the_softhand_that_is_held_stops_and_the_others_go_on(make_sim: MakeSim) -> None:

@@ -21,6 +21,7 @@ from allegro_twin.files.schema import parse
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
+from allegro_twin.serial.dynamixel.host.prepare import check_place
 from allegro_twin.session import recording_meta
 from tests.serial.rigs import MODEL_O, config_of
 
@@ -171,3 +172,30 @@ def test_a_model_o_closes_through_its_four_servos_and_says_what_57600_baud_can_c
     slow = config.model_dump() | {"backend": {"kind": "dynamixel", "port": "virtual", "baud": 57600}}
     with pytest.raises(ConfigError, match="period 0.02 s is too short for 4 servos at 57600 baud"):
         assemble(RunConfig.model_validate(slow))
+
+
+def test_the_ticks_of_a_model_os_servos_are_those_of_its_authors_program() -> None:
+    """openhand_node's hands.py: 0.37 of 4095 ticks bring the pair from facing each other to facing the thumb. Fingers
+    close by 0.7, the reverse one downwards from 0.13 + 0.7."""
+    config, spec = load_config("model_o_virtual"), load_spec("model_o")
+    assert isinstance(config.backend, DynamixelSettings)
+    calibration = calibration_of(config, config.backend, spec)
+    facing_the_thumb, facing_each_other = calibration.ticks(spec.lower), calibration.ticks(spec.upper)
+    assert facing_the_thumb[0] - facing_each_other[0] == pytest.approx(0.37 * 4095, abs=1)
+    assert facing_each_other[0] >= 0
+    assert facing_the_thumb[1:] == [round(part * 4095) for part in (0.22, 0.83, 0.27)]
+    assert facing_each_other[1:] == pytest.approx([part * 4095 for part in (0.92, 0.13, 0.97)], abs=3)
+    np.testing.assert_allclose(calibration.effort_limit, spec.actuation.torque_limit, rtol=0.03)
+
+
+@pytest.mark.parametrize(("servo", "tick"), [(0, 4090), (2, 5)])
+def test_a_model_o_whose_servo_woke_up_a_turn_away_is_not_moved(servo: int, tick: int) -> None:
+    """A hair beyond the end of a servo's one turn; its authors ask before they move it, lest it shear its gears."""
+    config, spec = load_config("model_o_virtual"), load_spec("model_o")
+    assert isinstance(config.backend, DynamixelSettings)
+    calibration = calibration_of(config, config.backend, spec)
+    ticks = np.array(calibration.ticks(spec.rest))
+    check_place(spec, calibration.position(ticks), calibration)
+    ticks[servo] = tick
+    with pytest.raises(ConfigError, match=f"{spec.joints[servo]} .* or it lost a turn"):
+        check_place(spec, calibration.position(ticks), calibration)
