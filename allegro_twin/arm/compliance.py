@@ -9,7 +9,7 @@ The real joints follow by τ = M (ω² (q_r - q) + 2 ω (q̇_r - q̇)) + C q̇ -
 to cycle and w̄ smoothed; what dry friction holds of the first term is overcome (`impedance.freed`). At rest f = 0,
 whatever P and the iterations are: P sets how fast, K where. FZI sets the virtual arm to where the real one is before
 each cycle; here it goes on from where it was, since an arm that takes torques lags a little and would swing; it is
-brought back where the real one lags by more than `lag`.
+brought back where the real one lags by more than `lag`, and goes no faster than the real one could stop.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ _CARRIED = (
 )
 _FZI = Stiffness(500.0, 50.0)
 _SHARE = 0.7  # Of the joints' speed limits, that the virtual arm may go.
+_BRAKED = 0.027  # s. OWN: half of the time in which what changes the torque must be able to stop the virtual arm.
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,7 @@ class Compliance:
     pull: Pull = _PULL
     cycle: float = 0.01
     """s."""
-    bandwidth: float = 20.0
+    bandwidth: float = 22.0
     """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may; docs/arm.md."""
     lag: float = 0.05
     """rad."""
@@ -148,6 +149,18 @@ def cycled(law: Compliance, virtual: Virtual, setpoint: Pose, wrench: Vector) ->
         pulled = np.linalg.solve(law.light.inertia(q), jacobian.T @ effort)
         q = np.clip(q + v * _STEP, spec.lower, spec.upper)
         v, last = _KEPT * (v + pulled * _STEP), force
-    limit = spec.actuation.velocity_limit
-    over = 1.0 if limit is None else float(np.abs((q - begin) / (limit * _SHARE * law.cycle)).max())
-    return Virtual(begin + (q - begin) / max(over, 1.0), v / max(over, 1.0), last)
+    over = _too_fast(law.model, begin, (q - begin) / law.cycle)
+    return Virtual(begin + (q - begin) / over, v / over, last)
+
+
+def _too_fast(model: ArmModel, position: Vector, speed: Vector) -> float:
+    """How many times faster than the real arm may go, or could stop, a speed is, 1 at least.
+
+    With a jerk of Ṫ M⁻¹ it stops within 2 √(|M q̇| / Ṫ): that is no more than 2 `_BRAKED`.
+    """
+    motor, over = model.spec.actuation, 1.0
+    if motor.velocity_limit is not None:
+        over = max(over, float(np.abs(speed / (motor.velocity_limit * _SHARE)).max()))
+    if motor.torque_rate is not None:
+        over = max(over, float(np.abs(model.inertia(position) @ speed / motor.torque_rate).max()) / _BRAKED**2)
+    return over

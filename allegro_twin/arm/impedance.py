@@ -20,13 +20,12 @@ from allegro_twin.arm.tool import Bridge
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import ArmModel, turn
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
+from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
 _SINGULAR = 1e-6  # Added to J Jᵀ: what a stretched arm would divide by, m² and rad².
 _AXES = ("x", "y", "z")
 _FINE = 0.02  # ε, N·m. OWN: an eleventh of the friction of a Franka's joints is left, and nothing swings (tests).
 _SMOOTHED = 0.05  # s. Time constant of w̄.
-_UNFELT = frozen(np.zeros(6))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +49,8 @@ class Hanging(NamedTuple):
     rest: Vector
     """Where the elbow likes to be: joint positions at the start, (n,), rad."""
     t: float
-    felt: Vector = _UNFELT
-    """By the tool, smoothed, in the axes of the base, (6,), N and N·m."""
+    felt: Vector | None = None
+    """w̄, by the tool in the axes of the base, (6,), N and N·m; None: nothing is felt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,15 +84,20 @@ class Impedance:
         return Hanging(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        dt, felt = state.t - memory.t, memory.felt
-        setpoint = approached(memory.setpoint, self.target.pose, dt, self.smoothing)
-        if self.bridge is not None:
-            axes, at = self.model.flange(state.position).rotation, self.model.tool.position
-            now = self.bridge.outside(state.wrench, axes, state.gravity, at)
-            felt = felt + (now - felt) * min(dt / _SMOOTHED, 1.0)
-        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null,
-                      None if self.bridge is None else felt)  # fmt: skip
+        setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
+        felt = None if self.bridge is None else felt_by(self.bridge, self.model, state, memory)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null, felt)
         return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
+
+
+def felt_by(bridge: Bridge, model: ArmModel, state: HandState, memory: Hanging) -> Vector:
+    """w̄ after a state: the first is taken as it is."""
+    axes = model.flange(state.position).rotation
+    now = bridge.outside(state.wrench, axes, state.gravity, model.tool.position)
+    if memory.felt is None:
+        return now
+    smooth: Vector = memory.felt + (now - memory.felt) * min((state.t - memory.t) / _SMOOTHED, 1.0)
+    return smooth
 
 
 def hung(

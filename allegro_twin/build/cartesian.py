@@ -36,13 +36,12 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     smoothing, target = Smoothing(settings.speed, settings.turning), Target(goal)
     way = float(np.linalg.norm(goal.position - home.position)) / settings.speed
     seconds = max(way, float(np.linalg.norm(settings.turn)) / settings.turning) + STAY
+    bridge = Bridge(spec.load or Load(0.0, np.zeros(3)))
     if settings.kind == "impedance":
-        return Impedance(model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing), seconds
-    law = Compliance(
-        model, target, Bridge(spec.load or Load(0.0, np.zeros(3))), _stiffness(settings, 500.0, 50.0),
-        Pull(iterations=settings.iterations), smoothing=smoothing,
-    )  # fmt: skip
-    return law, seconds
+        hung = Impedance(model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing, bridge=bridge)
+        return hung, seconds
+    pull = Pull(iterations=settings.iterations)
+    return Compliance(model, target, bridge, _stiffness(settings, 500.0, 50.0), pull, smoothing=smoothing), seconds
 
 
 def _stiffness(settings: CartesianSettings, linear: float, angular: float) -> Stiffness:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from allegro_twin.cli import options
 from allegro_twin.cli.evaluating import Count, Engines
-
-if TYPE_CHECKING:
-    from allegro_twin.study.folder import Held
+from allegro_twin.errors import ConfigError
 
 Out = Annotated[
     Path,
@@ -40,7 +38,7 @@ def preemption(
     interruption; results under another protocol are refused."""
     from allegro_twin.cli import console
     from allegro_twin.cli.verdicts import engine_of
-    from allegro_twin.study.folder import TRIALS, write
+    from allegro_twin.study.folder import TRIALS
     from allegro_twin.study.protocol import load_study
     from allegro_twin.study.work import sweep_of
     from allegro_twin.sweep.running import run
@@ -54,24 +52,34 @@ def preemption(
         run(
             sweep, Store(out / TRIALS), chosen.engine, lambda done, total: bar.update(task, completed=done, total=total)
         )
-    _say(write(out), out)
+    _say([out], out)
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Of a study, whole or not yet.")],
+    folders: Annotated[
+        list[Path], typer.Argument(help="Of a study, whole or not yet; each hand from the last with it.")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="By default the folder, if it is one.")] = None,
     where: Annotated[str, typer.Option(help="On which machine it was made, and when: stands in the report.")] = "",
 ) -> None:
-    """Write the report of the trials that a folder has, and say what they show."""
-    from allegro_twin.study.folder import write
+    """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
+    many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
+    if out is None and len(folders) > 1:
+        raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
+    _say(folders, folders[0] if out is None else out, where)
 
-    _say(write(folder, where), folder)
 
-
-def _say(held: Held, folder: Path) -> None:
+def _say(folders: list[Path], folder: Path, where: str = "") -> None:
     from allegro_twin.cli.console import console
     from allegro_twin.study import told
     from allegro_twin.study.analysis import analysed
+    from allegro_twin.study.folder import gathered, write
 
+    held = gathered(folders)
+    write(held, folder, where)
+    if len(folders) > 1:
+        told_of = ", ".join(f"{count} of {hand}" for hand, count in sorted(held.hands.items()))
+        console.print(f"Trials: {told_of}", soft_wrap=True, highlight=False)
     answer = analysed(held.table.to_pylist(), held.study)
     for found in answer.findings:
         console.print(told.sentence(found, answer, held.study), soft_wrap=True, highlight=False)

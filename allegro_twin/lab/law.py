@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.arm.impedance import Hanging, hung
+from allegro_twin.arm.impedance import Hanging, felt_by, hung
 from allegro_twin.arm.target import Smoothing, Target, approached
+from allegro_twin.arm.tool import Bridge
 from allegro_twin.control.profiles import minimum_jerk
 from allegro_twin.control.steering import Steering
 from allegro_twin.kinematics.arm import ArmModel, turn, turned
@@ -79,18 +80,24 @@ class Guided:
     smoothing: Smoothing
     null: float = 10.0
     """N·m/rad, as of `Impedance`."""
+    bridge: Bridge | None = None
+    """As of `Impedance`."""
 
     def start(self, state: HandState) -> Hanging:
         return Hanging(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        path, line = self.guide.path, self.guide.line
+        path, line, felt = self.guide.path, self.guide.line, None
+        if self.bridge is not None:
+            felt = felt_by(self.bridge, self.model, state, memory)
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
             setpoint = line.at(state.t) if line is not None else approached(memory.setpoint, goal, dt, self.smoothing)
-            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null)
-            return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t)
+            torque = hung(self.model, state, setpoint, memory.rest, self.stiffness, self.null, felt)
+            return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
         point = path(state.t)
         wanted = _QUICK**2 * (point.position - state.position) + 2.0 * _QUICK * (point.velocity - state.velocity)
         torque = self.model.inertia(state.position) @ wanted + self.model.coriolis(state.position, state.velocity)
-        return TorqueCommand(np.asarray(torque)), Hanging(self.model.pose(point.position), point.position, state.t)
+        return TorqueCommand(np.asarray(torque)), Hanging(
+            self.model.pose(point.position), point.position, state.t, felt
+        )

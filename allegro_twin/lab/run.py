@@ -158,7 +158,10 @@ def law_of(room: Room, guide: Guide) -> Guided:
     arm = room.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
     stuck(room.cell.model, room.posture, stiffness, _SLACK)
-    return Guided(room.cell.model, guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning))
+    import os
+
+    bridge = room.cell.bridge if os.environ.get("FELT") else None
+    return Guided(room.cell.model, guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning), bridge=bridge)
 
 
 def _who(error: Exception, room: Room) -> str:

@@ -1,11 +1,17 @@
-"""A folder of the study: its trials, and what is written of them."""
+"""A folder of the study: its trials, and what is written of them; several folders as one."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from allegro_twin.errors import RecordingError
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.schema import parse
 from allegro_twin.study.page import write_report
 from allegro_twin.study.protocol import Study
@@ -13,7 +19,9 @@ from allegro_twin.sweep.results import write_results
 from allegro_twin.sweep.store import Store
 
 TRIALS = "trials"
+FILE = "trials.parquet"
 _ORDER = ("hand", "set", "trial", "policy", "control")
+_FACTS = ("protocol", "engine", "allegro_twin")
 
 
 class Held(NamedTuple):
@@ -24,27 +32,70 @@ class Held(NamedTuple):
     table: Any
     """A pyarrow.Table, a row a trial, in the order of hand, set, trial, policy and control."""
 
+    @property
+    def hands(self) -> dict[str, int]:
+        """Trials of each."""
+        counts = self.table["hand"].value_counts().to_pylist()
+        return {str(each["values"]): int(each["counts"]) for each in counts}
+
 
 def read(folder: Path) -> Held:
-    """The trials that are there, and the protocol under which they were made. Raises RecordingError."""
-    shared, stamps, table = Store(folder / TRIALS).content()
+    """The trials that are there, swept or as a file that was written of them, and the protocol under which they were
+    made. Raises RecordingError."""
+    path = folder / FILE if not (folder / TRIALS).exists() and (folder / FILE).exists() else folder / TRIALS
+    shared, stamps, table = _written(path) if path.suffix else Store(path).content()
     if "study" not in shared:
-        raise RecordingError(f"{folder / TRIALS} is of another sweep than a study")
-    study = parse(Study, shared["study"], str(folder / TRIALS / "manifest.json"))
+        raise RecordingError(f"{path} is of another sweep than a study")
+    study = parse(Study, shared["study"], str(path if path.suffix else path / "manifest.json"))
     if study.digest != stamps.get("protocol"):
         raise RecordingError(
-            f"{folder / TRIALS}: made under the protocol {stamps.get('protocol')}, and its manifest has "
-            f"{study.digest}: it was changed afterwards; sweep into another folder"
+            f"{path}: made under the protocol {stamps.get('protocol')}, and its "
+            f"{'metadata have' if path.suffix else 'manifest has'} {study.digest}: it was changed afterwards; sweep "
+            "into another folder"
         )
     made = table.select([name for name in table.column_names if name != "key"])
     return Held(study, stamps, made.sort_by([(name, "ascending") for name in _ORDER]))
 
 
-def write(folder: Path, where: str = "") -> Held:
+def gathered(folders: Sequence[Path]) -> Held:
+    """Several as one: of each hand the trials of the last folder that has it, so that a hand made anew takes the place
+    of the old one. Raises RecordingError, and ConfigError for folders of unlike trials."""
+    parts = [read(folder) for folder in folders]
+    for folder, part in zip(folders, parts, strict=True):
+        for fact in _FACTS:
+            if part.stamps.get(fact) != parts[0].stamps.get(fact):
+                raise ConfigError(
+                    f"{folder}: {fact} {part.stamps.get(fact)}, and {folders[0]} has {parts[0].stamps.get(fact)}: "
+                    "trials of both are no one study; make one of them anew"
+                )
+    last = {hand: number for number, part in enumerate(parts) for hand in part.hands}
+    kept = [
+        part.table.filter(
+            pc.is_in(part.table["hand"], pa.array([hand for hand, at in last.items() if at == number], pa.string()))
+        )
+        for number, part in enumerate(parts)
+    ]
+    table = pa.concat_tables(kept, promote_options="permissive")
+    return Held(parts[0].study, parts[0].stamps, table.sort_by([(name, "ascending") for name in _ORDER]))
+
+
+def write(held: Held, folder: Path, where: str = "") -> None:
     """Write trials.parquet and report.html. `where`: on which machine, and when, the trials were made. Raises
-    RecordingError where there are none, or the disk refuses."""
-    held = read(folder)
-    facts = {key: value for key, value in held.stamps.items() if key in ("protocol", "engine", "allegro_twin")}
-    write_results(folder / "trials.parquet", held.table, facts, {})
+    RecordingError where the disk refuses."""
+    facts = {key: held.stamps[key] for key in _FACTS if key in held.stamps}
+    folder.mkdir(parents=True, exist_ok=True)
+    plain = json.dumps(held.study.model_dump(mode="json"))
+    write_results(folder / FILE, held.table, facts | {"study": plain}, {})
     write_report(folder / "report.html", held.table.to_pylist(), held.study, facts | ({"made": where} if where else {}))
-    return held
+
+
+def _written(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
+    """Of a file: what all its trials have in common, its stamps, its rows."""
+    try:
+        table = pq.read_table(path)
+        stamps = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+        shared = {"study": json.loads(stamps.pop("study"))} if "study" in stamps else {}
+    except (OSError, pa.ArrowInvalid, ValueError) as error:
+        said = " ".join(str(error).split())
+        raise RecordingError(f"{path}: cannot be read: {said}; write it anew from its folder of trials") from error
+    return shared, stamps, table

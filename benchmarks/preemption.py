@@ -1,0 +1,87 @@
+"""The tables of docs/preemption.md, of the trials that a folder has.
+
+`python -m benchmarks.preemption docs/studies/preemption [docs/preemption.md]` prints them; with the path of a page they
+are put between that page's marks.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from allegro_twin.study import told
+from allegro_twin.study.analysis import Answer, Finding, Versus, analysed, chosen
+from allegro_twin.study.folder import read
+from allegro_twin.study.outcomes import Row, outcomes_of
+from allegro_twin.study.protocol import Study
+from benchmarks.unlearned import put
+
+_HEAD = (
+    "| policy | held | 95 % | Δ to {base}, points | 95 % | only it / only {base} | McNemar p | cycle, s | s per success "
+    "| touched early, s | moved, mm |"
+)
+
+
+def lines(rows: Sequence[Row], study: Study) -> Iterator[str]:
+    """Training, then each hand."""
+    yield from _train(rows, study)
+    answer = analysed(rows, study)
+    for found in answer.findings:
+        yield from _hand(found, answer, rows, study)
+
+
+def _train(rows: Sequence[Row], study: Study) -> Iterator[str]:
+    names = [study.analysis.baseline, *study.analysis.candidates]
+    yield f"On train, {study.pairs.train} pairs a hand, so many were held; the overlap is chosen by them and nothing else"
+    yield "is concluded from them:"
+    yield ""
+    yield f"| hand | {' | '.join(names)} | chosen |"
+    yield "|" + "---|" * (len(names) + 2)
+    for hand in study.hands:
+        train = outcomes_of(rows, study, hand, "train")
+        if train.trials:
+            held = " | ".join(str(sum(train.held(name))) for name in names)
+            yield f"| {hand} | {held} | {chosen(train, study.analysis)} |"
+
+
+def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> Iterator[str]:
+    base, head = study.analysis.baseline, _HEAD.format(base=study.analysis.baseline)
+    against: dict[str, Versus] = {each.first: each for each in found.versus if each.second == base}
+    yield f"\n### {found.hand}: {found.primary.counts.draws:,} pairs\n"
+    yield head
+    yield "|" + "---|" * (head.count("|") - 1)
+    for arm in found.arms:
+        mark = f"{arm.policy} (φ*)" if arm.policy == found.chosen else arm.policy
+        one = against.get(arm.policy)
+        cells = "| | | |" if one is None else (
+            f"| {100 * one.counts.difference:+.1f} | {told.points(one.interval)} | {one.counts.only_first} / "
+            f"{one.counts.only_second} | {told.p_of(one.p_value)}"
+        )  # fmt: skip
+        yield (
+            f"| {mark} | {arm.held:,} of {arm.trials:,} | {told.between(arm.rate)} {cells} | {arm.seconds:.2f} | "
+            f"{arm.per_success:.2f} | {arm.premature:.2f} | {arm.carried:.1f} |"
+        )
+    overlaps = ", ".join(f"{dose:g}" for dose, _, _ in next(iter(found.by_sigma.values()))[1])
+    sigmas = "; ".join(
+        f"{sigma:g} mm " + ", ".join(f"{held} of {tried}" for _, held, tried in points)
+        for sigma, (_, points) in found.by_sigma.items()
+    )
+    both, unsaid, wrong, neither = found.check
+    yield f"\n{told.sentence(found, answer, study)}"
+    yield f"Over φ from 0 to 0.9 {told.half_of(found)}; by σ, at φ = {overlaps}: {sigmas}."
+    yield (
+        f"\nThe force check, all policies: held and said so {both:,}, held and not said {unsaid:,}, said and not held "
+        f"{wrong:,}, neither {neither:,}.\n\nControls:\n"
+    )
+    yield from (f"- {name}: {said}" for name, said in told.controls(rows, study, found.hand))
+
+
+def main(arguments: list[str]) -> None:
+    """Print the tables, or put them into a page."""
+    held = read(Path(arguments[0]))
+    put(lines(held.table.to_pylist(), held.study), arguments[1:], "tables")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
