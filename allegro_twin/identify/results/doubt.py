@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.fitting.regress import smoothed
 from allegro_twin.identify.fitting.spread import Spread
 from allegro_twin.identify.motions.motion import Motion
@@ -38,10 +38,12 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
     0.03,
     0.003,
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
+WIDEST_PLAY = 0.001  # rad, of backlash.
 _WIDEST_ABSOLUTE = {
     "frictionloss": (WIDEST_FRICTION, 1000.0, "mN·m"),
     "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
     "load_friction": (WIDEST_LOAD, 100.0, "% of the torque"),
+    "backlash": (WIDEST_PLAY, 1000.0, "mrad"),
 }
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
@@ -108,7 +110,7 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
-    for name in (*VALUES, *(SHAPE if found.bristly else ())):
+    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ())):
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
         half = _half(found, name, found.covariance)
