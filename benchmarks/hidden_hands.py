@@ -22,6 +22,7 @@ from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
 HELD_OUT = 8.0  # s of another motion in an unseen pose.
+TIMESTEP = 0.0005  # s, of the hidden hand.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
 _LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
@@ -89,7 +90,7 @@ def _recorded(
     own = {**truth, "drive": {**truth["drive"], "seed": number}}
     backend = {
         "kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.05,
-        "scene": {"kind": "sim", "timestep": 0.0005, "truth": own},
+        "scene": {"kind": "sim", "timestep": TIMESTEP, "truth": own},
     }  # fmt: skip
     blocks = {"hand": {"side": item["side"]}, "backend": backend, "controller": {"kind": "torque"}}
     config = RunConfig.model_validate(blocks)
@@ -103,7 +104,7 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
     constant = np.array(truth["wire"]["torque_constant"])
     true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
-    true["delay"] = np.array([truth["drive"]["delay"]])
+    true["delay"] = np.round(np.array([truth["drive"]["delay"]]) / TIMESTEP) * TIMESTEP  # What the hidden hand obeys.
     true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in (*SHAPE, *PLAY)}
     # A table has the same columns for every hand.
     result: dict[str, Any] = {
