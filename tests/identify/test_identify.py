@@ -132,8 +132,10 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     written = yaml.safe_load(file.read_text())
     assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8
     assert (written["identified"]["backlash"], written["identified"]["value"]["backlash"][1]) == ("seen", 2e-3)
-    stored.store(file, result.fit, result.values, result.motions, "2026-01-03")
-    assert "backlash" not in yaml.safe_load(file.read_text())["drive"]
+    other = tmp_path / "other.yaml"
+    other.write_text("drive: {backlash: 0.004}\n")
+    stored.store(other, result.fit, result.values, result.motions, "2026-01-02")
+    assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
