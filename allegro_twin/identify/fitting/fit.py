@@ -67,6 +67,7 @@ class Kind(NamedTuple):
     loose: bool
     """There is backlash."""
 
+
 COULOMB = Kind(bristly=False, loose=False)
 
 
