@@ -14,7 +14,7 @@ import yaml
 
 from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
-from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.results.gap import Gap
 from allegro_twin.identify.results.method import Identified, gaps, identify
 from allegro_twin.identify.results.stored import store
@@ -22,6 +22,7 @@ from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"
 HELD_OUT = 8.0  # s of another motion in an unseen pose.
+TIMESTEP = 0.0005  # s, of the hidden hand.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
 _LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
@@ -73,7 +74,7 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
         cost = time.process_time() - began
         store(file, found.fit, found.values, found.motions, "")
         (gap,) = gaps(paths[-1:], str(file))
-    own = {"kind": item["kind"], "seed": item["seed"]}
+    own = {"kind": item["kind"], "seed": item["seed"], "backlash_true": truth["drive"]["backlash"]}
     return {
         **own,
         **_errors(truth, found),
@@ -89,7 +90,7 @@ def _recorded(
     own = {**truth, "drive": {**truth["drive"], "seed": number}}
     backend = {
         "kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.05,
-        "scene": {"kind": "sim", "timestep": 0.0005, "truth": own},
+        "scene": {"kind": "sim", "timestep": TIMESTEP, "truth": own},
     }  # fmt: skip
     blocks = {"hand": {"side": item["side"]}, "backend": backend, "controller": {"kind": "torque"}}
     config = RunConfig.model_validate(blocks)
@@ -103,10 +104,12 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
     constant = np.array(truth["wire"]["torque_constant"])
     true = {name: np.array(values) / constant for name, values in truth["actuation"].items()}
     true |= {"torque_constant": constant, "offset": np.array(truth["drive"]["encoder_offset"])}
-    true["delay"] = np.array([truth["drive"]["delay"]])
-    true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in SHAPE}
+    true["delay"] = np.round(np.array([truth["drive"]["delay"]]) / TIMESTEP) * TIMESTEP  # What the hidden hand obeys.
+    true |= {name: np.broadcast_to(truth["drive"].get(name, 0.0), constant.shape) for name in (*SHAPE, *PLAY)}
     # A table has the same columns for every hand.
-    result: dict[str, Any] = {f"{name}{end}": "[]" for name in SHAPE for end in ("", "_inside", "_determined")}
+    result: dict[str, Any] = {
+        f"{name}{end}": "[]" for name in (*SHAPE, *PLAY) for end in ("", "_inside", "_determined")
+    }
     for name, value in found.values.items():
         error = value.value - true[name]
         relative = name in ("torque_constant", "armature", "damping", "stribeck_speed")
@@ -114,7 +117,11 @@ def _errors(truth: Mapping[str, Any], found: Identified) -> dict[str, Any]:
         result[f"{name}_inside"] = _text(np.abs(error) <= value.half)
         result[f"{name}_determined"] = _text(value.determined)
     result["friction_share"] = _text((found.values["frictionloss"].value - true["frictionloss"]) / true["frictionloss"])
-    return result | {"residual": _text(found.fit.spread.residual)}
+    return result | {
+        "residual": _text(found.fit.spread.residual),
+        "bristly": found.fit.bristly,
+        "loose": found.fit.loose,
+    }
 
 
 def _prediction(gap: Gap) -> dict[str, Any]:

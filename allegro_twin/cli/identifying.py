@@ -96,6 +96,7 @@ def table(found: Identified) -> Table:
     )
     if found.fit.bristly:
         made.caption += "; friction breaks away (LuGre)"
+    made.caption += f"; backlash: {_backlash(found)}"
     return made
 
 
@@ -147,6 +148,18 @@ def gap_table(gap: Gap) -> Table:
             rows = [np.sqrt(np.nanmean(np.square(side))) for side in (before, after)]
             made.add_row(name, *(f"{1000 * value:.2f}" for value in (*rows, np.nanmax(after))))
     return made
+
+
+def _backlash(found: Identified) -> str:
+    """Of the median joint and the worst, where there is any."""
+    if not found.fit.loose:
+        return "none seen"
+    play, spec = found.values["backlash"], found.motions[0].spec
+    sure = np.where(play.determined, play.value, 0.0)
+    most = int(sure.argmax())
+    usual = float(np.median(sure[play.determined])) if play.determined.any() else 0.0
+    said = f"{1000 * usual:.1f} mrad in the median, {1000 * sure[most]:.1f} ± {1000 * play.half[most]:.1f} at most"
+    return f"{said} ({_name(spec, most)})"
 
 
 def _cell(value: Value, joint: int, by: float) -> str:

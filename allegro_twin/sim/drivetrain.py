@@ -8,12 +8,11 @@ import mujoco
 import numpy as np
 
 from allegro_twin.drive import Ailment, Drive
-from allegro_twin.sim import bristles
+from allegro_twin.sim import backlash, bristles
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
 _WEIGHT = 0.005  # m, radius of a weight at a fingertip.
-_GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
 
 
 def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
@@ -26,7 +25,7 @@ def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
             bristles.add(hand, name)
         link = hand.joint(name).parent
         if drive.backlash[index] > 0.0:
-            _loosen(hand.joint(name), drive.backlash[index])
+            backlash.add(hand, name, drive.backlash[index])
         if drive.mass_scale[index] != 1.0:
             link.mass *= drive.mass_scale[index]
             link.inertia *= drive.mass_scale[index]
@@ -38,17 +37,6 @@ def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
             weight = tip.parent.add_body(name=f"{finger.name}_weight", pos=tip.pos)
             weight.mass, weight.inertia = mass, np.full(3, 0.4 * mass * _WEIGHT**2)
             weight.explicitinertial = True
-
-
-def _loosen(joint: mujoco.MjsJoint, backlash: float) -> None:
-    """A second joint on the first one's axis: what moves with the motor (its armature) stays at the first."""
-    play = joint.parent.add_joint(name=_play_of(joint.name), pos=joint.pos, axis=joint.axis)
-    play.limited, play.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-backlash / 2.0, backlash / 2.0]
-    play.damping, play.solref_limit = [_GREASE, 0, 0], [_TEETH, 1.0]
-
-
-def _play_of(joint: str) -> str:
-    return f"{joint}_play"
 
 
 class Drivetrain:
@@ -63,7 +51,7 @@ class Drivetrain:
         self._elements = np.array([model.actuator(bristles.name_of(spec.joints[k])).id for k in self._soft], dtype=int)
         self._rub(self._dry)
         plays = np.flatnonzero(drive.backlash > 0.0)
-        self._plays = plays, [int(model.joint(_play_of(spec.joints[k])).qposadr[0]) for k in plays]
+        self._plays = plays, [int(model.joint(backlash.name_of(spec.joints[k])).qposadr[0]) for k in plays]
         self._joints = [model.joint(name).id for name in spec.joints]
         # What went wrong: what motors still give, how far encoders have moved, and how fast they do, rad and rad/s.
         self._share, self._moved, self._drift = np.ones((3, spec.n_joints)) * [[1.0], [0.0], [0.0]]

@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of their own.
 
-from allegro_twin.sim.windows import BEFORE, Parameters, Player
+from allegro_twin.sim.pieces import BEFORE, Parameters
+from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

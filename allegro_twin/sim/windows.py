@@ -2,85 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 from mujoco import batch
 
-from allegro_twin.sim import bristles
+from allegro_twin.sim import backlash, bristles
 from allegro_twin.sim.backend import span
+from allegro_twin.sim.pieces import BEFORE, Parameters, Pieces
 from allegro_twin.sim.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
-    """What is between a fraction of full PWM and a motion, (n,) each."""
-
-    torque_constant: Vector
-    """N·m at full PWM."""
-    armature: Vector
-    """kg·m²."""
-    damping: Vector
-    """N·m·s/rad."""
-    frictionloss: Vector
-    """N·m."""
-    offset: Vector
-    """What a reported position is too high by, rad."""
-    delay: Vector
-    """s."""
-    mass_scale: Vector
-    """Factor on the mass of the link that the joint moves."""
-    stiction: Vector
-    """F_s / F_c, for a player with bristles."""
-    stribeck_speed: Vector
-    """rad/s, likewise."""
-    bristle: Vector
-    """rad, likewise."""
-    load_friction: Vector
-    """What a motor's torque adds to dry friction, as a share of it, likewise."""
-
-    def changed(self, name: str, joints: list[int], by: float) -> Self:
-        """The same, but for one of them at some joints."""
-        values = np.array(getattr(self, name))
-        values[joints] += by
-        return replace(self, **{name: values})
-
-
-class Pieces(NamedTuple):
-    """Pieces of recordings, all of the same length."""
-
-    duty: Array
-    """Fractions of full PWM, (w, BEFORE + k, n): BEFORE periods before the piece, then its own."""
-    gravity: Array
-    """In the palm frame, (w, 3), m/s²."""
-    weight: Array
-    """At the fingertips, (w, n), kg, as `Drive.tip_mass`."""
-    acceleration: Array
-    """Where it begins, (w, n), rad/s²."""
-    push: Array
-    """Fractions of full PWM around the row where it begins and BEFORE rows before that, as smooth as the acceleration,
-    (w, BEFORE + 1, n)."""
-
-
 STEP = {False: 0.001, True: 0.0006}
-"""s. The damping of bristles is explicit: its steps are to be short beside armature / σ₁, some 6 ms."""
-BEFORE = 6
-"""Periods of commands that are still on their way when a piece begins: the longest delay."""
+"""s, by whether friction breaks away or links are loose. The damping of bristles is explicit: its steps are to be short
+beside armature / σ₁, some 6 ms. A link falls through its play in 10."""
 
 
 class Player:
     """Plays pieces without contacts: fingers on a palm that stands still, in time steps of `timestep`, s."""
 
-    def __init__(self, spec: HandSpec, period: float, timestep: float | None = None, *, bristly: bool = False) -> None:
-        """`bristly`: friction breaks away; otherwise it is Coulomb's. The time step is the longest near STEP."""
-        self.spec, self._period, self.bristly = spec, period, bristly
-        self._steps = round(period / (timestep or STEP[bristly]))
+    def __init__(
+        self,
+        spec: HandSpec,
+        period: float,
+        timestep: float | None = None,
+        *,
+        bristly: bool = False,
+        loose: bool = False,
+    ) -> None:
+        """`bristly`: friction breaks away; otherwise it is Coulomb's. `loose`: there is backlash. The time step is the
+        longest near STEP."""
+        self.spec, self._period, self.bristly, self.loose = spec, period, bristly, loose
+        self._steps = round(period / (timestep or STEP[bristly or loose]))
         self.timestep = period / self._steps
-        self._model = _bare(spec, self.timestep, bristly)
+        self._model = _bare(spec, self.timestep, bristly, loose)
         model = self._model
         joints = [model.joint(name) for name in spec.joints]
         self.qpos = span([joint.qposadr[0] for joint in joints])
@@ -90,6 +47,8 @@ class Player:
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
         names = [bristles.name_of(name) for name in spec.joints] if bristly else []
         self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
+        names = [backlash.name_of(name) for name in spec.joints] if loose else []
+        self._plays = np.array([model.joint(name).id for name in names], dtype=int)
         self._scratch = mujoco.MjData(model)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
@@ -106,6 +65,15 @@ class Player:
             more = np.zeros_like(position[rows]) if bend is None else bend[rows]
             found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
+
+    def finer(self) -> Player:
+        """The same at half the time step."""
+        return Player(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
+
+    def links(self, qpos: Array) -> Array:
+        """Where the links are, (…, n), rad: their motors, and how far they lie from these."""
+        motors: Array = qpos[..., self.qpos]
+        return motors + qpos[..., self._model.jnt_qposadr[self._plays]] if self.loose else motors
 
     def prepared(self, drive: Parameters) -> mujoco.MjModel:
         """This player's model with a drive, no weight at its tips."""
@@ -135,7 +103,7 @@ class Player:
     def links_only(self, mass_scale: Vector, weight: Vector) -> None:
         """Prepare for `link_torque`: no motors."""
         zero, one = np.zeros(self.spec.n_joints), np.ones(self.spec.n_joints)
-        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one, zero), weight)
+        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one, zero, zero), weight)
         self._scratch = mujoco.MjData(self._model)
 
     def _set(self, drive: Parameters, weight: Vector) -> None:
@@ -149,6 +117,8 @@ class Player:
         model.actuator_gainprm[self.motors, 0] = drive.torque_constant
         model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
         model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
+        if self.loose:
+            backlash.tune(model, self._plays, drive.backlash)
         for body, finger in zip(self._weights, self.spec.fingers, strict=True):
             model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -158,6 +128,10 @@ class Player:
         sims.expand("opt.gravity")[:] = pieces.gravity
         sims.bind("qpos")[:, self.qpos] = position - drive.offset
         sims.bind("qvel")[:, self.dofs] = velocity
+        if self.loose:
+            gap = self._gap(drive, position, velocity, pieces)
+            sims.bind("qpos")[:, self.qpos] -= gap
+            sims.bind("qpos")[:, self._model.jnt_qposadr[self._plays]] = gap
         if self.bristly:
             bent = self._bent(drive, position, velocity, pieces)
             sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = bent + more
@@ -174,8 +148,19 @@ class Player:
                     dry = drive.frictionloss + share * np.abs(now)
                     rubbing.set(dry, drive.stiction, drive.bristle, drive.armature)
                 sims.step()
-            found[k] = qpos[:, self.qpos]
+            found[k] = self.links(qpos)
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
+
+    def _gap(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+        """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them."""
+        motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        data, found = self._scratch, []
+        for row in motion:
+            self.link_torque(*row)
+            # Of the links alone: what holds a motor's own inertia and friction does not pass the teeth.
+            links = data.qfrc_inverse + data.qfrc_passive + data.qfrc_constraint
+            found.append(links[self.dofs] - drive.armature * row[2])
+        return np.asarray(-np.maximum(drive.backlash, backlash.SMALLEST) / 2.0 * np.sign(found))
 
     def _bent(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
         """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
@@ -216,7 +201,7 @@ _SLIDES = 0.15
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.
 
 
-def _bare(spec: HandSpec, timestep: float, bristly: bool) -> mujoco.MjModel:
+def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco.MjModel:
     """The hand's links and joints, without anything that touches or is looked at."""
     hand = hand_spec(replace(spec, drive=None))
     for finger in spec.fingers:
@@ -231,10 +216,13 @@ def _bare(spec: HandSpec, timestep: float, bristly: bool) -> mujoco.MjModel:
         joint.solimp_friction = [_STIFF, _STIFF, *joint.solimp_friction[2:]]
         if bristly:
             bristles.add(hand, name)
+        if loose:
+            backlash.add(hand, name, backlash.SMALLEST)
         motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
     hand.option.timestep, hand.option.noslip_iterations = timestep, 0
     hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # With dry friction alone to solve for it ends where Newton does, to 2e-8 rad in 0.3 s, in 0.7 of the time.
-    hand.option.solver = mujoco.mjtSolver.mjSOL_PGS
+    # Teeth are harder: there Newton's is the faster one.
+    hand.option.solver = mujoco.mjtSolver.mjSOL_NEWTON if loose else mujoco.mjtSolver.mjSOL_PGS
     hand.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     return hand.compile()

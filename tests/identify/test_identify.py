@@ -10,14 +10,14 @@ import pytest
 import yaml
 
 from allegro_twin.build.twin_page.page import page
-from allegro_twin.cli.identifying import lines
+from allegro_twin.cli.identifying import lines, table
 from allegro_twin.cli.twin import weight_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.identify.motions.motion import Motion, noise_floor, read_motion
 from allegro_twin.identify.results import method, stored
-from allegro_twin.identify.results.doubt import seen, values
+from allegro_twin.identify.results.doubt import Value, seen, values
 from allegro_twin.identify.results.method import gaps, identify
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
@@ -86,6 +86,7 @@ def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_w
     result = identify(hidden.recordings(breaking=True), (), masses_known=True)
     drive, spread = result.fit.drive, result.fit.spread
     assert result.fit.bristly
+    assert not result.fit.loose
     assert np.median(spread.residual) < 1.3
     assert spread.residual.max() < 4.0
     for name, true in hidden.SHAPE.items():
@@ -96,6 +97,45 @@ def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_w
         assert off.max() < 0.15, name
     value = result.values["torque_constant"]
     assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
+
+
+@pytest.mark.long
+def test_backlash_is_seen_and_found_and_is_no_delay(tmp_path: Path) -> None:
+    result = identify(hidden.recordings(loose=True), (), masses_known=True)
+    assert result.fit.loose
+    play, late = result.values["backlash"], result.values["delay"]
+    assert play.determined.sum() >= 12
+    assert np.abs(play.value - hidden.BACKLASH)[play.determined].max() < 1e-3
+    assert abs(late.value[0] - hidden.DELAY) < 5e-4
+    assert np.median(np.abs(result.fit.drive.torque_constant / hidden.CONSTANT - 1.0)) < 0.01
+    file = tmp_path / "mine.yaml"
+    stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    drive = load_spec(serial=str(file)).drive
+    assert drive is not None
+    np.testing.assert_allclose(np.median(drive.backlash), hidden.BACKLASH, atol=5e-4)
+
+
+def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
+    result = hidden.found()
+    assert not result.fit.loose
+    assert "backlash" not in result.values
+    assert "backlash: none seen" in str(table(result).caption)
+    assert "backlash none seen" in page(result)
+
+
+def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> None:
+    result, file = hidden.found(), tmp_path / "mine.yaml"
+    reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
+    play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
+    loose = replace(result.fit, loose=True)
+    stored.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8
+    assert (written["identified"]["backlash"], written["identified"]["value"]["backlash"][1]) == ("seen", 2e-3)
+    other = tmp_path / "other.yaml"
+    other.write_text("drive: {backlash: 0.004}\n")
+    stored.store(other, result.fit, result.values, result.motions, "2026-01-02")
+    assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:

@@ -10,7 +10,8 @@ import pytest
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
-from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
+from allegro_twin.sim.pieces import BEFORE, Parameters, Pieces
+from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim
@@ -42,7 +43,7 @@ def parameters(spec: HandSpec, **changed: Any) -> Parameters:
     values: dict[str, Any] = {
         "torque_constant": one, "armature": own.armature, "damping": own.damping, "frictionloss": own.frictionloss,
         "offset": 0 * one, "delay": 0 * one, "mass_scale": one, "stiction": one, "stribeck_speed": one, "bristle": one,
-        "load_friction": 0 * one,
+        "load_friction": 0 * one, "backlash": 0 * one,
     }  # fmt: skip
     return Parameters(**values | changed)
 
@@ -136,3 +137,16 @@ def test_a_weight_at_a_tip_pulls(spec: HandSpec, weight: float) -> None:
     without = player.play(drive, *start, pieces._replace(weight=np.zeros((1, 16))))[0][-1]
     assert (np.abs(moved - without)[1] > 0.01) == (weight > 0)
     np.testing.assert_allclose(moved[4:], without[4:], atol=1e-12)
+
+
+def test_a_loose_link_is_the_same_in_both(spec: HandSpec, make_sim: MakeSim) -> None:
+    play, k, down = 0.005, slice(8, 60), np.array([0.0, 0.0, -9.81])  # The simulation begins between the teeth.
+    truth = simulated(make_sim, replace(spec, drive=Drive.made({"backlash": play}, 16)), duties())
+    drive, player = parameters(spec, backlash=np.full(16, play)), Player(spec, 0.003, 0.001, loose=True)
+    pieces = piece(Player(spec, 0.003), drive, np.concatenate([np.zeros((BEFORE, 16)), duties()]), down)
+    lying = -play / 2.0 * np.sign(pieces.push[0, 0])
+    found = player.play(drive, (MIDDLE + lying)[None], np.zeros((1, 16)), pieces)[0]
+    rigid = played(spec, parameters(spec), duties())
+    off, without = (np.sqrt(np.square(each[k] - truth[k]).mean(axis=0)) for each in (found, rigid))
+    assert np.median(off) < 4e-4
+    assert np.median(without) > 1.5e-3

@@ -16,7 +16,6 @@ from allegro_twin.identify.results.doubt import PER_PWM, VALUES
 from allegro_twin.identify.results.method import Identified
 from allegro_twin.identify.results.stored import SCALE
 from allegro_twin.sim.backend import ENGINE
-from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array
 
 _STYLE = (
@@ -28,6 +27,7 @@ _UNITS = {
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
     "offset": ("offset, mrad", 1e3), "stiction": ("F_s / F_c", 1.0), "stribeck_speed": ("v_s, rad/s", 1.0),
     "bristle": ("bristle, mrad", 1e3), "load_friction": ("load friction, %", 100.0),
+    "backlash": ("backlash, mrad", 1e3),
 }  # fmt: skip
 _SHOWN = 1.0  # s of motion in a picture.
 
@@ -36,7 +36,8 @@ def page(found: Identified) -> str:
     """The text of the file."""
     first = found.motions[0]
     title = f"The drive of {first.spec.name} {first.spec.serial}".strip()
-    about = f"{ENGINE} · friction {'LuGre' if found.fit.bristly else 'Coulomb'} · {len(found.motions)} recordings, " + (
+    about = f"{ENGINE} · friction {'LuGre' if found.fit.bristly else 'Coulomb'} · backlash {_play(found)} · "
+    about += f"{len(found.motions)} recordings, " + (
         f"{sum(motion.seconds for motion in found.motions):.0f} s · N·m from {SCALE[found.fit.masses]}"
     )
     parts = (values(found), missing(found), motions(found), spectra(found), friction(found), spread(found))
@@ -89,7 +90,7 @@ def missing(found: Identified) -> str:
 def motions(found: Identified) -> str:
     """Measured against simulated for the worst, the median and the best joint, from one start, open loop."""
     motion = found.motions[0]
-    player = Player(motion.spec, motion.period, bristly=found.fit.bristly)
+    player = found.fit.player(motion)
     cuts = cut([motion], motion.spec, round(_SHOWN / motion.period))
     middle = slice(len(cuts.position) // 2, len(cuts.position) // 2 + 1)
     pieces = type(cuts.pieces)(*(each[middle] for each in cuts.pieces))
@@ -112,7 +113,7 @@ def motions(found: Identified) -> str:
 def spectra(found: Identified) -> str:
     """What is left over in pieces of 0.3 s, by frequency, against the noise of the encoders."""
     motion = found.motions[0]
-    player = Player(motion.spec, motion.period, bristly=found.fit.bristly)
+    player = found.fit.player(motion)
     cuts = cut(list(found.motions), motion.spec)
     left = player.play(found.fit.drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
     power = np.square(np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), axis=1))).mean(axis=0) / left.shape[1]
@@ -197,6 +198,10 @@ def _cell(found: Identified, name: str, joint: int) -> str:
     half = by * value.half[joint]
     digits = int(np.clip(1 - np.floor(np.log10(max(half, 1e-9))), 0, 5))
     return f"<td class='n'>{by * value.value[joint]:.{digits}f} ± {half:.{digits}f}</td>"
+
+
+def _play(found: Identified) -> str:
+    return "in the model" if found.fit.loose else "none seen"
 
 
 def _joints(found: Identified) -> tuple[str, ...]:

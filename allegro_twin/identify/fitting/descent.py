@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.problem import Problem
-from allegro_twin.sim.windows import Parameters
+from allegro_twin.sim.pieces import Parameters
 from allegro_twin.types import Array, Vector
 
 LARGE = 3.0
@@ -86,6 +86,17 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> 
             break
     weight = _rows(problem, costs)
     return Descended(drive, J * weight[:, None], r, weight, costs.left)
+
+
+def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
+    """The cost of a drive as it is, with the best starts of the pieces; and the scale, of each finger, above which its
+    pieces count less: what is to be compared must have the same."""
+    problem.shooting.prepare(drive)
+    problem.shooting.better_starts(drive)
+    problem.shooting.prepare(drive)
+    residuals = problem.residuals(problem.x_of(drive))
+    costs = _costs(problem, residuals, tuple(np.ones((len(problem.fingers), len(problem.cuts.recording)))), scale)
+    return float(costs.total().sum()), costs.scale
 
 
 def _steps(

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.identify.fitting.descent import Descended, descend
+from allegro_twin.identify.fitting.descent import descend, standing
 from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
 from allegro_twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.identify.motions.motion import Motion, noise_floor
-from allegro_twin.sim.windows import STEP, Parameters, Player
+from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.windows import STEP, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
@@ -37,15 +38,37 @@ class Stage(NamedTuple):
 
 
 ROUGH = {False: Stage(0, LONG, STEP[False], 2, 0.1), True: Stage(0, SHORT, 0.00075, 6, 0.1)}
-"""By whether friction breaks away."""
+"""By whether friction breaks away or links are loose."""
 FINE = {
     False: (Stage(1, LONG, STEP[False], 1, 0.05),),
     True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
 }
-"""Then. Coulomb's rough solution is near enough for one round. Where friction breaks away long pieces tell most, but
-only of a joint that is nearly right: another slips in them where it should stick, and no derivative knows that."""
+LOOSE = (Stage(3, SHORT, STEP[True], 2, 0.1), Stage(2, LONG, STEP[True], 2, 0.05))
+"""Then, by whether friction breaks away; and where links are loose, on fewer pieces, for a step takes 2.3 times the
+time. Coulomb's rough solution is near enough for one round. Where friction breaks away long pieces tell most, but only
+of a joint that is nearly right: another slips in them where it should stick, and no derivative knows that."""
+PLAIN = 1.3
+"""Times the noise: with so much left over nothing more is to be explained."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
+
+
+PLAYS = (0.001, 0.004)
+"""rad, tried in all joints at once: half of the first is the least that is seen."""
+GAIN = 0.1
+"""The share of the cost that backlash must take away before it is descended to. Ours."""
+
+
+class Kind(NamedTuple):
+    """Of a model."""
+
+    bristly: bool
+    """Friction breaks away; otherwise it is Coulomb's."""
+    loose: bool
+    """There is backlash."""
+
+
+COULOMB = Kind(bristly=False, loose=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +89,12 @@ class Fit:
     pieces: int
     bristly: bool
     """Whether friction breaks away; otherwise it is Coulomb's."""
+    loose: bool
+    """Whether there is backlash."""
+
+    def player(self, motion: Motion) -> Player:
+        """What plays a motion with this drive."""
+        return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
@@ -80,47 +109,79 @@ def fit(
     friction: Friction = "auto",
 ) -> Fit:
     """From where the regression ended, for friction that breaks away from `slow`; first roughly on some pieces, with
-    either friction, then on all."""
+    either friction, with backlash where that tells more, then on all."""
     floor = np.median([noise_floor(motion) for motion in motions], axis=0)
     center, spec, period = at_model(nominal, start), motions[0].spec, motions[0].period
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
-    def problem(bristly: bool, stage: Stage) -> Problem:
-        player = Player(spec, period, stage.step, bristly=bristly)
+    def problem(kind: Kind, stage: Stage) -> Problem:
+        player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
-    drive, bristly = _roughly(problem, start, slow, friction)
+    drive, kind = _roughly(problem, start, slow, friction)
     spreads = []
-    for stage in FINE[bristly]:
-        whole = problem(bristly, stage)
+    for stage in LOOSE if kind.loose else FINE[kind.bristly]:
+        whole = problem(kind, stage)
         last = descend(whole, drive, stage.rounds, stage.enough)
         spreads.append(spread(whole, last, drive, masses))
         drive = last.drive
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
     shorter = spreads[-2] if len(spreads) > 1 else None
-    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), bristly)
+    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
 
 
-def _roughly(
-    problem: Callable[[bool, Stage], Problem], start: Parameters, slow: Parameters, friction: Friction
-) -> tuple[Parameters, bool]:
-    """A drive by some of the motion, and whether its friction breaks away. By itself (`auto`) it does where Coulomb's
-    leaves more than SUSPICIOUS and Schwarz's criterion (1978), on the same pieces, prefers it."""
+Problems: TypeAlias = Callable[[Kind, Stage], Problem]
+
+
+class _Tried(NamedTuple):
+    """A model that was descended with, on short pieces."""
+
+    information: float
+    """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move; the least is the best."""
+    left: float
+    drive: Parameters
+    kind: Kind
+
+    def least(self) -> float:
+        return self.information
+
+
+def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: Friction) -> tuple[Parameters, Kind]:
+    """A drive by some of the motion, and of which kind its model is. By itself (`auto`) friction breaks away where
+    Coulomb's leaves more than SUSPICIOUS, and links are loose where more than PLAIN is left and backlash would take
+    away some of that; among what was tried, on the same pieces, Schwarz's criterion (1978) chooses."""
     stage = ROUGH[False]
-    first = descend(problem(False, stage), start, stage.rounds, stage.enough)
-    if friction == "coulomb" or (friction == "auto" and first.left <= SUSPICIOUS):
-        return first.drive, False
-    stage, found = ROUGH[True], {}
-    for bristly, drive in ((False, first.drive), (True, slow)):
-        if bristly or friction == "auto":
-            own = problem(bristly, stage)
-            last = descend(own, drive, stage.rounds, stage.enough)
-            found[_information(own, last)] = last.drive, bristly
-    return found[min(found)]
+    first = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough)
+    if first.left <= PLAIN and friction != "lugre":
+        return first.drive, COULOMB
+    begun = [(first.drive, COULOMB)] if friction != "lugre" else []
+    if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
+        begun.append((slow, Kind(True, False)))
+    tried = [_tried(problem, drive, kind) for drive, kind in begun]
+    best = min(tried, key=_Tried.least)
+    if best.left > PLAIN and (play := _play(problem, best)):
+        row = np.full(len(best.drive.backlash), play)
+        loose = [_tried(problem, replace(o.drive, backlash=row), Kind(o.kind.bristly, True)) for o in tried]
+        best = min(best, *loose, key=_Tried.least)
+    return best.drive, best.kind
 
 
-def _information(problem: Problem, found: Descended) -> float:
-    """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move."""
-    n = problem.cuts.measured.size // MEAN
-    return 2.0 * n * float(np.log(found.left)) + len(problem.active) * float(np.log(n))
+def _tried(problem: Problems, drive: Parameters, kind: Kind) -> _Tried:
+    stage = ROUGH[True]
+    own = problem(kind, stage)
+    last = descend(own, drive, stage.rounds, stage.enough)
+    n = own.cuts.measured.size // MEAN
+    information = 2.0 * n * float(np.log(last.left)) + len(own.active) * float(np.log(n))
+    return _Tried(information, last.left, last.drive, kind)
+
+
+def _play(problem: Problems, best: _Tried) -> float:
+    """The one of PLAYS, rad, with which a drive that was fitted without is off least; 0 where none makes it better."""
+    stage, costs = ROUGH[True], {}
+    before, scale = standing(problem(best.kind, stage), best.drive)
+    for play in PLAYS:
+        drive = replace(best.drive, backlash=np.full(len(best.drive.backlash), play))
+        costs[play], _ = standing(problem(best.kind._replace(loose=True), stage), drive, scale)
+    least = min(costs, key=lambda play: costs[play])
+    return least if costs[least] < (1.0 - GAIN) * before else 0.0

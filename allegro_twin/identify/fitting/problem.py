@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from allegro_twin.identify.fitting.regress import LOAD
 from allegro_twin.identify.fitting.shooting import LONG, Shooting, cut
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.sim.backlash import SMALLEST
+from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
 
 Masses: TypeAlias = Literal["known", "assumed", "weighed"]
@@ -31,22 +33,26 @@ PULLED = NAMES[1:4]
 """Of which a recording tells what they are per torque constant."""
 SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
 """Of friction that breaks away and grows with the motor's torque."""
-_BOTH = (*NAMES, *SHAPE)
+PLAY = ("backlash",)
+"""Of links that are loose."""
+ALL = (*NAMES, *SHAPE, *PLAY)
+"""Of every joint."""
 _UNITS = {
     "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
     "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
-    "load_friction": 0.02,
+    "load_friction": 0.02, "backlash": 5e-4,
 }  # fmt: skip
-"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1."""
+"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad."""
 PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
-    "load_friction": LOAD[1],
+    "load_friction": LOAD[1], "backlash": 5e-3,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
 _LEAST = {
     "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
     "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
+    "backlash": SMALLEST,
 }  # fmt: skip
 _KNOWN = 1e-4  # Of masses that do not move.
 
@@ -54,8 +60,8 @@ _KNOWN = 1e-4  # Of masses that do not move.
 def index(name: str, n: int) -> slice:
     """Where one kind of parameter stands: n values each, the delay last."""
     if name == "delay":
-        return slice(len(_BOTH) * n, len(_BOTH) * n + 1)
-    first = _BOTH.index(name) * n
+        return slice(len(ALL) * n, len(ALL) * n + 1)
+    first = ALL.index(name) * n
     return slice(first, first + n)
 
 
@@ -70,23 +76,23 @@ class Problem:
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
         self.cuts = cut(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in _BOTH] + [[_UNITS["delay"]]])
-        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in _BOTH] + [[0.0]]) / self.unit
-        moving = [name for name in (*NAMES, *SHAPE) if self._moves(name)] + ["delay"]
+        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in ALL] + [[_UNITS["delay"]]])
+        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in ALL] + [[0.0]]) / self.unit
+        moving = [name for name in ALL if self._moves(name)] + ["delay"]
         self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
         """Parameters that move."""
         self._center = self.x_of(nominal)
         self.prior = self._prior_rows()
 
     def x_of(self, drive: Parameters) -> Vector:
-        values = [getattr(drive, name) for name in _BOTH] + [drive.delay[:1]]
+        values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
         values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
         values[1:4] = [value / pulls for value in values[1:4]]
         return np.asarray(np.concatenate(values) / self.unit)
 
     def drive_of(self, x: Vector) -> Parameters:
         values = x * self.unit
-        rows = {name: values[index(name, self.n)] for name in _BOTH}
+        rows = {name: values[index(name, self.n)] for name in ALL}
         pulls = rows["torque_constant"]
         rows |= {name: rows[name] * pulls for name in PULLED}
         rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
@@ -115,7 +121,7 @@ class Problem:
         drive = self.drive_of(x)
         base = self.shooting.raw(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
-        for name in (*NAMES, *SHAPE):
+        for name in ALL:
             if self._moves(name):
                 self.by(drive, base, name, found)
         data = len(found) - len(self.prior)
@@ -129,6 +135,8 @@ class Problem:
     def _moves(self, name: str) -> bool:
         if name in SHAPE:
             return self.player.bristly
+        if name in PLAY:
+            return self.player.loose
         return name != "mass_scale" or self._masses == "weighed"
 
     def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
@@ -142,7 +150,7 @@ class Problem:
 
     def columns(self, finger: int) -> NDArray[np.int_]:
         """A finger's own parameters, all but the delay."""
-        return np.concatenate([index(name, self.n).start + np.array(self.fingers[finger]) for name in _BOTH])
+        return np.concatenate([index(name, self.n).start + np.array(self.fingers[finger]) for name in ALL])
 
     def flat(self, values: Array, *, start: bool = False) -> Vector:
         """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""

@@ -16,7 +16,9 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.sim.backlash import SMALLEST
+from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.windows import Player
 from allegro_twin.types import Array, Vector
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
@@ -71,6 +73,7 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
         stribeck_speed=np.full(spec.n_joints, 0.12),
         bristle=np.full(spec.n_joints, 1e-3),
         load_friction=np.full(spec.n_joints, LOAD[0]),
+        backlash=np.full(spec.n_joints, SMALLEST),
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from allegro_twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.windows import BEFORE, Parameters, Pieces, Player
+from allegro_twin.sim.pieces import BEFORE, Parameters, Pieces
+from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -32,10 +33,10 @@ NUDGE = {
     "torque_constant": 0.02, "armature": 1e-4, "damping": 1.5e-3, "frictionloss": 5e-4, "offset": 5e-3, "delay": 3e-4,
     "mass_scale": 0.03,
     "stiction": 0.05, "stribeck_speed": 0.01, "bristle": 1e-4, "position": 5e-4, "velocity": 0.02, "bend": 1e-4,
-    "load_friction": 0.01,
+    "load_friction": 0.01, "backlash": 2e-4,
 }  # fmt: skip
 """Steps of the finite differences: N·m, kg·m², N·m·s/rad, N·m, rad, s, 1, 1, rad/s, rad, rad, rad/s,
-rad, 1."""
+rad, 1, rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.identify.fitting.descent import Descended
 from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
-from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.sim.pieces import Parameters
 from allegro_twin.types import Array, Vector
 
 
@@ -48,12 +48,9 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    slope, player = problem.slope(drive), problem.player
+    slope = problem.slope(drive)
     raw = problem.shooting.raw(drive)
-    fine = problem.shooting.raw(
-        drive,
-        Player(player.spec, problem.motions[0].period, player.timestep / 2.0, bristly=player.bristly),
-    )
+    fine = problem.shooting.raw(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
     recordings = np.unique(problem.cuts.recording)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.fitting.regress import smoothed
 from allegro_twin.identify.fitting.spread import Spread
 from allegro_twin.identify.motions.motion import Motion
@@ -38,10 +38,12 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
     0.03,
     0.003,
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
+WIDEST_PLAY = 0.001  # rad, of backlash.
 _WIDEST_ABSOLUTE = {
     "frictionloss": (WIDEST_FRICTION, 1000.0, "mN·m"),
     "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
     "load_friction": (WIDEST_LOAD, 100.0, "% of the torque"),
+    "backlash": (WIDEST_PLAY, 1000.0, "mrad"),
 }
 PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
@@ -108,14 +110,14 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
-    for name in (*VALUES, *(SHAPE if found.bristly else ())):
+    for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ())):
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
         half = _half(found, name, found.covariance)
         # Masses that are only assumed make all N·m doubtful, and a model that is not quite the hand all of a joint,
         # but the twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
-        sure = _linear(found.spread, _per_pwm(found, name), covariance)
+        sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
         reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
         result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
@@ -125,25 +127,29 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
 
 def _half(found: Fit, name: str, covariance: Array) -> Vector:
     """Half the interval. Where long pieces leave more than noise of a joint they are misled by when it slips; then what
-    shorter ones say counts if it is more, and all of it as often as what is left is of the noise."""
-    transform = _per_pwm(found, name)
-    half = _linear(found.spread, transform, covariance)
+    shorter ones say counts if it is more, and all of it as often as what is left is of the noise. Where links are loose
+    a few pieces that begin at the wrong tooth leave most, and have little weight: there they count once."""
+    transform, apart = _per_pwm(found, name), name not in PLAY
+    half = _linear(found.spread, transform, covariance, apart=apart)
     if found.shorter is None:
         return half
     residual = found.spread.residual
     left = np.array([np.median(residual)]) if name == "delay" else residual
-    wider = np.maximum(half, _linear(found.shorter, transform, found.shorter.covariance))
+    wider = np.maximum(half, _linear(found.shorter, transform, found.shorter.covariance, apart=apart))
+    if found.loose:
+        return wider
     return np.where(left > BELIEVED, left * wider, half)
 
 
-def _linear(spread: Spread, transform: Array, covariance: Array) -> Vector:
-    """1.96 standard deviations, over pieces or over recordings, whichever is more; and what the time step may do: twice
+def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool) -> Vector:
+    """1.96 standard deviations, over pieces or (`apart`) over recordings, whichever is more: not of backlash, which a
+    recording in which a link never leaves its tooth says nothing of; and what the time step may do: twice
     what halving it does, its limit for a step of nothing where the error is of first order; and what is left to go. Not
     less than the way from the rough solution."""
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = spread.by_recording @ transform.T
     m = len(moved)
-    if m > 1:
+    if apart and m > 1:
         between = (m - 1) / m * np.square(moved - moved.mean(axis=0)).sum(axis=0)
         variance = np.maximum(variance, between)
     linear = NORMAL * np.sqrt(variance) + 2.0 * np.abs(transform @ spread.step)

@@ -11,7 +11,9 @@ from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
 from allegro_twin.identify.fitting.shooting import Cuts, cut
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.windows import Parameters, Player
+from allegro_twin.sim.backlash import SMALLEST as LEAST_PLAY
+from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -66,12 +68,18 @@ def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Paramet
         stribeck_speed=np.ones(n) if drive is None else drive.stribeck_speed,
         bristle=np.full(n, SMALLEST) if drive is None else np.maximum(drive.bristle, SMALLEST),
         load_friction=np.zeros(n) if drive is None else drive.load_friction,
+        backlash=np.full(n, LEAST_PLAY) if drive is None else np.maximum(drive.backlash, LEAST_PLAY),
     )
 
 
 def breaks_away(drive: Drive | None) -> bool:
     """Whether a model of it needs bristles: its friction breaks away, or grows with the motor's torque."""
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
+
+
+def player_of(spec: HandSpec, period: float, drive: Drive | None) -> Player:
+    """What plays motions of a hand whose file says so."""
+    return Player(spec, period, bristly=breaks_away(drive), loose=drive is not None and bool(drive.backlash.any()))
 
 
 def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:

@@ -17,7 +17,7 @@ from allegro_twin.identify.fitting.regress import breaking, regress
 from allegro_twin.identify.motions.limits import FoundLimits, centring_offsets
 from allegro_twin.identify.motions.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.results.doubt import Seen, Value, seen, values
-from allegro_twin.identify.results.gap import Gap, breaks_away, drive_of, gap
+from allegro_twin.identify.results.gap import Gap, drive_of, gap, player_of
 from allegro_twin.identify.results.stored import shift
 from allegro_twin.sim.windows import Player
 from allegro_twin.spec import HandSpec
@@ -100,8 +100,7 @@ def _gap(motion: Motion, hand: str) -> Gap:
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
     player = Player(nominal, motion.period)
-    bristly = breaks_away(mine.drive)
-    own = Player(nominal, motion.period, bristly=True) if bristly else player
+    own = player_of(nominal, motion.period, mine.drive)
     after = drive_of(mine, constant, shift(motion.version, motion.calibration, wiring.calibration.encoder_offset))
     return gap(motion, (player, drive_of(nominal, ones, zero)), (own, after))
 

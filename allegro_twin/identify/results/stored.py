@@ -16,7 +16,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
 from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.problem import SHAPE
+from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.identify.results.doubt import PER_PWM, Value
 from allegro_twin.sim.backend import ENGINE
@@ -88,6 +88,10 @@ def _blocks(
         drive["load_friction"] = _plain(np.where(load.determined, load.value, 0.0))
     else:
         drive = {name: value for name, value in drive.items() if name not in SHAPE}
+    drive = {name: value for name, value in drive.items() if name not in PLAY}
+    if found.loose:
+        play = values["backlash"]
+        drive["backlash"] = _plain(np.where(play.determined & (play.value > play.half), play.value, 0.0))
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(found.drive.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
@@ -108,8 +112,9 @@ def _basis(
         "recordings": {motion.name: motion.hash for motion in motions},
         "scale": SCALE[found.masses],
         "friction": "LuGre" if found.bristly else "Coulomb",
+        "backlash": "seen" if found.loose else "none seen",
         "units": "per_pwm: armature, damping, frictionloss over the torque constant; torque_constant N·m at full PWM; "
-        "offset rad; delay s; interval: half of 95 %",
+        "offset and backlash rad; delay s; interval: half of 95 %",
         "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
         "value": {name: _plain(values[name].value) for name in values if name not in PER_PWM},
         "interval": {name: _plain(value.half) for name, value in values.items()},
