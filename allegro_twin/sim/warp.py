@@ -29,6 +29,8 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 """What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
+# A pair of shapes met in a way that the general collider has no room for; that room is fixed, and nothing that a user could raise.
+_MISSED = "EPA_HORIZON"
 _PLACES = {"body_pos", "body_quat", "geom_pos", "geom_quat"}
 """Where things are that nothing moves: MuJoCo Warp places the geoms of those once, in `make_data`."""
 _PICTURED = {"bvh_aabb"}
@@ -58,7 +60,8 @@ class WarpWorlds(Worlds):
         iterations = (getattr(self._mjw.OverflowType, name) for name in _ITERATIONS)
         self._displaced = False
         self._loose: Any = None
-        self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations]))
+        self._missed = int(self._mjw.OverflowType[_MISSED])
+        self._dropped = ~int(np.bitwise_or.reduce([int(bit) for bit in iterations])) & ~self._missed
         super().__init__(spec, model, n)
 
     @property
@@ -116,8 +119,14 @@ class WarpWorlds(Worlds):
                 own[still] = before[name][still]
 
     def check(self) -> None:
-        """Raise ConfigError where contacts or constraints found no room, instead of going on without them."""
-        dropped = host(self._overflow) & self._dropped
+        """Raise ConfigError where contacts or constraints found no room, instead of going on without them. A simulation
+        in which the collider gave a contact up is one that has diverged."""
+        overflow = host(self._overflow)
+        if (overflow & self._missed).any():
+            rows = self.xp.asarray(np.flatnonzero(overflow & self._missed))
+            self._qpos[rows] = np.nan
+            self._overflow[rows] &= ~self._missed
+        dropped = overflow & self._dropped
         if dropped.any():
             row = int(np.flatnonzero(dropped)[0])
             what = self._mjw.OverflowType(int(dropped[row])).name
