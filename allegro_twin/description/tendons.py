@@ -8,6 +8,10 @@ A finger is a chain of rows, each a hinge and the link that it carries. A row na
 - `goes` S, rad: an adaptive synergy (Catalano et al., IJRR 33(5), 2014). The free hand is to be at Sᵢ z for a closure z
   from 0 to 1; with stiffnesses Eᵢ that needs R ∝ E S, with Σ Rᵢ Sᵢ = 1 so that z is the tendon's length.
 - neither: the motor turns the joint itself; `mirrors` names a joint that turns by the `factor` of it.
+
+What a row `hides` is seen and weighed, and meets nothing: the ends of its neighbours stand there. Fingers that are `beside`
+each other meet palm, thumb and things, not one another. A motor that `rubs` has dry friction in its tendon as LuGre's
+bristles (`sim/bristles.py`): a force, which costs the engine nothing beside a constraint a hinge.
 """
 
 from __future__ import annotations
@@ -75,6 +79,7 @@ def _rows(table: dict[str, Any], finger: str) -> Iterator[Row]:
 
 def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[Row]:
     parent, facts, rows = palm, table["fingers"][finger], list(_rows(table, finger))
+    passes = {"conaffinity": "0"} if facts.get("beside") else {}
     for place, row in enumerate(rows):
         at = facts["at"] if place == 0 else row.facts["at"]
         turned = {"quat": numbers(quaternion_from_euler(facts["rpy"]))} if place == 0 and "rpy" in facts else {}
@@ -89,16 +94,21 @@ def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[Row]:
         radius, length = row.facts["thick"], row.facts["long"]
         start = numbers((0, 0, 0, 0, 0, length))
         capsule = {"type": "capsule", "fromto": start, "size": number(radius)}
-        _seen_and_felt(parent, row.name, capsule, row.facts.get("color", "dark"), row.facts["mass"])
+        color, mass = row.facts.get("color", "dark"), row.facts["mass"]
+        if row.facts.get("hides"):
+            SubElement(parent, "geom", {"class": "visual", "material": color, "mass": number(mass), **capsule})
+        else:
+            _seen_and_felt(parent, row.name, passes | capsule, color, mass)
         if place == len(rows) - 1:
             ball = {"type": "sphere", "pos": numbers((0, 0, length)), "size": number(radius)}
-            SubElement(parent, "geom", {"class": "collision", "name": f"{finger}_end", "mass": "1e-6", **ball})
+            SubElement(parent, "geom", {"class": "collision", "name": f"{finger}_end", "mass": "1e-6", **passes, **ball})
             SubElement(parent, "geom", {"class": "visual", "material": "tip", **ball})
     return rows
 
 
 def _seen_and_felt(body: Element, name: str, shape: dict[str, str], color: str, mass: float) -> None:
-    SubElement(body, "geom", {"class": "visual", "material": color, **shape})
+    seen = {key: value for key, value in shape.items() if key != "conaffinity"}
+    SubElement(body, "geom", {"class": "visual", "material": color, **seen})
     SubElement(body, "geom", {"class": "collision", "name": name, "mass": number(mass), **shape})
 
 
@@ -145,6 +155,13 @@ def _actuators(root: Element, table: dict[str, Any], rows: list[Row]) -> None:
             actuators, "position", name=motor, kp=number(facts["stiffness"]), kv=number(facts["damping"]),
             ctrlrange=numbers(facts["range"]), forcerange=numbers((least, facts["effort"])), **where,
         )  # fmt: skip
+    for motor, facts in table["motors"].items():
+        if rub := facts.get("rubs"):
+            bristles = (rub["stiffness"], rub["damping"], rub["force"], rub["force"], rub["speed"])
+            SubElement(
+                actuators, "dcmotor", name=f"{motor}_friction", tendon=motor, motorconst="1e-6 1e-6", resistance="1",
+                lugre=numbers(bristles),
+            )  # fmt: skip
     for row in rows:
         if "mirrors" in row.facts:
             SubElement(

@@ -34,6 +34,11 @@ def name_of(joint: str) -> str:
     return f"{joint}_friction"
 
 
+def alone(gain: int, numbers: Array) -> bool:
+    """Whether an actuator with such a gain and its numbers is friction and nothing that could be told to give."""
+    return bool(gain == mujoco.mjtGain.mjGAIN_DCMOTOR and numbers[1] <= _NO_MOTOR * numbers[0])
+
+
 def tune(
     model: mujoco.MjModel,
     elements: Indices,

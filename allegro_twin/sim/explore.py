@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.sim import bristles
 from allegro_twin.sim.foreign import read
 from allegro_twin.sim.motors import Motor
 from allegro_twin.types import Array
@@ -37,10 +38,11 @@ def explored(path: Path, root: str | None = None) -> Found:
         model = spec.compile()
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
-    if not model.nu:
+    given = [k for k in range(model.nu) if not bristles.alone(model.actuator_gaintype[k], model.actuator_gainprm[k])]
+    if not given:
         raise ConfigError(f"{path} has no actuators: nothing in it can be driven")
     palm = _palm(model, path, root)
-    motors = [Motor(model, k, path) for k in range(model.nu)]
+    motors = [Motor(model, k, path) for k in given]
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")

@@ -10,6 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.sim import bristles
 from allegro_twin.spec import ForeignModel, HandSpec
 from allegro_twin.types import Array
 
@@ -90,7 +91,8 @@ def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> muj
             theirs.delete(other)
     for name, ours in zip(foreign.joints, spec.joints, strict=True):
         _get(theirs.actuators, name, "actuator", foreign.mjcf).name = ours
-    if extra := [each.name for each in theirs.actuators if each.name not in spec.joints]:
+    mute = [each.name for each in theirs.actuators if bristles.alone(each.gaintype, each.gainprm)]
+    if extra := [each.name for each in theirs.actuators if each.name not in (*spec.joints, *mute)]:
         raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
     for follower in spec.followers:
         _get(theirs.joints, follower.name, "joint", foreign.mjcf)

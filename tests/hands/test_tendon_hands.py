@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.description.hands import load_spec
-from allegro_twin.files.assets import data_root
+from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.explore import explored
 from allegro_twin.sim.posed import Posed
@@ -169,6 +169,62 @@ def test_opening_and_closing_go_different_ways(make_sim: MakeSim) -> None:
             state = sim.read()
         bent[way] = float(state.torque[1])
     assert bent["closing"] > bent["opening"] > 0.0
+
+
+def test_the_softhands_motor_pulls_harder_to_close_than_it_gives_to_open(make_sim: MakeSim) -> None:
+    """Its tendon rubs: between the two ways at one place lies twice that, 2 x 0.0127 N·m, and nothing of the spring."""
+    spec = load_spec("qb_softhand")
+    sim = make_sim(spec)
+    sim.reset()
+    gives: dict[str, tuple[float, float]] = {}
+    for way, goals in (("closing", np.linspace(0.0, 0.4, 200)), ("opening", np.linspace(0.5, 0.4, 100))):
+        for goal in goals:
+            sim.write(PositionCommand(np.array([goal])))
+            state = sim.read()
+        for _ in range(300):
+            state = sim.read()
+        gives[way] = (float(state.position[0]), float(state.torque[0]))
+    (low, pulls), (high, lets) = gives["closing"], gives["opening"]
+    spring = (pulls + lets) / (low + high)  # N·m: what a whole closure would take.
+    assert (pulls - spring * low) - (lets - spring * high) == pytest.approx(2 * 0.0127, rel=0.1)
+
+
+def test_a_free_softhand_costs_its_engine_no_constraint_at_all(make_sim: MakeSim) -> None:
+    """Half of what a step cost before was dry friction, a row a hinge, and what could meet what."""
+    spec = load_spec("qb_softhand")
+    sim = make_sim(spec)
+    sim.reset()
+    sim.write(PositionCommand(np.array([0.3])))
+    for _ in range(400):
+        sim.read()
+    assert sim.data.nefc == 0
+    names = [sim.model.geom(g).name for g in range(sim.model.ngeom)]
+    meets = {name for g, name in enumerate(names) if name and sim.model.geom_contype[g]}
+    assert {"index_6", "index_end", "thumb_4", "palm_0"} <= meets
+    assert "index_1" not in meets
+
+
+def test_links_that_meet_nothing_are_covered_by_the_ends_of_their_neighbours() -> None:
+    chains = read_yaml(data_root() / "models/tendons/qb_softhand.yaml")["chains"]
+    hidden = [
+        (chain[at - 1], row, chain[at + 1]) for chain in chains.values() for at, row in enumerate(chain) if "hides" in row
+    ]
+    assert len(hidden) == 5
+    for before, row, after in hidden:
+        assert before["thick"] + after["thick"] > row["long"]
+
+
+def test_the_softhands_thumb_meets_its_fingers_and_these_pass_each_other() -> None:
+    model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/qb_softhand_right.xml"))
+
+    def meet(one: str, other: str) -> bool:
+        a, b = model.geom(one).id, model.geom(other).id
+        kinds, likes = model.geom_contype, model.geom_conaffinity
+        return bool(kinds[a] & likes[b] or kinds[b] & likes[a])
+
+    assert meet("thumb_4", "index_6")
+    assert meet("index_6", "palm_0")
+    assert not meet("index_6", "middle_6")
 
 
 def test_a_timed_command_takes_its_time(make_sim: MakeSim) -> None:
