@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
-from allegro_twin.identify.results.gap import drive_of
+from allegro_twin.identify.results.gap import breaks_away, drive_of
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
@@ -43,6 +43,9 @@ class Touch(NamedTuple):
     """s until it was noticed; infinite where it was not."""
     error: float
     """Of the torques of the touched finger after 0.2 s, as a share of them."""
+    moved: bool
+    """Whether a joint of the finger moved by a count in the first 60 ms: where none does dry friction holds it, and
+    nobody can see anything."""
 
 
 def hand(seed: int, *, mismatched: bool = False) -> HandSpec:
@@ -79,9 +82,10 @@ def moves(spec: HandSpec, seed: int, seconds: float) -> Reference:
     return Moves(points)
 
 
-def mirror_of(spec: HandSpec) -> Mirror:
-    """With the hand's true drive, but that its friction is Coulomb's whatever the hand's is."""
-    return Mirror(spec, Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), PERIOD), np.ones(N))
+def mirror_of(spec: HandSpec, *, coulomb: bool = False) -> Mirror:
+    """With the hand's true drive; `coulomb`: but that its friction is Coulomb's whatever the hand's is."""
+    bristly = breaks_away(spec.drive) and not coulomb
+    return Mirror(spec, Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), PERIOD, bristly=bristly), np.ones(N))
 
 
 def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
@@ -92,9 +96,9 @@ def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
         sent = np.trunc(np.clip(torque_of(command, spec), -limit, limit) * FULL) / FULL
 
 
-def disturbances(spec: HandSpec, seed: int, seconds: float) -> Array:
+def disturbances(spec: HandSpec, seed: int, seconds: float, *, coulomb: bool = False) -> Array:
     """Of a free motion, (k, n), N·m."""
-    each, backend = mirror_of(spec), simulated(spec, seed)
+    each, backend = mirror_of(spec, coulomb=coulomb), simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     samples = heard(until(seconds, run(backend, controller)), spec)
     return np.array([each.latest()["disturbance"] for _ in each.watched(samples)][1:])
@@ -133,16 +137,17 @@ def touch(
     least: float,
     *,
     moving: bool,
+    coulomb: bool = False,
 ) -> Touch:
     """Press a fingertip while its finger moves, or rests. It counts from when the force is `least`, N."""
-    backend, each, finger = simulated(spec, seed), mirror_of(spec), spec.fingers[seed % 4]
+    backend, each, finger = simulated(spec, seed), mirror_of(spec, coulomb=coulomb), spec.fingers[seed % 4]
     middle = (spec.lower + spec.upper) / 2.0
     reference = moves(spec, seed, LATEST + AFTER) if moving else Hold(middle)
     joints, model, data = list(finger.joints), backend.model, backend.data
     body, site = model.body(f"link_{joints[-1]}.0").id, model.site(finger.tip).id
     push: Push | None = None
     begun, felt, since, after, known, found = np.inf, np.inf, 0, np.inf, np.zeros(4), np.zeros(4)
-    jacobian = np.zeros((3, model.nv))
+    jacobian, first, moved = np.zeros((3, model.nv)), np.zeros(4), False
     samples = heard(until(LATEST + AFTER, run(backend, PD(reference, load_gains("v4", spec)))), spec)
     for sample in each.watched(samples):
         t, ready = sample.state.t, not moving or (np.abs(sample.state.velocity[joints]) > MOVING).sum() >= 2
@@ -152,15 +157,17 @@ def touch(
         place, speed = data.site_xpos[site].copy(), jacobian @ data.qvel
         if push is None:
             push, begun = pushing(data.site_xmat[site].reshape(3, 3).copy(), place, speed), t
+            first = data.qpos[joints].copy()
         if t > begun + AFTER:
             break
         force, torque = push(place, speed), np.zeros(model.nv)
         mujoco.mj_applyFT(model, data, force, np.zeros(3), place, body, torque)
         backend.push(torque[:N])
         felt = min(felt, t) if np.linalg.norm(force) >= least - 1e-9 else felt
+        moved |= t <= felt + 0.06 and bool((np.abs(data.qpos[joints] - first) > COUNT).any())
         estimate = each.latest()["disturbance"]
         since = since + 1 if t > felt and pushed(estimate, above, spec, joints) > 1.0 else 0
         after = min(after, t - felt) if since >= PERIODS else after
         if t > begun + 0.2:
             known, found = known + torque[joints], found + estimate[joints]
-    return Touch(after, float(np.linalg.norm(found - known)) / max(float(np.linalg.norm(known)), 1e-9))
+    return Touch(after, float(np.linalg.norm(found - known)) / max(float(np.linalg.norm(known)), 1e-9), moved)

@@ -152,8 +152,9 @@ class Player:
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
 
     def _gap(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
-        """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them."""
-        motion = zip(position - drive.offset, velocity, pieces.acceleration, pieces.gravity, strict=True)
+        """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them. Of
+        reported positions: an offset that a fit could choose would be one with which pieces begin well."""
+        motion = zip(position, velocity, pieces.acceleration, pieces.gravity, strict=True)
         data, found = self._scratch, []
         for row in motion:
             self.link_torque(*row)
