@@ -18,8 +18,8 @@ from allegro_twin.study.protocol import Study
 from benchmarks.unlearned import put
 
 _HEAD = (
-    "| policy | held | 95 % | Δ to {base}, points | 95 % | only it / only {base} | McNemar p | cycle, s | s per success "
-    "| touched early, s | moved, mm |"
+    "| policy | held | 95 % | Δ to {base}, points | 95 % | only it / only {base} | McNemar p | cycle, s | "
+    "s per success | touched early, s | moved, mm |"
 )
 
 
@@ -33,8 +33,8 @@ def lines(rows: Sequence[Row], study: Study) -> Iterator[str]:
 
 def _train(rows: Sequence[Row], study: Study) -> Iterator[str]:
     names = [study.analysis.baseline, *study.analysis.candidates]
-    yield f"On train, {study.pairs.train} pairs a hand, so many were held; the overlap is chosen by them and nothing else"
-    yield "is concluded from them:"
+    yield f"On train, {study.pairs.train} pairs a hand, so many were held; the overlap is chosen by them and nothing"
+    yield "else is concluded from them:"
     yield ""
     yield f"| hand | {' | '.join(names)} | chosen |"
     yield "|" + "---|" * (len(names) + 2)

@@ -70,7 +70,8 @@ class Guide:
 class Guided:
     """The controller: τ = M(ω² (q_r - q) + 2ω (q̇_r - q̇)) + C q̇ on a path, impedance off it.
 
-    The spring begins where the path ended, and the elbow likes to stay as it was there.
+    The spring begins where the path ended, and the elbow likes to stay as it was there. On the spring the joints' dry
+    friction is overcome, as of `Impedance`.
     """
 
     model: ArmModel
@@ -78,18 +79,17 @@ class Guided:
     stiffness: Vector
     """(6,), N/m and N·m/rad."""
     smoothing: Smoothing
+    bridge: Bridge
+    """To what the flange feels, by which friction is overcome."""
     null: float = 10.0
     """N·m/rad, as of `Impedance`."""
-    bridge: Bridge | None = None
-    """As of `Impedance`."""
 
     def start(self, state: HandState) -> Hanging:
         return Hanging(self.model.pose(state.position), state.position, state.t)
 
     def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
-        path, line, felt = self.guide.path, self.guide.line, None
-        if self.bridge is not None:
-            felt = felt_by(self.bridge, self.model, state, memory)
+        path, line = self.guide.path, self.guide.line
+        felt = felt_by(self.bridge, self.model, state, memory)
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
             setpoint = line.at(state.t) if line is not None else approached(memory.setpoint, goal, dt, self.smoothing)

@@ -157,11 +157,9 @@ def law_of(room: Room, guide: Guide) -> Guided:
     """The arm's controller. Raises ConfigError for a spring that friction holds."""
     arm = room.settings.arm
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
-    stuck(room.cell.model, room.posture, stiffness, _SLACK)
-    import os
-
-    bridge = room.cell.bridge if os.environ.get("FELT") else None
-    return Guided(room.cell.model, guide, stiffness.diagonal(), Smoothing(arm.speed, arm.turning), bridge=bridge)
+    stuck(room.cell.model, room.posture, stiffness, _SLACK, felt=True)
+    smoothing = Smoothing(arm.speed, arm.turning)
+    return Guided(room.cell.model, guide, stiffness.diagonal(), smoothing, room.cell.bridge)
 
 
 def _who(error: Exception, room: Room) -> str:

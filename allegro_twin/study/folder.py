@@ -7,15 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
-
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.schema import parse
 from allegro_twin.study.page import write_report
 from allegro_twin.study.protocol import Study
-from allegro_twin.sweep.results import write_results
+from allegro_twin.sweep.results import latest, read_results, write_results
 from allegro_twin.sweep.store import Store
 
 TRIALS = "trials"
@@ -68,14 +64,7 @@ def gathered(folders: Sequence[Path]) -> Held:
                     f"{folder}: {fact} {part.stamps.get(fact)}, and {folders[0]} has {parts[0].stamps.get(fact)}: "
                     "trials of both are no one study; make one of them anew"
                 )
-    last = {hand: number for number, part in enumerate(parts) for hand in part.hands}
-    kept = [
-        part.table.filter(
-            pc.is_in(part.table["hand"], pa.array([hand for hand, at in last.items() if at == number], pa.string()))
-        )
-        for number, part in enumerate(parts)
-    ]
-    table = pa.concat_tables(kept, promote_options="permissive")
+    table = latest([part.table for part in parts], "hand")
     return Held(parts[0].study, parts[0].stamps, table.sort_by([(name, "ascending") for name in _ORDER]))
 
 
@@ -91,11 +80,5 @@ def write(held: Held, folder: Path, where: str = "") -> None:
 
 def _written(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
     """Of a file: what all its trials have in common, its stamps, its rows."""
-    try:
-        table = pq.read_table(path)
-        stamps = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
-        shared = {"study": json.loads(stamps.pop("study"))} if "study" in stamps else {}
-    except (OSError, pa.ArrowInvalid, ValueError) as error:
-        said = " ".join(str(error).split())
-        raise RecordingError(f"{path}: cannot be read: {said}; write it anew from its folder of trials") from error
-    return shared, stamps, table
+    table, stamps = read_results(path)
+    return ({"study": json.loads(stamps.pop("study"))} if "study" in stamps else {}), stamps, table

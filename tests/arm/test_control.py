@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import linprog  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.arm.compliance import Compliance, Pull, Virtual, cycled
 from allegro_twin.arm.faults import Disturbed

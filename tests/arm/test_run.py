@@ -34,7 +34,8 @@ def test_a_shipped_config_brings_the_flange_to_its_pose(name: str) -> None:
     assert isinstance(rig.spec, ArmSpec)
     last = perform(rig, settings, Outputs()).last
     wanted = settings.controller.position  # type: ignore[union-attr]
-    np.testing.assert_allclose(ArmModel(rig.spec).pose(last.position).position, wanted, atol=4e-3)
+    # Dry friction alone would hold the first one 2 mm away.
+    np.testing.assert_allclose(ArmModel(rig.spec).pose(last.position).position, wanted, atol=4e-4)
 
 
 def test_an_arms_recording_replays_through_its_config_and_shows_the_arm(tmp_path: Path) -> None:
@@ -67,8 +68,8 @@ def test_what_an_arms_config_cannot_mean_is_said_in_a_line(blocks: dict[str, Any
 
 
 def test_a_spring_that_friction_would_hold_is_refused_before_the_arm_moves() -> None:
-    settings = config(controller=IMPEDANCE | {"stiffness": 20.0})
-    with pytest.raises(ConfigError, match="take at least 126 N/m"):
+    settings = config(controller=IMPEDANCE | {"stiffness": 5.0})
+    with pytest.raises(ConfigError, match="take at least 11.5 N/m"):
         perform(assemble(settings), settings, Outputs())
 
 
