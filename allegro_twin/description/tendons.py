@@ -101,15 +101,14 @@ def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[Row]:
             _seen_and_felt(parent, row.name, passes | capsule, color, mass)
         if place == len(rows) - 1:
             ball = {"type": "sphere", "pos": numbers((0, 0, length)), "size": number(radius)}
-            SubElement(parent, "geom", {"class": "collision", "name": f"{finger}_end", "mass": "1e-6", **passes, **ball})
-            SubElement(parent, "geom", {"class": "visual", "material": "tip", **ball})
+            _seen_and_felt(parent, f"{finger}_end", passes | ball, "tip", 1e-6)
     return rows
 
 
 def _seen_and_felt(body: Element, name: str, shape: dict[str, str], color: str, mass: float) -> None:
-    seen = {key: value for key, value in shape.items() if key != "conaffinity"}
-    SubElement(body, "geom", {"class": "visual", "material": color, **seen})
-    SubElement(body, "geom", {"class": "collision", "name": name, "mass": number(mass), **shape})
+    """One shape for both: a second one to be looked at alone would cost every step, for it has to be sorted out."""
+    look = {"material": color, "group": "2", "rgba": "0.5 0.5 0.5 1"}  # MuJoCo's own grey, which gives way to the material.
+    SubElement(body, "geom", {"class": "collision", "name": name, **look, "mass": number(mass), **shape})
 
 
 def _excludes(root: Element, table: dict[str, Any]) -> None:
