@@ -88,9 +88,10 @@ def _joint(root: Element, name: str, kind: str, parent: str, child: str, placed:
 def _link(root: Element, body: Element, name: str) -> None:
     link, parts = SubElement(root, "link", name=name), []
     for geom in body.findall("geom"):
-        if "mass" in geom.attrib:
-            parts.append(_mass(geom))
-        _shapes(link, geom.attrib["class"], geom)
+        parts.append(_mass(geom))
+        _shapes(link, "visual", geom)
+        if geom.attrib["class"] == "collision":
+            _shapes(link, "collision", geom)
     properties = inertia.combined(parts)
     element = Element("inertial")
     SubElement(element, "origin", xyz=numbers(properties.center), rpy="0 0 0")

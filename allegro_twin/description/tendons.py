@@ -9,9 +9,9 @@ A finger is a chain of rows, each a hinge and the link that it carries. A row na
   from 0 to 1; with stiffnesses Eᵢ that needs R ∝ E S, with Σ Rᵢ Sᵢ = 1 so that z is the tendon's length.
 - neither: the motor turns the joint itself; `mirrors` names a joint that turns by the `factor` of it.
 
-What a row `hides` is seen and weighed, and meets nothing: the ends of its neighbours stand there. Fingers that are `beside`
-each other meet palm, thumb and things, not one another. A motor that `rubs` has dry friction in its tendon as LuGre's
-bristles (`sim/bristles.py`): a force, which costs the engine nothing beside a constraint a hinge.
+What a row `hides` is seen and weighed, and meets nothing: the ends of its neighbours stand there. Fingers that are
+`beside` each other meet palm, thumb and things, not one another. A motor that `rubs` has dry friction in its tendon as
+LuGre's bristles (`sim/bristles.py`): a force, which costs the engine nothing beside a constraint a hinge.
 """
 
 from __future__ import annotations
@@ -101,15 +101,18 @@ def _finger(palm: Element, table: dict[str, Any], finger: str) -> list[Row]:
             _seen_and_felt(parent, row.name, passes | capsule, color, mass)
         if place == len(rows) - 1:
             ball = {"type": "sphere", "pos": numbers((0, 0, length)), "size": number(radius)}
-            SubElement(parent, "geom", {"class": "collision", "name": f"{finger}_end", "mass": "1e-6", **passes, **ball})
-            SubElement(parent, "geom", {"class": "visual", "material": "tip", **ball})
+            _seen_and_felt(parent, f"{finger}_end", passes | ball, "tip", 1e-6)
     return rows
 
 
 def _seen_and_felt(body: Element, name: str, shape: dict[str, str], color: str, mass: float) -> None:
-    seen = {key: value for key, value in shape.items() if key != "conaffinity"}
-    SubElement(body, "geom", {"class": "visual", "material": color, **seen})
-    SubElement(body, "geom", {"class": "collision", "name": name, "mass": number(mass), **shape})
+    """One shape for both: a second one to be looked at alone would cost every step, for it has to be sorted out."""
+    look = {
+        "material": color,
+        "group": "2",
+        "rgba": "0.5 0.5 0.5 1",
+    }  # MuJoCo's own grey, which gives way to the material.
+    SubElement(body, "geom", {"class": "collision", "name": name, **look, "mass": number(mass), **shape})
 
 
 def _excludes(root: Element, table: dict[str, Any]) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import importlib.metadata
 import importlib.util
 import ipaddress
+import re
 import secrets
 import socket
 import subprocess
@@ -24,6 +26,9 @@ from allegro_twin.panel.wishes import Wish
 _START = 30.0  # s that the page's process may take to say that it is there.
 _DEATHS = 3
 """Times that a page is started again."""
+_VISER = (1, 1)
+"""The oldest that has what the page asks of it, as in pyproject.toml."""
+_EXTRA = "pip install --upgrade 'allegro-twin[panel]'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +97,10 @@ class Page:
 
 
 class Pages:
-    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is not installed."""
+    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is not installed or too old."""
 
     def __init__(self, host: str, port: int, gone: str, token: str | None = None, *, cell: bool = False) -> None:
-        if importlib.util.find_spec("viser") is None:
-            raise ConfigError("the panel needs viser: pip install 'allegro-twin[panel]'")
+        _viser()
         self._listening = _listening(host, port)
         port = int(self._listening.getsockname()[1])
         self._deaths = -1
@@ -114,6 +118,22 @@ class Pages:
         if self._deaths > _DEATHS:
             raise ConfigError(f"the panel's page has ended {self._deaths} times; what it said stands above")
         return Page(self._listening, self._setup, self._url)
+
+
+def _viser() -> None:
+    """Raises ConfigError where it is not there, or too old."""
+    if importlib.util.find_spec("viser") is None:
+        raise ConfigError(f"the panel needs viser: {_EXTRA}")
+    # An upgrade into a folder (`pip install --target`) leaves the older one's papers beside the newer one's.
+    found = [each.version for each in importlib.metadata.distributions(name="viser")]
+    if found and all(_numbers(version) < _VISER for version in found):
+        least = ".".join(map(str, _VISER))
+        raise ConfigError(f"the panel needs viser {least} or newer, and {max(found, key=_numbers)} is installed: {_EXTRA}")
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The first two of a version; of 0rc1 the 0."""
+    return tuple(int(found[0]) if (found := re.match(r"\d+", part)) else 0 for part in version.split(".")[:2])
 
 
 def is_loopback(host: str) -> bool:

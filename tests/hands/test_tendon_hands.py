@@ -207,7 +207,10 @@ def test_a_free_softhand_costs_its_engine_no_constraint_at_all(make_sim: MakeSim
 def test_links_that_meet_nothing_are_covered_by_the_ends_of_their_neighbours() -> None:
     chains = read_yaml(data_root() / "models/tendons/qb_softhand.yaml")["chains"]
     hidden = [
-        (chain[at - 1], row, chain[at + 1]) for chain in chains.values() for at, row in enumerate(chain) if "hides" in row
+        (chain[at - 1], row, chain[at + 1])
+        for chain in chains.values()
+        for at, row in enumerate(chain)
+        if "hides" in row
     ]
     assert len(hidden) == 5
     for before, row, after in hidden:
