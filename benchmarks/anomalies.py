@@ -30,13 +30,14 @@ BEGIN, WITHIN = 4.0, 3.0  # s: when something goes wrong, and by when it is to b
 
 def learned(seed: int, spec: HandSpec, seconds: float) -> Calm:
     """From a free motion."""
-    each, disturbance = mirror_of(spec), []
+    each, disturbance, moving = mirror_of(spec), [], []
     backend = simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     for _ in each.watched(heard(until(seconds, run(backend, controller)), spec)):
         disturbance.append(each.latest()["disturbance"])
+        moving.append(each.moving)
     gains: Array = np.array(each.diagnosis.gains)
-    return Calm.of(np.array(disturbance[1:]), gains, PERIOD, spec)
+    return Calm.of(np.array(disturbance[1:]), np.array(moving[1:]), gains, PERIOD, spec)
 
 
 def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> tuple[str, int, int, float]:

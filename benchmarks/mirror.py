@@ -18,10 +18,10 @@ import numpy as np
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.mirror.events import thresholds, touched
+from allegro_twin.mirror.events import axes, thresholds, touched
 from allegro_twin.sim.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, Touch, constant, disturbances, hand, touch, wall
 
 
@@ -67,17 +67,18 @@ def main() -> None:
     alarms(specs, above, chosen.minutes, coulomb=coulomb)
 
 
-def learned(seed: int, spec: HandSpec, seconds: float, *, coulomb: bool) -> Vector:
+def learned(seed: int, spec: HandSpec, seconds: float, *, coulomb: bool) -> Array:
     """Thresholds from a free motion."""
-    free = disturbances(spec, 1000 + seed, seconds, coulomb=coulomb)
-    above = thresholds(free, PERIOD, spec)
-    print(f"hand {seed}: floor {1e3 * free[400:].std():.1f} mN·m, thresholds {1e3 * above.min():.1f} to "
-          f"{1e3 * above.max():.1f}", flush=True)  # fmt: skip
+    free, moving = disturbances(spec, 1000 + seed, seconds, coulomb=coulomb)
+    above = thresholds(free, moving, PERIOD, spec)
+    for which, (name, rows) in enumerate((("at rest", ~moving[400:]), ("moving", moving[400:]))):
+        print(f"hand {seed}, joints {name}: floor {1e3 * free[400:][rows].std():.1f} mN·m, thresholds "
+              f"{1e3 * above[which].min():.1f} to {1e3 * above[which].max():.1f}", flush=True)  # fmt: skip
     return above
 
 
 def trial(
-    specs: Sequence[HandSpec], above: Sequence[Vector], k: int, what: str, force: float, *, moving: bool, coulomb: bool
+    specs: Sequence[HandSpec], above: Sequence[Array], k: int, what: str, force: float, *, moving: bool, coulomb: bool
 ) -> Touch:
     """The `k`-th."""
     turn = float(np.radians(np.random.default_rng((k, 5)).uniform(-40.0, 40.0)))
@@ -95,13 +96,13 @@ def told(runs: Sequence[Touch]) -> str:
     )
 
 
-def alarms(specs: Sequence[HandSpec], above: Sequence[Vector], minutes: float, *, coulomb: bool) -> None:
+def alarms(specs: Sequence[HandSpec], above: Sequence[Array], minutes: float, *, coulomb: bool) -> None:
     """Free motions on end, in runs of a minute."""
     count = 0
     for k in range(round(minutes)):
         which = k % len(specs)
-        free = disturbances(specs[which], 2000 + k, 60.0, coulomb=coulomb)[400:]
-        count += int(touched(free, above[which], specs[which]).any())
+        free, moving = disturbances(specs[which], 2000 + k, 60.0, coulomb=coulomb)
+        count += int(touched(free, axes(above[which], moving), specs[which])[400:].any())
     print(f"{count} of {round(minutes)} minutes of free motion with a false alarm", flush=True)
 
 

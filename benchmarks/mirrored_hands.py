@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
@@ -18,14 +19,14 @@ from allegro_twin.identify.results.gap import breaks_away, drive_of
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.events import PERIODS, pushed
+from allegro_twin.mirror.events import PERIODS, axes, pushed
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.backend import SimBackend
 from allegro_twin.sim.observer import Observer
 from allegro_twin.sim.physics import Physics
 from allegro_twin.sim.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Sample, Vector, frozen
+from allegro_twin.types import Array, Sample, frozen
 
 PERIOD, N = 0.003, 16
 FULL = 1200  # Counts of full PWM on a v4 hand, 1 N·m here.
@@ -96,12 +97,15 @@ def heard(samples: Iterator[Sample], spec: HandSpec) -> Iterator[Sample]:
         sent = np.trunc(np.clip(torque_of(command, spec), -limit, limit) * FULL) / FULL
 
 
-def disturbances(spec: HandSpec, seed: int, seconds: float, *, coulomb: bool = False) -> Array:
-    """Of a free motion, (k, n), N·m."""
+def disturbances(
+    spec: HandSpec, seed: int, seconds: float, *, coulomb: bool = False
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Of a free motion, N·m, and which joints moved for a while, (k, n) each."""
     each, backend = mirror_of(spec, coulomb=coulomb), simulated(spec, seed)
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     samples = heard(until(seconds, run(backend, controller)), spec)
-    return np.array([each.latest()["disturbance"] for _ in each.watched(samples)][1:])
+    rows = [(each.latest()["disturbance"], each.moving) for _ in each.watched(samples)][1:]
+    return np.array([row for row, _ in rows]), np.array([moving for _, moving in rows])
 
 
 Push = Callable[[Array, Array], Array]
@@ -131,7 +135,7 @@ def wall(axes: Array, place: Array, speed: Array) -> Push:
 
 def touch(
     spec: HandSpec,
-    above: Vector,
+    above: Array,
     seed: int,
     pushing: Callable[[Array, Array, Array], Push],
     least: float,
@@ -166,7 +170,7 @@ def touch(
         felt = min(felt, t) if np.linalg.norm(force) >= least - 1e-9 else felt
         moved |= t <= felt + 0.06 and bool((np.abs(data.qpos[joints] - first) > COUNT).any())
         estimate = each.latest()["disturbance"]
-        since = since + 1 if t > felt and pushed(estimate, above, spec, joints) > 1.0 else 0
+        since = since + 1 if t > felt and pushed(estimate, axes(above, each.moving), spec, joints) > 1.0 else 0
         after = min(after, t - felt) if since >= PERIODS else after
         if t > begun + 0.2:
             known, found = known + torque[joints], found + estimate[joints]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.build.rig import Rig
 from allegro_twin.description.calibration import Calibration, Version
@@ -19,7 +20,7 @@ from allegro_twin.identify.results.stored import shift
 from allegro_twin.loop import to_the_end
 from allegro_twin.mirror.anomalies import Anomaly
 from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.events import Contact, contacts
+from allegro_twin.mirror.events import Contact, axes, contacts
 from allegro_twin.mirror.mirror import STOPS, Mirror
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import Recording, load
@@ -38,8 +39,8 @@ class Mirrored:
     """(k, n), N·m."""
     off: Array
     """Reported minus predicted, (k, n), rad."""
-    above: Vector
-    """(n,), N·m: more is a touch."""
+    above: Array
+    """(k, n), N·m: more was a touch."""
     contacts: tuple[Contact, ...]
     anomaly: Anomaly | None
 
@@ -113,16 +114,17 @@ def mirrored(path: Path, hand: str, free: Path | None, gravity: Vector | None = 
     palm frame, m/s², where neither hand nor recording says it. Raises HandError."""
     recording = load(path)
     spec, calm = recording.spec, Calm.usual(recording.spec) if free is None else limits(free, hand, gravity)
-    t, disturbance, off, each = _seen(recording, hand, calm, gravity)
-    return Mirrored(t, disturbance, off, calm.above, tuple(contacts(t, disturbance, calm.above, spec)), each.anomaly)
+    t, disturbance, off, moving, each = _seen(recording, hand, calm, gravity)
+    above = axes(calm.above, moving)
+    return Mirrored(t, disturbance, off, above, tuple(contacts(t, disturbance, above, spec)), each.anomaly)
 
 
 def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     """What a free motion does not reach. Raises HandError."""
     recording = load(free)
-    _, disturbance, _, each = _seen(recording, hand, None, gravity)
+    _, disturbance, _, moving, each = _seen(recording, hand, None, gravity)
     gains = np.array(each.diagnosis.gains).reshape(-1, len(recording.spec.fingers))
-    return Calm.of(disturbance, gains, recording.period, recording.spec)
+    return Calm.of(disturbance, moving, gains, recording.period, recording.spec)
 
 
 def _mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:
@@ -144,17 +146,18 @@ def _mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vect
 
 def _seen(
     recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None
-) -> tuple[Vector, Array, Array, Mirror]:
+) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror]:
     each = _mirror_of(recording, hand, calm, gravity)
-    t, disturbance, off = [], [], []
+    t, disturbance, off, moving = [], [], [], []
     for sample in each.watched(_samples(recording)):
         latest = each.latest()
         t.append(sample.state.t)
         disturbance.append(latest["disturbance"])
         off.append(sample.state.position - latest["predicted"])
+        moving.append(each.moving)
     if len(t) < 2:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
-    return np.array(t[1:]), np.array(disturbance[1:]), np.array(off[1:]), each
+    return np.array(t[1:]), np.array(disturbance[1:]), np.array(off[1:]), np.array(moving[1:]), each
 
 
 def _samples(recording: Recording) -> Iterator[Sample]:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from allegro_twin.build.mirroring import Mirrored
     from allegro_twin.build.rig import Rig
     from allegro_twin.config import RunConfig
-    from allegro_twin.mirror.diagnosis import Calm
     from allegro_twin.mirror.mirror import Mirror
     from allegro_twin.spec import HandSpec
     from allegro_twin.types import Sample, Vector
@@ -51,7 +50,7 @@ def live(
             f"a {config.backend.kind} hand is its own twin: `mirror` is for hands on a bus or a line, and recordings"
         )
     rig = assemble(config)
-    each, calm = _mirror(config, rig, hand, wanted)
+    each = _mirror(config, rig, hand, wanted)
     rows = []
     with closing(rig.backend), ExitStack() as stack:
         samples = each.watched(to_the_end(run(rig.backend, rig.controller)))
@@ -61,15 +60,16 @@ def live(
         samples = _drawn(samples, rig, each, wanted, stack, tell)
         for sample in samples:
             latest = each.latest()
-            rows.append((sample.state.t, latest["disturbance"], sample.state.position - latest["predicted"]))
+            off = sample.state.position - latest["predicted"]
+            rows.append((sample.state.t, latest["disturbance"], off, each.above))
             advance(sample.state.t)
-    t, disturbance, off = (np.array(column) for column in zip(*rows[1:], strict=True))
-    touches = tuple(contacts(t, disturbance, calm.above, rig.spec))
-    return Mirrored(t, disturbance, off, calm.above, touches, each.anomaly)
+    t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
+    touches = tuple(contacts(t, disturbance, above, rig.spec))
+    return Mirrored(t, disturbance, off, above, touches, each.anomaly)
 
 
-def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> tuple[Mirror, Calm]:
-    """And from where on a push is a touch. Raises HandError."""
+def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> Mirror:
+    """Raises HandError."""
     from allegro_twin.build.mirroring import limits, make_loop_mirror, make_mirror
     from allegro_twin.build.wired import codec_of
     from allegro_twin.config import CanSettings
@@ -79,10 +79,9 @@ def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> tuple[Mir
     file = hand or rig.spec.serial
     calm = Calm.usual(rig.spec) if wanted.free is None else limits(wanted.free, file, gravity)
     if not isinstance(config.backend, CanSettings):
-        return make_loop_mirror(rig.spec, config.period, calm, wanted.stop, gravity), calm
+        return make_loop_mirror(rig.spec, config.period, calm, wanted.stop, gravity)
     codec = codec_of(config, config.backend)
-    made = make_mirror(rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop)
-    return made, calm
+    return make_mirror(rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop)
 
 
 def _down(rig: Rig, wanted: Wanted) -> Vector | None:
@@ -151,8 +150,9 @@ def table(found: Mirrored, joints: tuple[str, ...]) -> Table:
     chosen = found.t > found.t[0] + 1.0
     off, push = (np.sqrt(np.square(each[chosen]).mean(axis=0)) for each in (found.off, found.disturbance))
     largest = np.abs(found.disturbance[chosen]).max(axis=0)
+    least = found.above[chosen].min(axis=0)
     for joint, name in enumerate(joints):
-        row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * found.above[joint])
+        row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])
         made.add_row(name, *(f"{value:.1f}" for value in row))
     return made
 

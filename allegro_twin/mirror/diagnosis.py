@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.mirror.anomalies import CREEP, ROW, Anomaly, Window, largest, named
 from allegro_twin.mirror.events import EULER, thresholds
@@ -35,8 +36,8 @@ BLOCK, FEWEST = 20, 4
 class Calm(NamedTuple):
     """What free motions of a hand do not reach."""
 
-    above: Vector
-    """Of disturbances, as `events.thresholds` gives it, (n,), N·m."""
+    above: Array
+    """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
     """Of shapes, as `anomalies.named` wants it, (fingers,); infinite where no free motion tells."""
 
@@ -46,14 +47,14 @@ class Calm(NamedTuple):
         above = np.full(spec.n_joints, DEFAULT)
         if "torque" not in spec.commands:
             above = np.maximum(above, PART * spec.actuation.torque_limit)
-        return Calm(above, np.full(len(spec.fingers), np.inf))
+        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf))
 
     @staticmethod
-    def of(disturbance: Array, gains: Array, period: float, spec: HandSpec) -> Calm:
-        """Of a free motion: disturbances (k, n), N·m, and the largest gains of its looks, (looks, fingers). A gain is
-        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
-        where it is too short."""
-        above, blocks = thresholds(disturbance, period, spec), len(gains) // BLOCK
+    def of(disturbance: Array, moving: NDArray[np.bool_], gains: Array, period: float, spec: HandSpec) -> Calm:
+        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), and the largest gains of
+        its looks, (looks, fingers). A gain is reached once in RARE looks, by Gumbel's law over blocks of looks that
+        overlap in nothing. Raises ConfigError where it is too short."""
+        above, blocks = thresholds(disturbance, moving, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
             return Calm(above, np.full(len(spec.fingers), np.inf))
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)

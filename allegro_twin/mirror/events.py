@@ -3,6 +3,7 @@
 A push on a fingertip is felt by several joints at once, each a little. So a finger is touched where the disturbances of
 its joints leave an ellipsoid, Σ (d / above)² > 1, whose axes have the proportions of what free motions disturb; its
 size is where the largest of a block of free motion (1 s) would be once in RARE blocks, by Gumbel's law of extremes.
+Joints at rest have axes of their own: where friction breaks away it holds a torque there that no mirror can know.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
@@ -19,6 +21,8 @@ from allegro_twin.types import Array, Vector
 SETTLED = 1.0  # s until an observer that began somewhere has forgotten it.
 BLOCK = 1.0  # s
 RARE = 10 * 3600.0  # Blocks: a false alarm of a finger in 10 hours, of a hand in two and a half.
+SLIDING, FREED = 0.03, 0.1  # rad/s, and s for which a joint that counts as moving has been faster.
+FEWEST = 4  # Blocks' worth of rows that tell about joints at rest, or moving.
 LEAST = 0.004  # N·m. No axis is shorter: the noise of encoders alone makes 2 mN·m.
 PERIODS = 2  # In a row that are outside.
 EULER = 0.5772  # Of Gumbel's law: its mean is the mode and as many scales.
@@ -36,27 +40,59 @@ class Contact(NamedTuple):
     """The largest, of any of its joints, N·m."""
 
 
-def thresholds(free: Array, period: float, spec: HandSpec) -> Vector:
-    """The axes of every finger's ellipsoid, (n,), N·m, from the disturbances (k, n), N·m, of a motion that touches
-    nothing. Raises ConfigError where it is too short to tell."""
+class Pace:
+    """Tells which joints have been moving for a while: theirs is another friction than that of a joint at rest, which
+    holds any torque, and nobody knows which."""
+
+    def __init__(self, n: int, period: float) -> None:
+        self._since, self._period = np.zeros(n), period
+
+    def __call__(self, velocity: Vector) -> NDArray[np.bool_]:
+        """After another period at some speeds, (n,), rad/s."""
+        self._since = np.where(np.abs(velocity) > SLIDING, self._since + self._period, 0.0)
+        return np.asarray(self._since > FREED)
+
+
+def axes(above: Array, moving: NDArray[np.bool_]) -> Array:
+    """Of thresholds (2, n) those of joints at rest or moving, (n,) or (k, n), N·m."""
+    return np.asarray(np.where(moving, above[1], above[0]))
+
+
+def thresholds(free: Array, moving: NDArray[np.bool_], period: float, spec: HandSpec) -> Array:
+    """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m, from the disturbances (k, n),
+    N·m, of a motion that touches nothing and which joints moved for a while. Raises ConfigError where it is too short
+    to tell."""
     first, block = round(SETTLED / period), round(BLOCK / period)
     if len(free) < 4 * first:
         raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
-    free = free[first : first + (len(free) - first) // block * block]
-    usual = np.maximum(np.sqrt(np.square(free).mean(axis=0)), 1e-6)
-    above = np.empty(spec.n_joints)
+    rows = slice(first, first + (len(free) - first) // block * block)
+    free, moving = free[rows], moving[rows]
+    above = np.empty((2, spec.n_joints))
     for finger in spec.fingers:
         own = list(finger.joints)
-        # Squares of normal noise have an exponential tail, to which Gumbel's law belongs.
-        largest = np.square(pushed(free, usual, spec, own)).reshape(-1, block).max(axis=1)
-        scale = np.sqrt(6.0) / np.pi * largest.std()
-        rare = largest.mean() + scale * (np.log(RARE) - EULER)
-        above[own] = np.sqrt(max(rare, float(largest.max()))) * usual[own]
+        for which, chosen in enumerate((~moving[:, own], moving[:, own])):
+            # Of what hardly ever was nothing else tells.
+            kept = np.where(chosen.sum(axis=0) >= FEWEST * block, chosen, True)
+            usual = np.sqrt(np.square(free[:, own]).mean(axis=0, where=kept))
+            shares = np.where(kept, free[:, own], 0.0) / np.maximum(usual, 1e-6)
+            above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
+        both = pushed(free, axes(above, moving), spec, own)
+        above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
     return np.maximum(above, LEAST)
 
 
-def pushed(disturbance: Array, above: Vector, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
-    """How far outside its ellipsoid each finger is, 1 on it, (k, fingers); of some joints together, (k,)."""
+def _rare(squares: Vector, block: int) -> float:
+    """What is reached once in RARE blocks, and nowhere here. Squares of normal noise have an exponential tail, to which
+    Gumbel's law belongs."""
+    largest = squares.reshape(-1, block).max(axis=1)
+    largest = largest[largest > 0.0] if largest.any() else largest
+    rare = largest.mean() + np.sqrt(6.0) / np.pi * largest.std() * (np.log(RARE) - EULER)
+    return max(float(rare), float(largest.max()))
+
+
+def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
+    """How far outside its ellipsoid each finger is, 1 on it, (k, fingers); of some joints together, (k,).
+    `above`: (n,), or (k, n)."""
     share = np.square(disturbance / above)
     if joints is not None:
         return np.asarray(np.sqrt(share[..., list(joints)].sum(axis=-1)))
@@ -64,7 +100,7 @@ def pushed(disturbance: Array, above: Vector, spec: HandSpec, joints: Sequence[i
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
 
 
-def touched(disturbance: Array, above: Vector, spec: HandSpec) -> Array:
+def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
     """Whether each finger is touched, (k, fingers): it was outside its ellipsoid in PERIODS periods up to now."""
     over = pushed(disturbance, above, spec) > 1.0
     held = over.copy()
@@ -74,7 +110,7 @@ def touched(disturbance: Array, above: Vector, spec: HandSpec) -> Array:
     return np.asarray(held)
 
 
-def contacts(t: Vector, disturbance: Array, above: Vector, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
+def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
     """All touches, in order; one that comes back within `pause`, s, has not ended."""
     found, flags = [], touched(disturbance, above, spec)
     flags[t < t[0] + SETTLED] = False

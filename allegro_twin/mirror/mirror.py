@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.backend import limp_of, position_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.anomalies import NAMES, Anomaly, words
 from allegro_twin.mirror.diagnosis import Calm, Diagnosis
-from allegro_twin.mirror.events import PERIODS, SETTLED, pushed
+from allegro_twin.mirror.events import PERIODS, SETTLED, Pace, axes, pushed
 from allegro_twin.sim.loop_observer import LoopObserver
 from allegro_twin.sim.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
@@ -41,6 +42,7 @@ class Mirror:
         self._estimate: Estimate | None = None
         self._begun: float | None = None
         self._over = np.zeros(len(spec.fingers), dtype=int)
+        self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
         self._diagnosis = Diagnosis(spec, self._calm.gains)
 
     @property
@@ -61,6 +63,16 @@ class Mirror:
     def contacts(self) -> tuple[str, ...]:
         """The fingers that something touches."""
         return tuple(f.name for f, over in zip(self._spec.fingers, self._over, strict=True) if over >= PERIODS)
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which joints have moved for a while, (n,)."""
+        return self._moving
+
+    @property
+    def above(self) -> Vector:
+        """More than this is a touch now, (n,), N·m."""
+        return np.asarray(axes(self._calm.above, self._moving))
 
     @property
     def anomaly(self) -> Anomaly | None:
@@ -86,6 +98,7 @@ class Mirror:
             self._begin(state)
         else:
             self._estimate, torque = self._expected(state)
+            self._moving = self._pace(self._estimate.velocity)
             if state.t > self._begun + SETTLED:
                 self._judge(state, self._estimate, torque)
         self._told = sample.command
@@ -120,13 +133,13 @@ class Mirror:
         self._observer.reset(state.position)
 
     def _judge(self, state: HandState, estimate: Estimate, torque: Vector) -> None:
-        over = pushed(estimate.disturbance, self._calm.above, self._spec) > 1.0
+        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
         off = state.position - estimate.predicted
         diagnosis.add(state, estimate, torque, off, self._observer.pull() if diagnosis.due else None)
         if "contact" in self._stop and self.contacts:
-            joint = int(np.argmax(np.abs(estimate.disturbance) / self._calm.above))
+            joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
             raise HandFault(
                 f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"

@@ -138,6 +138,15 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
+def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
+    looked = seen(motions(), Player(motions()[0].spec, 0.003))
+    said = values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
+    light = looked.pull < 0.05
+    assert 4 <= light.sum() <= 12
+    assert all("behind backlash 50 tell: `calibrate limits --offsets`" in why for why in np.array(said)[light])
+    assert not any("behind backlash" in why for why in np.array(said)[~light])
+
+
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
     for name in ("torque_constant", "offset"):
         assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))

@@ -141,7 +141,10 @@ def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -
 def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
     rng = np.random.default_rng(0)
     free = 0.002 * rng.standard_normal((4000, N))
-    few, many = (Calm.of(free, 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec) for count in (79, 400))
+    few, many = (
+        Calm.of(free, np.zeros(free.shape, bool), 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec)
+        for count in (79, 400)
+    )
     assert np.isinf(few.gains).all()
     exact = 1e-6 * np.log(RARE)  # Of an exponential tail.
     np.testing.assert_allclose(many.gains, exact, rtol=0.4)
@@ -166,7 +169,7 @@ def test_what_goes_wrong_with_a_hand_can_stop_it(
     spec: HandSpec, make_sim: MakeSim, what: Ailment, joint: int, amount: float
 ) -> None:
     hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
-    calm = Calm(np.full(N, 0.02), np.full(4, 3e-4))
+    calm = Calm(np.full((2, N), 0.02), np.full(4, 3e-4))
     observer = Observer(spec, drive_of(spec, np.ones(N), np.zeros(N)), 0.003)
     each = Mirror(spec, observer, np.ones(N), calm, (what,))
     with pytest.raises(

@@ -23,6 +23,8 @@ SHORTEST = 10.0  # s of motion that can be trusted, over all recordings.
 MOVED = 0.1  # rad
 SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
 PULL = 0.002  # N·m that gravity must differ by between postures to tell a torque constant from friction.
+PULL_LOOSE = 0.05  # N·m, likewise, for an offset where links are loose: with less hidden hands were 10 to 90 mrad off.
+TOOTH = 0.05  # Of a backlash: how much too small pieces make it that begin at the wrong tooth. Ours, as the line above.
 APART = np.radians(30.0)  # Between two directions of gravity that count as two.
 WIDEST = {
     "torque_constant": 0.25,
@@ -113,12 +115,12 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
     for name in (*VALUES, *(SHAPE if found.bristly else ()), *(PLAY if found.loose else ())):
         own = getattr(found.drive, name)
         value = own / k if name in PER_PWM else own
-        half = _half(found, name, found.covariance)
+        half = _half(found, name, found.covariance) + (TOOTH * value if name in PLAY else 0.0)
         # Masses that are only assumed make all N·m doubtful, and a model that is not quite the hand all of a joint,
         # but the twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
-        reasons = tuple(_reason(name, j, value, sure, looked) for j in range(len(k)))
+        reasons = tuple(_reason(name, j, value, sure, looked, loose=found.loose) for j in range(len(k)))
         result[name] = Value(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
@@ -170,7 +172,10 @@ def _per_pwm(found: Fit, name: str) -> Array:
     return transform
 
 
-def _reason(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -> str:
+def _reason(name: str, joint: int, value: Vector, half: Vector, looked: Seen, *, loose: bool) -> str:
+    if loose and name == "offset" and looked.pull[joint] < PULL_LOOSE:
+        return (f"gravity's torque on it differs by {1000 * looked.pull[joint]:.1f} mN·m only, and behind backlash "
+                f"{1000 * PULL_LOOSE:g} tell: `calibrate limits --offsets` finds it from the end stops")  # fmt: skip
     return next(iter(_reasons(name, joint, value, half, looked)), "")
 
 
