@@ -21,6 +21,31 @@ class Load:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Slowing:
+    """How the speed that joints may have falls towards where they end: √(b d) - a over a distance d, (n,) each."""
+
+    a: Vector
+    """rad/s."""
+    b: Vector
+    """rad/s²."""
+    lower: Vector
+    """rad."""
+    upper: Vector
+
+    def speeds(self, position: Vector, most: Vector) -> tuple[Vector, Vector]:
+        """The fastest down, negative, and up, at a position, (n,), where `most` is the fastest anywhere, rad/s."""
+        down, up = (
+            np.minimum(np.maximum(np.sqrt(self.b * np.maximum(left, 0.0)) - self.a, _CREEP), most)
+            for left in (position - self.lower, self.upper - position)
+        )
+        return -down, up
+
+
+_CREEP = 0.05
+"""rad/s. OWN: a joint that rests at its end, where it may not move at all, is not still to the last digit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ArmSpec(HandSpec):
     """An arm's identity card: that of a hand with one finger, whose tip is the flange, and what an arm has besides.
 
@@ -31,6 +56,8 @@ class ArmSpec(HandSpec):
     """None: nothing."""
     ready: Vector = field(default_factory=lambda: frozen(np.empty(0)))
     """Where it waits, elbow bent and flange down, (n,), rad."""
+    slowing: Slowing | None = None
+    """None: joints are as fast near their ends as elsewhere."""
     silence: float = 0.02
     """s without a command after which it holds itself still, as it does before the first."""
 

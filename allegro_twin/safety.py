@@ -35,6 +35,8 @@ class Limits:
     """Here it is zero, and a fault, °C."""
     rate: Vector | None = None
     """The fastest that a torque may change, N·m/s; None: at once."""
+    speeds: Callable[[Vector], tuple[Vector, Vector]] | None = None
+    """The fastest down, negative, and up where joints are at a position, (n,), rad/s; None: `velocity` anywhere."""
 
 
 def clamp(torque: Vector, state: HandState, limits: Limits) -> Vector:
@@ -69,11 +71,13 @@ def bounded(command: PositionCommand, state: HandState, limits: Limits, spec: Ha
 
 def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     """Why the hand must stop now, or None."""
-    over = np.abs(state.velocity) > limits.velocity
-    if over.any():
-        joint = int(np.argmax(np.abs(state.velocity) / limits.velocity))
-        speed, limit = state.velocity[joint], limits.velocity[joint]
-        return f"{spec.joints[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s"
+    down, up = (-limits.velocity, limits.velocity) if limits.speeds is None else limits.speeds(state.position)
+    fastest = np.where(state.velocity < 0.0, -down, up)
+    if (np.abs(state.velocity) > fastest).any():
+        joint = int(np.argmax(np.abs(state.velocity) / fastest))
+        speed, limit = state.velocity[joint], fastest[joint]
+        where = "" if limit == limits.velocity[joint] else f" at {state.position[joint]:.2f} rad"
+        return f"{spec.joints[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"
     if (state.temperature >= limits.hot).any():
         joint = int(np.nanargmax(state.temperature))
         return f"{spec.joints[joint]} is at {state.temperature[joint]:.0f} °C, over its limit of {limits.hot:.0f} °C"

@@ -160,7 +160,11 @@ def _too_fast(model: ArmModel, position: Vector, speed: Vector) -> float:
     """
     motor, over = model.spec.actuation, 1.0
     if motor.velocity_limit is not None:
-        over = max(over, float(np.abs(speed / (motor.velocity_limit * _SHARE)).max()))
+        fastest = motor.velocity_limit
+        if model.spec.slowing is not None:
+            down, up = model.spec.slowing.speeds(position, fastest)
+            fastest = np.where(speed < 0.0, -down, up)
+        over = max(over, float(np.abs(speed / (fastest * _SHARE)).max()))
     if motor.torque_rate is not None:
         over = max(over, float(np.abs(model.inertia(position) @ speed / motor.torque_rate).max()) / _BRAKED**2)
     return over

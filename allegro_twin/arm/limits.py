@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.safety import Limits
-from allegro_twin.types import HandState, frozen
+from allegro_twin.types import HandState, Vector, frozen
 
 _ZONE = 0.05
 """rad. Before a soft stop a torque towards it fades over this stretch: an arm is heavier than a finger."""
 
 
-def limits_of(spec: ArmSpec, margin: float = 0.0, speed: float = 1.0) -> Limits:
-    """For an arm's guard: soft stops `margin` (rad) inside the joints' limits, a share of their speeds."""
-    motor = spec.actuation
-    fastest = np.full(spec.n_joints, np.inf) if motor.velocity_limit is None else motor.velocity_limit
+def limits_of(spec: ArmSpec, margin: float = 0.0, velocity: Vector | None = None) -> Limits:
+    """For an arm's guard: soft stops `margin` (rad) inside the joints' limits, their speeds and no more than a
+    `velocity`, (n,), rad/s."""
+    motor, slowing = spec.actuation, spec.slowing
+    most = np.full(spec.n_joints, np.inf) if motor.velocity_limit is None else motor.velocity_limit
+    if velocity is not None:
+        most = frozen(np.minimum(velocity, most))
     return Limits(
         torque=motor.torque_limit,
-        velocity=frozen(speed * fastest),
+        velocity=most,
         lower=frozen(spec.lower + margin),
         upper=frozen(spec.upper - margin),
         zone=_ZONE,
         rate=motor.torque_rate,
+        speeds=None if slowing is None else partial(slowing.speeds, most=most),
     )
 
 

@@ -83,7 +83,7 @@ def limits_of(settings: LimitSettings, spec: HandSpec) -> Limits:
     if settings.margin * 2 >= float((spec.upper - spec.lower).min()):
         raise ConfigError(f"limits.margin {settings.margin} rad leaves some joint no range")
     if isinstance(spec, ArmSpec):
-        arm = arm_limits(spec, settings.margin)
-        return replace(arm, torque=frozen(torque), velocity=frozen(np.minimum(velocity, arm.velocity)))
+        arm = arm_limits(spec, settings.margin, velocity)
+        return replace(arm, torque=frozen(torque))
     lower, upper = spec.lower + settings.margin, spec.upper - settings.margin
     return Limits(frozen(torque), velocity, frozen(lower), frozen(upper))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.arm_spec import ArmSpec, Load
+from allegro_twin.arm_spec import ArmSpec, Load, Slowing
 from allegro_twin.description import inertia
 from allegro_twin.description.facts import Triple, triple
 from allegro_twin.errors import ConfigError, unknown
@@ -107,8 +107,16 @@ def load_arm(model: str, load: Load | None = None) -> ArmSpec:
         mirror_flips=(),
         load=load,
         ready=frozen(np.radians(table["ready"])),
+        slowing=_slowing(joints),
         silence=float(table["silence"]),
     )
+
+
+def _slowing(joints: list[dict[str, Any]]) -> Slowing | None:
+    if "slowing" not in joints[0]:
+        return None
+    a, b, lower, upper = zip(*(joint["slowing"] for joint in joints), strict=True)
+    return Slowing(frozen(a), frozen(b), frozen(lower), frozen(upper))
 
 
 def _table(model: str) -> dict[str, Any]:

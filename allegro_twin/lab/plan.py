@@ -28,7 +28,19 @@ _LEFT = (-0.6, 0.7, 0.3, -2.1, 1.9, 1.8, 1.2)
 """rad. From where postures with the hand to either side are looked for; for an arm of Franka's."""
 _OUT = ((1.6, 1.2, -1.1, -2.6, -2.4, 2.1, 1.6), (-1.6, 1.2, 1.1, -2.6, 2.4, 2.1, 0.0))
 """rad. With the elbow out to either side, where those reach none: fingers that point at the arm, or away from it."""
-_EVERY = ((_RIGHT, _LEFT), _OUT)
+
+
+class Search(NamedTuple):
+    """Where a way is looked for."""
+
+    near: Sequence[Sequence[float]]
+    """Postures to begin from."""
+    askew: bool = False
+    """Those a little off what symmetry leaves open."""
+
+
+_PLAIN = Search((_RIGHT, _LEFT))
+_EVERY = (_PLAIN, Search((_RIGHT, _LEFT), askew=True), Search(_OUT))
 _CLEAR = 0.12
 """m: the palm above a thing's top, so that no finger meets it on a far way."""
 _LITTLE = 0.04
@@ -72,30 +84,27 @@ def best_way(solid: Solid, room: Room) -> Reached:
 
 
 def best_of(body: Body, cell: Cell, waiting: Vector, lift: float) -> Reached:
-    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way and never with the
-    elbow out."""
-    return within_reach(body, cell, waiting, lift, ((_RIGHT, _LEFT),))[0]
+    """The same from where the arm waits, (n,), rad, for a lift of so much, m, whatever is in the way, never with the
+    elbow out and never askew."""
+    return within_reach(body, cell, waiting, lift, (_PLAIN,))[0]
 
 
 def within_reach(
-    body: Body, cell: Cell, waiting: Vector, lift: float, near: Sequence[Sequence[Sequence[float]]] = _EVERY
+    body: Body, cell: Cell, waiting: Vector, lift: float, searches: Sequence[Search] = _EVERY
 ) -> list[Reached]:
-    """The ways that the arm reaches, that with the least turn of a joint first; at least one. `near`: postures from
-    which they are looked for, those of the second row where the first leads to none. Raises ConfigError."""
-    found, top = ways(body, cell.hand.spec.model), float(body.position[2]) + body.extents[2] / 2.0
-    found.sort(key=lambda way: -_across(way.palm, cell.base))
-    for sides in near:
-        each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found[:_TRIED] for side in sides)
+    """The ways that the arm reaches, that with the least turn of a joint first; at least one. `searches`: each where
+    those before lead to none. Raises ConfigError."""
+    model, top = cell.hand.spec.model, float(body.position[2]) + body.extents[2] / 2.0
+    for search in searches:
+        found = sorted(ways(body, model, askew=search.askew), key=lambda way: -_across(way.palm, cell.base))[:_TRIED]
+        each = (_from(way, top, cell, waiting, lift, np.array(side)) for way in found for side in search.near)
         reached = sorted((one for one in each if one is not None), key=lambda one: one.far)
         if reached:
-            break
-    else:
-        best = found[0]
-        raise ConfigError(
-            f"{cell.spec.name} does not reach the {best.card.name} grasp of the {body.kind} at "
-            f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
-        )
-    return reached
+            return reached
+    raise ConfigError(
+        f"{cell.spec.name} does not reach the {ways(body, model)[0].card.name} grasp of the {body.kind} at "
+        f"{place(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
+    )
 
 
 def in_the_way(one: Reached, room: Room) -> Met | None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from allegro_twin.arm_spec import ArmSpec, Load
+from allegro_twin.arm_spec import ArmSpec, Load, Slowing
 from allegro_twin.drive import Drive
 from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
 from allegro_twin.types import frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness", "velocity_limit", "torque_rate")
+_SLOWING = ("a", "b", "lower", "upper")
 
 
 def spec_to_json(spec: HandSpec) -> dict[str, Any]:
@@ -59,6 +60,8 @@ def _otherwise(spec: HandSpec) -> dict[str, Any]:
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
         said["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
+        if spec.slowing is not None:
+            said["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
     if spec.followers:
         said["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
@@ -67,8 +70,9 @@ def _otherwise(spec: HandSpec) -> dict[str, Any]:
 
 
 def _arm_from(content: dict[str, Any]) -> dict[str, Any]:
-    load = content["load"]
+    load, slowing = content["load"], content.get("slowing")
     return {
+        "slowing": None if slowing is None else Slowing(**{name: frozen(slowing[name]) for name in _SLOWING}),
         "silence": content["silence"],
         "ready": frozen(content["ready"]),
         "load": None if load is None else Load(load["mass"], frozen(load["centre"])),

@@ -81,4 +81,9 @@ def write(held: Held, folder: Path, where: str = "") -> None:
 def _written(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
     """Of a file: what all its trials have in common, its stamps, its rows."""
     table, stamps = read_results(path)
-    return ({"study": json.loads(stamps.pop("study"))} if "study" in stamps else {}), stamps, table
+    try:
+        return ({"study": json.loads(stamps.pop("study"))} if "study" in stamps else {}), stamps, table
+    except ValueError as error:
+        raise RecordingError(
+            f"{path}: the protocol in it is no JSON; write it anew from its folder of trials"
+        ) from error

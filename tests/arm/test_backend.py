@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from allegro_twin.arm.compliance import Compliance, Pull
 from allegro_twin.arm.faults import Disturbed, Silent
 from allegro_twin.arm.impedance import Impedance
 from allegro_twin.arm.limits import at_limit, limits_of
-from allegro_twin.arm_spec import Load
+from allegro_twin.arm_spec import ArmSpec, Load
 from allegro_twin.control.controllers import Torque
 from allegro_twin.description.arms import load_arm
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
@@ -19,9 +21,10 @@ from allegro_twin.kinematics.arm import ArmModel, Placed
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.replay.backend import ReplayBackend
+from allegro_twin.replay.identity import spec_from_json, spec_to_json
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
-from allegro_twin.safety import Guard
+from allegro_twin.safety import Guard, violation
 from allegro_twin.types import PositionCommand, TorqueCommand, frozen
 from tests.arm.rigs import rig
 
@@ -139,3 +142,46 @@ def test_an_arm_takes_torques_alone() -> None:
     arm.guard.reset()
     with pytest.raises(CommandError, match="fer takes a TorqueCommand, not a PositionCommand"):
         arm.guard.write(PositionCommand(np.zeros(7)))
+
+
+def test_an_fr3_near_the_end_of_a_joint_may_go_no_faster_than_it_could_stop_and_stops_if_it_does() -> None:
+    spec = load_arm("fr3")
+    limits = limits_of(spec)
+    near = spec.ready.copy()
+    near[0] = 2.7
+    # libfranka, rate_limiting.h: -0.30 + √(12 (2.7501 - q)) up, 2.62 down from there.
+    assert limits.speeds is not None
+    down, up = limits.speeds(near)
+    assert (up[0], down[0]) == pytest.approx((np.sqrt(12.0 * 0.0501) - 0.3, -2.62))
+    down, up = limits.speeds(spec.ready)
+    np.testing.assert_allclose(up, [2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26])
+    assert limits_of(load_arm("fer")).speeds is None
+
+    arm = rig("fr3")
+    resting = replace(arm.sim.reset(), position=frozen(near))
+    slow = "moves at 0.60 rad/s, over its limit of 0.48 rad/s at 2.70 rad"
+    fast = "moves at -2.70 rad/s, over its limit of 2.62 rad/s"
+    for speed, said in ((0.4, None), (0.6, slow), (-2.5, None), (-2.7, fast)):
+        moving = replace(resting, velocity=frozen([speed, 0, 0, 0, 0, 0, 0]))
+        assert violation(moving, limits, spec) == (said and f"fr3_joint1 {said}")
+
+
+def test_a_recording_of_an_fr3_knows_how_fast_it_may_go() -> None:
+    spec = load_arm("fr3")
+    again = spec_from_json(json.loads(json.dumps(spec_to_json(spec))))
+    assert isinstance(again, ArmSpec)
+    assert spec.slowing is not None
+    assert again.slowing is not None
+    np.testing.assert_array_equal(again.slowing.b, spec.slowing.b)
+    assert spec_from_json(spec_to_json(load_arm("fer"))).slowing is None  # type: ignore[attr-defined]  # It is an arm's.
+
+
+def test_compliance_goes_on_near_the_end_of_an_fr3s_joint_as_slowly_as_it_must() -> None:
+    arm = rig("fr3")
+    posture = arm.model.spec.ready.copy()
+    posture[5] = 4.3
+    arm.sim.posture = posture
+    goal = posture + np.array([0, 0, 0, 0, 0, 0.17, 0])
+    arm.target.move(arm.model.pose(goal))
+    state = arm.after(1.5, Compliance(arm.model, arm.target, pull=Pull(iterations=10), smoothing=None))
+    assert state.position[5] > 4.4

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import turn
 from allegro_twin.lab.choice import Body, body_of, cards, ways
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.sim.objects import catalogue
@@ -43,6 +44,18 @@ def test_there_are_as_many_ways_as_symmetry_leaves_open(
     kind: str, extents: tuple[float, float, float], count: int
 ) -> None:
     assert len(ways(Body(kind, extents, 0.3, np.zeros(3)), "allegro")) == count
+
+
+def test_the_grasp_of_what_is_nearly_round_may_be_turned_a_little_and_no_other() -> None:
+    lemon, pear = (
+        Body("lying ellipsoid", extents, 0.3, np.zeros(3)) for extents in ((0.068, 0.054, 0.054), (0.1, 0.066, 0.066))
+    )
+    plain, askew = ways(lemon, "allegro"), ways(lemon, "allegro", askew=True)
+    assert (len(plain), len(askew)) == (2, 8)
+    off = [min(np.linalg.norm(turn(own.palm.rotation, one.palm.rotation)) for own in plain) for one in askew]
+    np.testing.assert_allclose(sorted(off), np.radians([10.0] * 4 + [20.0] * 4), atol=1e-9)
+    for other in (pear, Body("box", (0.057, 0.057, 0.057), 0.3, np.zeros(3))):
+        assert ways(other, "allegro", askew=True) == []
 
 
 def test_what_is_unlike_everything_is_refused_with_its_size() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.lab.cell import make_room, with_things
 from allegro_twin.lab.choice import Body, cards
-from allegro_twin.lab.plan import within_reach
+from allegro_twin.lab.plan import best_of, within_reach
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings, ThingSettings
 from tests.lab.test_run import room_of
@@ -58,3 +59,12 @@ def test_fingers_that_point_at_the_arm_are_reached_with_the_elbow_out() -> None:
     across = Body(box.kind, box.extents, np.radians(90.0), np.array([-0.01, -0.01, box.extents[2] / 2.0]))
     best = within_reach(across, room.cell, room.posture, 0.15)[0]
     assert abs(best.through[-1][0]) > 1.0
+
+
+def test_a_lemon_that_points_at_the_arm_is_taken_a_little_askew() -> None:
+    room = room_of()
+    egg = next(card.body for card in cards("allegro") if card.name == "lemon")
+    there = Body(egg.kind, egg.extents, np.radians(-95.0), np.array([0.0, 0.0, egg.extents[2] / 2.0]))
+    with pytest.raises(ConfigError, match="does not reach the lemon grasp"):
+        best_of(there, room.cell, room.posture, 0.15)
+    assert within_reach(there, room.cell, room.posture, 0.15)
