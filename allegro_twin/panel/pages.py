@@ -128,7 +128,9 @@ def _viser() -> None:
     found = [each.version for each in importlib.metadata.distributions(name="viser")]
     if found and all(_numbers(version) < _VISER for version in found):
         least = ".".join(map(str, _VISER))
-        raise ConfigError(f"the panel needs viser {least} or newer, and {max(found, key=_numbers)} is installed: {_EXTRA}")
+        raise ConfigError(
+            f"the panel needs viser {least} or newer, and {max(found, key=_numbers)} is installed: {_EXTRA}"
+        )
 
 
 def _numbers(version: str) -> tuple[int, ...]:

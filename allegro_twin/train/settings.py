@@ -63,8 +63,6 @@ class Recipe(Settings):
     activation: Literal["tanh", "elu"] = "elu"
     log_spread: float = -1.0
     """Logarithm of the standard deviation with which actions are tried out at the beginning."""
-    noise: Literal["action", "episode"] = "action"
-    """On actions while training: drawn anew for every action, or with rsl-rl once an episode (train/tensors/noise.py)."""
     reward_scale: Positive = 1.0
     farthest: tuple[Positive, Positive] | None = None
     """Of Reorient: how far goals are in the first round and in the last, rad; between them in a straight line."""
@@ -85,8 +83,8 @@ class Recipe(Settings):
             raise ValueError("learner dagger and a teacher go together: give both, or neither")
         if self.settle and self.start is None:
             raise ValueError("settle is for a policy to start with: give start, or leave it out")
-        for name in ("desired_kl", "start", "noise"):
-            if getattr(self, name) not in (None, "action") and self.learner != "rsl-rl":
+        for name in ("desired_kl", "start"):
+            if getattr(self, name) is not None and self.learner != "rsl-rl":
                 raise ValueError(f"{name} is for learner: rsl-rl")
         if self.environment.device != "cpu" and self.learner == "stable-baselines3":
             raise ValueError(

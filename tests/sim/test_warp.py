@@ -215,6 +215,23 @@ def test_contacts_that_find_no_room_are_an_error_and_not_left_out(room: dict[str
 
 
 @pytest.mark.long
+def test_a_contact_that_the_collider_gives_up_ends_that_episode_alone() -> None:
+    warp()
+    device = HandVectorEnv("Reorient", 3, device="warp:cpu", autoreset="disabled")
+    device.reset(seed=0)
+    worlds = device.engine.worlds
+    worlds._overflow[1] |= worlds._missed  # type: ignore[attr-defined]
+    _, _, terminated, _, info = device.step(np.zeros((3, 16), np.float32))
+    assert list(info["diverged"]) == [False, True, False]
+    assert list(terminated) == [False, True, False]
+    device.reset(options={"reset_mask": np.array([False, True, False])})
+    _, _, terminated, _, info = device.step(np.zeros((3, 16), np.float32))
+    assert not terminated.any()
+    assert not info.get("diverged", np.zeros(3)).any()
+    assert np.isfinite(worlds.position.numpy()).all()
+
+
+@pytest.mark.long
 def test_objects_of_several_shapes_weigh_and_turn_as_they_do_on_processors() -> None:
     warp()
     names = ("tennis_ball", "tomato_soup_can", "rubiks_cube", "lemon")

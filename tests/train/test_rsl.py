@@ -145,6 +145,19 @@ def test_a_training_that_starts_from_a_policy_keeps_it_until_its_value_is_known(
     assert np.abs(acts(on, seen) - acts(given, seen)).max() > 2e-3
 
 
+def test_a_training_begins_with_next_to_no_action() -> None:
+    pytest.importorskip("rsl_rl", reason=EXTRA)
+    torch = pytest.importorskip("torch")
+    from allegro_twin.gym.tensors import TensorVectorEnv
+    from allegro_twin.train.tensors.ppo import Learner
+
+    env = TensorVectorEnv("Rotate", 4, timestep=0.003)
+    learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003}), env)
+    with torch.inference_mode():
+        action = learner.ppo.get_policy()(learner._grouped(env.reset()))
+    assert 0.0 < action.abs().max() < 0.02
+
+
 def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")

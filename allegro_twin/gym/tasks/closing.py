@@ -49,9 +49,8 @@ class Closing(Task):
         self.variation = self.levels[settings.level]
         first = [(given, self.scene(given, None)) for given in self.things()]
         latest = max(self.verdict(scene) for _, scene in first)
-        action = settings.period * settings.decimation
-        if latest > self.seconds - action:  # A slower hand, or longer actions: its episodes are longer.
-            self.seconds = math.ceil(10.0 * (latest + max(MARGIN, action))) / 10.0
+        if latest > self.seconds:  # A slower hand: its episodes are longer.
+            self.seconds = math.ceil(10.0 * (latest + MARGIN)) / 10.0
         self.periods = round(self.seconds / settings.period)
         self.scenes: list[Scene] = []
         self._numbers: dict[tuple[Given, str | None], int] = {}

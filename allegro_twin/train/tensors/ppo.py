@@ -16,7 +16,6 @@ import torch
 from gymnasium import spaces
 from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel
-from rsl_rl.modules.distribution import GaussianDistribution
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
@@ -29,13 +28,10 @@ from allegro_twin.train.graph.left import left
 from allegro_twin.train.learned import ACHIEVED, GOAL, STATE, Advance, Trained, farthest_of, rate_of
 from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
-from allegro_twin.train.tensors.noise import Lasting
 from allegro_twin.train.tensors.rounds import in_rounds
-from allegro_twin.train.tensors.starting import start_from
+from allegro_twin.train.tensors.starting import start_from, start_still
 from allegro_twin.train.tensors.tally import Tally
 
-FIRST = 0.01
-"""Of the policy's last weights, at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
 SEEN, ALL = "policy", "critic"
 """Groups of an observation: what the policy sees, and what the critic sees."""
 
@@ -55,13 +51,9 @@ class Learner:
             "activation": recipe.activation,
             "obs_normalization": True,
         }
-        kind = Lasting if recipe.noise == "episode" else GaussianDistribution
-        spread = {"class_name": kind, "init_std": math.exp(recipe.log_spread), "std_type": "log"}
+        spread = {"class_name": "GaussianDistribution", "init_std": math.exp(recipe.log_spread), "std_type": "log"}
         actor = MLPModel(self._seen, groups, "actor", joints, distribution_cfg=spread, **shared)
         critic = MLPModel(self._seen, groups, "critic", 1, **shared)
-        with torch.no_grad():  # As good as no action at first: what a task does without one is a better start than noise.
-            actor.mlp[-1].weight.mul_(FIRST)
-            actor.mlp[-1].bias.mul_(FIRST)
         storage = RolloutStorage("rl", env.num_envs, recipe.rollout, self._seen, [joints], str(self.device))
         self.ppo = PPO(
             actor.to(self.device),
@@ -80,6 +72,7 @@ class Learner:
         )
         self.ppo.train_mode()
         self._settling = recipe.settle
+        start_still(actor)
         if recipe.start is not None:
             start_from(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
         env.spread()
@@ -113,8 +106,6 @@ class Learner:
                 more = {"time_outs": truncated & ~failed}
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
                 self._tally.add(reward, ended, info["is_success"])
-                if self.recipe.noise == "episode":
-                    self.ppo.actor.distribution.renew(ended)
             self.ppo.compute_returns(self._seen)
         with self._settled():
             self.ppo.update()

@@ -1,4 +1,4 @@
-"""A training that begins with a policy that is there, instead of a random one."""
+"""How a training begins: with a policy that does next to nothing, or with one that is there."""
 
 from __future__ import annotations
 
@@ -13,9 +13,18 @@ from allegro_twin.train.graph.left import numbers_left
 from allegro_twin.train.graph.taken import layers_of
 from allegro_twin.train.learned import ACHIEVED, GOAL
 
+STILL = 0.01
+"""Of a policy's last weights, at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
 KNOWN = 1_000_000
 """Observations that the normalisation of the policy counts as."""
 _LEFT = "left"
+
+
+def start_still(actor: Any) -> None:
+    """Let an actor of rsl-rl do next to nothing: what a task does without action is a better beginning than chance."""
+    with torch.no_grad():
+        for each in actor.mlp[-1].parameters():
+            each.mul_(STILL)
 
 
 def start_from(actor: Any, path: Path, widths: dict[str, int]) -> None:
