@@ -29,7 +29,7 @@ _DERIVED = ("body_subtreemass", "body_invweight0", "dof_invweight0", "geom_rboun
 """What follows from masses, sizes and inertias. Of the rest that MuJoCo derives our scenes have nothing."""
 # Of an overflow's bits: the solver stopped at its last iteration, which MuJoCo does in silence.
 _ITERATIONS = ("ITERATIONS", "LS_ITERATIONS")
-# Two shapes met in a way that the general collider has no room for. That room is fixed: nothing that a user could raise.
+# Two shapes met in a way that the general collider has no room for; that room is fixed, nobody could raise it.
 _MISSED = "EPA_HORIZON"
 _PLACES = {"body_pos", "body_quat", "geom_pos", "geom_quat"}
 """Where things are that nothing moves: MuJoCo Warp places the geoms of those once, in `make_data`."""
