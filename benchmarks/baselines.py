@@ -21,8 +21,13 @@ from benchmarks.unlearned import SEED, Random, put, shown
 
 EPISODES, JOINTS = 200, 16
 REACH = 0.3  # rad, of the residual tasks.
-SQUEEZES = (0.05, 0.10, 0.15)  # rad on the flexion joints, from a quarter of the episode on.
-FLEXION = np.array([0, 1, 1, 1] * 3 + [0, 0, 1, 1], np.float32)
+JOINTS_OF = {
+    "flexion": np.array([0, 1, 1, 1] * 3 + [0, 0, 1, 1], np.float32),
+    "proximal": np.array([0, 1, 0, 0] * 3 + [0, 0, 0, 0], np.float32),
+}
+"""All joints that close, and of the three fingers the first of these, which leaves the thumb where it is."""
+SQUEEZES = (("flexion", 0.05), ("flexion", 0.10), ("flexion", 0.15), ("proximal", 0.10), ("proximal", 0.20))
+"""rad on some joints, from a quarter of the episode on."""
 SHUT = 0.25
 HEAD = "| task | level | nothing | random | best constant | of |"
 
@@ -31,12 +36,13 @@ HEAD = "| task | level | nothing | random | best constant | of |"
 class Squeeze:
     """A constant beyond the script, once the fingers have closed."""
 
+    joints: str
     offset: float
 
     def __call__(self, observation: Observation) -> Floats:
         assert not isinstance(observation, dict)
         shut = observation[..., 64:65] > SHUT
-        action: Floats = np.where(shut, FLEXION * np.float32(self.offset / REACH), np.float32(0.0))
+        action: Floats = np.where(shut, JOINTS_OF[self.joints] * np.float32(self.offset / REACH), np.float32(0.0))
         return action
 
 
@@ -55,9 +61,9 @@ def rows(tasks: list[str], episodes: int = EPISODES) -> Iterator[str]:
 
 
 def _constant(task: str, given: dict[str, Any], episodes: int) -> str:
-    found = {c: _of(Squeeze(c), task, given | {"control": "absolute"}, episodes) for c in SQUEEZES}
-    best = max(found, key=lambda c: found[c].rate)
-    return f"{shown(found[best])} at {best:+.2f} rad"
+    found = {which: _of(Squeeze(*which), task, given | {"control": "absolute"}, episodes) for which in SQUEEZES}
+    joints, offset = max(found, key=lambda which: found[which].rate)
+    return f"{shown(found[joints, offset])} at {offset:+.2f} rad, {joints}"
 
 
 def _of(policy: Policy, task: str, given: dict[str, Any], episodes: int) -> Evaluation:
