@@ -97,7 +97,7 @@ class Page:
 
 
 class Pages:
-    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is not installed or too old."""
+    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is missing or too old."""
 
     def __init__(self, host: str, port: int, gone: str, token: str | None = None, *, cell: bool = False) -> None:
         _viser()
@@ -128,7 +128,9 @@ def _viser() -> None:
     found = [each.version for each in importlib.metadata.distributions(name="viser")]
     if found and all(_numbers(version) < _VISER for version in found):
         least = ".".join(map(str, _VISER))
-        raise ConfigError(f"the panel needs viser {least} or newer, and {max(found, key=_numbers)} is installed: {_EXTRA}")
+        raise ConfigError(
+            f"the panel needs viser {least} or newer, and {max(found, key=_numbers)} is installed: {_EXTRA}"
+        )
 
 
 def _numbers(version: str) -> tuple[int, ...]:
