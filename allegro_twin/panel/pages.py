@@ -97,7 +97,7 @@ class Page:
 
 
 class Pages:
-    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is not installed or too old."""
+    """Where pages are served. Raises ConfigError for a port that is taken, and where viser is missing or too old."""
 
     def __init__(self, host: str, port: int, gone: str, token: str | None = None, *, cell: bool = False) -> None:
         _viser()

@@ -22,7 +22,8 @@ ALERT = 0x80
 """In a status packet's error: the servo has a hardware error."""
 _HEAD = struct.Struct("<4sBH")
 _POLYNOMIAL = 0x8005
-_PATTERN, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+STUFFS, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+"""What is written otherwise in a body, since a header begins so, and how."""
 
 
 class Instruction(IntEnum):
@@ -62,8 +63,8 @@ class Packet(NamedTuple):
     def encoded(self) -> bytes:
         """As it stands on the wire. Raises ValueError where the stuffed length exceeds 65535."""
         body = bytes((self.instruction,)) + self.parameters
-        if _PATTERN in body:
-            body = body.replace(_PATTERN, _STUFFED)
+        if STUFFS in body:
+            body = body.replace(STUFFS, _STUFFED)
         head = _HEAD.pack(HEADER, self.id, len(body) + 2) + body
         return head + crc16(head).to_bytes(2, "little")
 
@@ -140,6 +141,6 @@ class Parser:
                 found.append(Damaged(identifier))
                 del held[:3]
             else:
-                body = bytes(held[7 : end - 2]).replace(_STUFFED, _PATTERN)
+                body = bytes(held[7 : end - 2]).replace(_STUFFED, STUFFS)
                 found.append(Packet(identifier, body[0], body[1:]))
                 del held[:end]

@@ -18,12 +18,14 @@ class SdkLine:
         """`latency`: s that an answer may take beside its bytes."""
         self.port, self._latency = port, latency
         self._overdue, self._left = 0.0, FLOOD
+        self._returned = b""
 
     def getBaudRate(self) -> int:
         return self.port.baud
 
     def clearPort(self) -> None:
         """Forget what was received."""
+        self._returned = b""
         self.port.clear()
 
     def writePort(self, packet: list[int]) -> int:
@@ -33,11 +35,25 @@ class SdkLine:
 
     def readPort(self, length: int) -> bytes:
         """So many bytes at most, waiting for the first until the answer is overdue."""
+        if self._returned:
+            data, self._returned = self._returned[:length], self._returned[length:]
+            return data
         data = self.port.receive(min(length, self._left), self._overdue - self.port.now())
         self._left -= len(data)
         if not data and self.port.lockstep:
             self._left = 0  # What has not come by now will not come.
         return data
+
+    def take(self, length: int) -> bytes:
+        """So many bytes, or those that came until the answer was overdue."""
+        said = b""
+        while len(said) < length and not self.isPacketTimeout():
+            said += self.readPort(length - len(said))
+        return said
+
+    def give_back(self, data: bytes) -> None:
+        """Bytes that were taken are read once more, before all others."""
+        self._returned = data + self._returned
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """An answer of so many bytes is awaited from now on."""
