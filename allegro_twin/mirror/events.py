@@ -67,7 +67,7 @@ def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: flo
         raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
     rows = slice(first, first + (len(free) - first) // block * block)
     free, moving = free[rows], moving[rows]
-    above = np.empty((2, spec.n_joints))
+    above = np.full((2, spec.n_joints), np.inf)
     for finger in spec.fingers:
         own = list(finger.joints)
         for which, chosen in enumerate((~moving[:, own], moving[:, own])):
@@ -80,7 +80,7 @@ def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: flo
         above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
     above = np.maximum(above, LEAST)
     above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
-    return above
+    return np.asarray(above)
 
 
 def _rare(squares: Vector, block: int) -> float:
