@@ -37,7 +37,7 @@ def learned(seed: int, spec: HandSpec, seconds: float) -> Calm:
         disturbance.append(each.latest()["disturbance"])
         moving.append(each.moving)
     gains: Array = np.array(each.diagnosis.gains)
-    return Calm.of(np.array(disturbance[1:]), np.array(moving[1:]), gains, PERIOD, spec)
+    return Calm.of(np.array(disturbance[1:]), np.array(moving[1:]), each.observer.held, gains, PERIOD, spec)
 
 
 def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> tuple[str, int, int, float]:

@@ -22,7 +22,7 @@ from allegro_twin.mirror.events import axes, thresholds, touched
 from allegro_twin.sim.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
-from benchmarks.mirrored_hands import PERIOD, N, Touch, constant, disturbances, hand, touch, wall
+from benchmarks.mirrored_hands import PERIOD, N, Touch, constant, disturbances, hand, mirror_of, touch, wall
 
 
 def figures() -> Iterator[tuple[str, float, float, str]]:
@@ -70,7 +70,7 @@ def main() -> None:
 def learned(seed: int, spec: HandSpec, seconds: float, *, coulomb: bool) -> Array:
     """Thresholds from a free motion."""
     free, moving = disturbances(spec, 1000 + seed, seconds, coulomb=coulomb)
-    above = thresholds(free, moving, PERIOD, spec)
+    above = thresholds(free, moving, mirror_of(spec, coulomb=coulomb).observer.held, PERIOD, spec)
     for which, (name, rows) in enumerate((("at rest", ~moving[400:]), ("moving", moving[400:]))):
         print(f"hand {seed}, joints {name}: floor {1e3 * free[400:][rows].std():.1f} mN·m, thresholds "
               f"{1e3 * above[which].min():.1f} to {1e3 * above[which].max():.1f}", flush=True)  # fmt: skip

@@ -124,7 +124,7 @@ def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     recording = load(free)
     _, disturbance, _, moving, each = _seen(recording, hand, None, gravity)
     gains = np.array(each.diagnosis.gains).reshape(-1, len(recording.spec.fingers))
-    return Calm.of(disturbance, moving, gains, recording.period, recording.spec)
+    return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec)
 
 
 def _mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:

@@ -50,11 +50,14 @@ class Calm(NamedTuple):
         return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf))
 
     @staticmethod
-    def of(disturbance: Array, moving: NDArray[np.bool_], gains: Array, period: float, spec: HandSpec) -> Calm:
-        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), and the largest gains of
-        its looks, (looks, fingers). A gain is reached once in RARE looks, by Gumbel's law over blocks of looks that
-        overlap in nothing. Raises ConfigError where it is too short."""
-        above, blocks = thresholds(disturbance, moving, period, spec), len(gains) // BLOCK
+    def of(
+        disturbance: Array, moving: NDArray[np.bool_], held: Vector, gains: Array, period: float, spec: HandSpec
+    ) -> Calm:
+        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
+        those at rest (`Observer.held`), and the largest gains of its looks, (looks, fingers). A gain is reached once in
+        RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError where it is too
+        short."""
+        above, blocks = thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
             return Calm(above, np.full(len(spec.fingers), np.inf))
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)

@@ -58,16 +58,16 @@ def axes(above: Array, moving: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(moving, above[1], above[0]))
 
 
-def thresholds(free: Array, moving: NDArray[np.bool_], period: float, spec: HandSpec) -> Array:
+def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
     """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m, from the disturbances (k, n),
-    N·m, of a motion that touches nothing and which joints moved for a while. Raises ConfigError where it is too short
-    to tell."""
+    N·m, of a motion that touches nothing and which joints moved for a while. `held`: what friction that breaks away may
+    hold in a joint at rest, (n,), N·m; less is no touch there. Raises ConfigError where it is too short to tell."""
     first, block = round(SETTLED / period), round(BLOCK / period)
     if len(free) < 4 * first:
         raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
     rows = slice(first, first + (len(free) - first) // block * block)
     free, moving = free[rows], moving[rows]
-    above = np.empty((2, spec.n_joints))
+    above = np.full((2, spec.n_joints), np.inf)
     for finger in spec.fingers:
         own = list(finger.joints)
         for which, chosen in enumerate((~moving[:, own], moving[:, own])):
@@ -78,7 +78,9 @@ def thresholds(free: Array, moving: NDArray[np.bool_], period: float, spec: Hand
             above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
         both = pushed(free, axes(above, moving), spec, own)
         above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
-    return np.maximum(above, LEAST)
+    above = np.maximum(above, LEAST)
+    above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
+    return np.asarray(above)
 
 
 def _rare(squares: Vector, block: int) -> float:

@@ -54,7 +54,7 @@ class LoopObserver:
             self._direct[model.jnt_dofadr[joint], motor] = 1.0
         # A motor at the end of its force answers nothing: its joints are then free but for their springs.
         self._gains, self._slack = (self._kalman(spec, period, answers) for answers in (1.0, 0.0))
-        self.period = period
+        self.period, self.held = period, np.zeros(spec.n_joints)
 
     @property
     def torque(self) -> Vector:

@@ -50,6 +50,8 @@ class Observer:
         self._gains = self._kalman(spec, drive, period)
         self._offset = drive.offset
         self.period, self.torque_constant = period, drive.torque_constant
+        self.held = drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
+        """What friction that breaks away may hold in a joint at rest, (n,), N·m; how much it does nobody knows."""
         self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
 
     def reset(self, position: Vector) -> None:

@@ -39,13 +39,10 @@ def config(side: str = "right", drive: Mapping[str, float] | None = None) -> Run
     return can_config("v4", side=side, scene={"kind": "sim", "timestep": 0.0005, "truth": truth})  # type: ignore[arg-type]
 
 
-BACKLASH = 0.005
-
-
 @cache
-def recordings(*, breaking: bool = False, loose: bool = False) -> tuple[Path, ...]:
-    """One for each pose; `breaking`: of a hand whose friction is of SHAPE; `loose`: with BACKLASH."""
-    own = config(drive=(SHAPE if breaking else {}) | ({"backlash": BACKLASH} if loose else {}))
+def recordings(*, breaking: bool = False) -> tuple[Path, ...]:
+    """One for each pose; `breaking`: of a hand whose friction is of SHAPE."""
+    own = config(drive=SHAPE) if breaking else config()
     folder, found = Path(mkdtemp()), []
     for pose in POSES:
         task = task_of(own, pose, SECONDS, 3, folder)

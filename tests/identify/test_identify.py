@@ -99,22 +99,6 @@ def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_w
     assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
 
 
-@pytest.mark.long
-def test_backlash_is_seen_and_found_and_is_no_delay(tmp_path: Path) -> None:
-    result = identify(hidden.recordings(loose=True), (), masses_known=True)
-    assert result.fit.loose
-    play, late = result.values["backlash"], result.values["delay"]
-    assert play.determined.sum() >= 12
-    assert np.abs(play.value - hidden.BACKLASH)[play.determined].max() < 1e-3
-    assert abs(late.value[0] - hidden.DELAY) < 5e-4
-    assert np.median(np.abs(result.fit.drive.torque_constant / hidden.CONSTANT - 1.0)) < 0.01
-    file = tmp_path / "mine.yaml"
-    stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
-    drive = load_spec(serial=str(file)).drive
-    assert drive is not None
-    np.testing.assert_allclose(np.median(drive.backlash), hidden.BACKLASH, atol=5e-4)
-
-
 def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
     result = hidden.found()
     assert not result.fit.loose

@@ -142,7 +142,7 @@ def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
     rng = np.random.default_rng(0)
     free = 0.002 * rng.standard_normal((4000, N))
     few, many = (
-        Calm.of(free, np.zeros(free.shape, bool), 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec)
+        Calm.of(free, np.zeros(free.shape, bool), np.zeros(N), 1e-6 * rng.exponential(size=(count, 4)), 0.003, spec)
         for count in (79, 400)
     )
     assert np.isinf(few.gains).all()

@@ -30,7 +30,7 @@ from tests.conftest import MakeSim
 
 N = 16
 STILL = np.zeros((20_000, N), dtype=bool)
-ONE = np.ones(N)
+ONE, ZERO = np.ones(N), np.zeros(N)
 
 
 def mirror(spec: HandSpec, above: Vector | None = None, stop: tuple[str, ...] = ()) -> Mirror:
@@ -69,7 +69,7 @@ def test_a_free_hand_moves_as_expected_and_nothing_pushes_it(spec: HandSpec, han
     settled = t > 1.0
     assert np.abs(off[settled]).max() < 1e-4
     assert np.abs(disturbance[settled]).max() < 0.004
-    assert not contacts(t, disturbance, thresholds(disturbance, STILL[: len(disturbance)], 0.003, spec)[0], spec)
+    assert not contacts(t, disturbance, thresholds(disturbance, STILL[: len(disturbance)], ZERO, 0.003, spec)[0], spec)
 
 
 def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBackend) -> None:
@@ -126,7 +126,7 @@ def test_a_minute_of_noise_sets_thresholds_that_half_an_hour_of_it_does_not_reac
     def noise(periods: int) -> Array:  # A disturbance keeps its value for some periods.
         return np.asarray(usual * np.repeat(rng.standard_normal((periods // 4, N)), 4, axis=0))
 
-    above = thresholds(noise(20_000), STILL, 0.003, spec)
+    above = thresholds(noise(20_000), STILL, ZERO, 0.003, spec)
     assert (above / usual < 8.5).all()
     assert not any(touched(noise(60_000), above[0], spec).any() for _ in range(10))
 
@@ -134,10 +134,12 @@ def test_a_minute_of_noise_sets_thresholds_that_half_an_hour_of_it_does_not_reac
 def test_joints_at_rest_whose_friction_holds_anything_do_not_blunt_moving_ones(spec: HandSpec) -> None:
     rng, still = np.random.default_rng(1), np.repeat(np.arange(20_000)[:, None] // 400 % 2 == 0, N, axis=1)
     free = np.where(still, 0.02, 0.002) * np.repeat(rng.standard_normal((5_000, N)), 4, axis=0)
-    above = thresholds(free, ~still, 0.003, spec)
+    above = thresholds(free, ~still, ZERO, 0.003, spec)
     assert (above[1] < 0.02).all()
     assert (above[0] > 0.08).all()
     assert not touched(free, axes(above, ~still), spec).any()
+    held = thresholds(free, ~still, np.full(N, 0.5), 0.003, spec)
+    np.testing.assert_allclose(held, [above[1] + 0.5, above[1]])
     free[[801, 802, 803, 1201, 1202, 1203], 6] = 0.03
     seen = touched(free, axes(above, ~still), spec)
     assert [bool(seen[rows, 1].any()) for rows in (slice(801, 804), slice(1201, 1204))] == [False, True]
@@ -155,7 +157,7 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
     spec: HandSpec, hand: SimBackend
 ) -> None:
     with pytest.raises(ConfigError, match="a free motion of 0.3 s says too little: at least 4 s"):
-        thresholds(np.zeros((100, N)), STILL[:100], 0.003, spec)
+        thresholds(np.zeros((100, N)), STILL[:100], ZERO, 0.003, spec)
     state, command = next(moving(spec, hand))
     lost = Sample(replace(state, gravity=np.full(3, np.nan)), command)
     with pytest.raises(ConfigError, match="must know where down is"):
