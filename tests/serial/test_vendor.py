@@ -85,7 +85,7 @@ def test_sync_write_and_sync_read_move_the_hand_and_tell_where_it_is(
     for identifier in (3, 4, 5, 6):
         assert read.addParam(identifier)
 
-    def there() -> bool:  # The SDK gives an answer up after milliseconds of the wall clock, which a busy machine may take.
+    def there() -> bool:  # The SDK gives an answer up after milliseconds, which a busy machine may take.
         return read.txRxPacket() == 0 and all(abs(read.getData(3 + k, 132, 4) - (2300 + 10 * k)) <= 1 for k in range(4))
 
     assert soon(there, 30.0)  # The SDK waits busily, in one interpreter with the hand.
