@@ -51,7 +51,7 @@ def test_one_list_is_only_that_list(command: Run) -> None:
 def test_what_a_policy_does_is_told_to_the_end_of_its_sentence(command: Run) -> None:
     cells = [line.split("│")[2] for line in command("list", "policies")[1].splitlines() if "│" in line]
     told = " ".join(" ".join(cells).split())
-    assert "and holds it through a push: the library's grasp plus up to 0.15 rad a joint." in told
+    assert "and holds it through a push: the library's grasp plus up to 0.3 rad a joint." in told
     assert "Observations and actions" not in told
 
 
