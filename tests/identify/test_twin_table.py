@@ -17,6 +17,7 @@ def hand(seed: int, backlash: float) -> dict[str, Any]:
     errors = {f"{name}{end}": json.dumps([value] * 16) for name in BARS for end, value in _ENDS.items()}
     errors["torque_constant_determined"] = json.dumps([1.0, 1.0, 0.0] + [1.0] * 13)
     moved = {"nominal_mrad": json.dumps([200.0] * 16), "open_loop_mrad": json.dumps([float(seed)] * 16)}
+    moved["truth_mrad"] = json.dumps([0.5] * 16)
     own = {"key": "x", "error": None, "kind": "mismatched", "seed": seed, "backlash_true": backlash, "loose": seed == 2}
     return own | errors | moved | {"residual": json.dumps([1.0] * 16), "cpu_s": 80.0, "data_s": 40.0}
 
@@ -30,8 +31,12 @@ def test_a_campaign_is_a_table_of_determined_values_beside_their_bars() -> None:
     assert lines[0] == "mismatched: 3 hands, seeds 1, 2, 5"
     assert "| torque constant | 0.1 / 0.1 / 0.1 % | 45 of 48 | 100 % | 3 / 10 % |" in lines
     assert "| hands with backlash of which some was seen | 1 of 2 | | | |" in lines
-    assert "| open loop 5 s, with backlash, by hand | 2, 5 mrad | | | ≤ 15 mrad, ≥ 10× |" in lines
-    assert "| the same: nominal, median; better by, least | 200 mrad; 40.0× | | | |" in lines
+    assert (
+        "| open loop 5 s, with backlash, by joint | 3.5 / 5 / 5 mrad | 32 of 32 within | | ≤ 15 mrad, ≥ 10× |" in lines
+    )
+    assert "| the same by hand | 2, 5 mrad | | | ≤ 15 mrad, ≥ 10× |" in lines
+    assert "| the same with the true drive | 0.5, 0.5 mrad | | | |" in lines
+    assert "| the same, nominal: median; better by, median | 200 mrad; 70× | | | |" in lines
     assert "| CPU for 60 s of data, median / worst | 120 / 120 s | | | ≤ 180 s |" in lines
 
 

@@ -87,11 +87,12 @@ def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, 
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
-    sides = (_side(motion, player, drive, horizons) for player, drive in (before, after))
+    sides = (side_of(motion, player, drive, horizons) for player, drive in (before, after))
     return Gap(motion.name, horizons, *sides)
 
 
-def _side(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...]) -> Side:
+def side_of(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS) -> Side:
+    """How far a model is from a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:
         length = round(horizon / motion.period)
