@@ -204,7 +204,7 @@ def _look(rig: Rig) -> dict[str, Any]:
         return rig.trial.meta()
     if rig.sim is None or (rig.spec.foreign is None and not isinstance(rig.spec, ArmSpec)):
         return {}
-    from allegro_twin.sim.appearance import scene_look
+    from allegro_twin.sim.model.appearance import scene_look
 
     return {"look": scene_look(rig.sim.model, rig.spec, ())}
 

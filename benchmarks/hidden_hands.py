@@ -20,9 +20,9 @@ from allegro_twin.identify.motions.motion import Motion, read_motion
 from allegro_twin.identify.results.gap import SMALLEST, Gap, side_of
 from allegro_twin.identify.results.method import Identified, gaps, identify
 from allegro_twin.identify.results.stored import store
-from allegro_twin.sim.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.drive.backlash import SMALLEST as LEAST_PLAY
 from allegro_twin.types import Array
 
 POSES, UNSEEN = ("up", "palm-up", "side"), "palm-down"

@@ -22,7 +22,7 @@ from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Sample, frozen
 
 PERIODS, ROUNDS = 1500, 9

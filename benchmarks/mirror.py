@@ -19,7 +19,7 @@ import numpy as np
 from allegro_twin.description.hands import load_spec
 from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.mirror.events import axes, thresholds, touched
-from allegro_twin.sim.observer import Observer
+from allegro_twin.sim.beside.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, Touch, constant, disturbances, hand, mirror_of, touch, wall

@@ -21,10 +21,10 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.events import PERIODS, axes, pushed
 from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.observer import Observer
-from allegro_twin.sim.physics import Physics
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, frozen
 

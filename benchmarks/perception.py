@@ -27,8 +27,8 @@ from allegro_twin.perception.pipeline import Found, Pipeline
 from allegro_twin.perception.principal import principal_frame
 from allegro_twin.perception.settings import PerceptionSettings
 from allegro_twin.perception.verdict import Refused
-from allegro_twin.sim.objects import Placement, Thing, catalogue
-from allegro_twin.sim.tabletop import standing, tabletop
+from allegro_twin.sim.things.objects import Placement, Thing, catalogue
+from allegro_twin.sim.things.tabletop import standing, tabletop
 from allegro_twin.types import Array
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.

@@ -19,8 +19,8 @@ from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found, Pipeline
 from allegro_twin.perception.settings import PerceptionSettings
 from allegro_twin.perception.target import Target, target
-from allegro_twin.sim.objects import Placement, named
-from allegro_twin.sim.tabletop import standing, tabletop
+from allegro_twin.sim.things.objects import Placement, named
+from allegro_twin.sim.things.tabletop import standing, tabletop
 from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]

@@ -23,7 +23,7 @@ from allegro_twin.evaluate.together import Verdict
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.files.assets import data_root
 from allegro_twin.library.named import load_grasp
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 
 DEMO = sorted(path.stem for path in (data_root() / "scenarios" / "demo").glob("*.yaml"))
 PROTOCOL = load_protocol("table_pick")

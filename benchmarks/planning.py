@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.build.trials import Bench, Case
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.files.assets import data_root, read_yaml

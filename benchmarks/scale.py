@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from allegro_twin.build.campaign import JUDGE
 from allegro_twin.build.trials import judged
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sweep.jobs import Sweep
 from allegro_twin.sweep.local import Local, cores
 from allegro_twin.sweep.running import run

@@ -6,7 +6,7 @@ import sys
 
 from allegro_twin.files.assets import data_root
 from allegro_twin.gym.tasks.held import file_name, write
-from allegro_twin.sim.objects import named
+from allegro_twin.sim.things.objects import named
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:

@@ -20,8 +20,8 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim import wrist
-from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.types import Array
 
 Row = Mapping[str, Any]

@@ -6,7 +6,7 @@ from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.hand import Hand
 from allegro_twin.library.entries import trajectory_entry
 from allegro_twin.library.library import Library
-from allegro_twin.sim.guide import Guide
+from allegro_twin.sim.engine.guide import Guide
 
 with Hand.open("sim_right") as hand:
     hand.move_to("open")

@@ -24,8 +24,8 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
 from allegro_twin.wire.host.backend import CanBackend

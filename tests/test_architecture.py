@@ -72,6 +72,7 @@ FLOORS = {
     "serial": ["line", "dynamixel", "polled", "qb", "schunk"],
     "serial/dynamixel": ["codec", "host", "device"],
     "identify": ["motions", "fitting", "results"],
+    "sim": ["drive", "things", "model", "engine", "contact", "worlds", "beside"],
 }
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -157,7 +158,7 @@ def test_every_library_has_one_home(path: Path) -> None:
 
 def test_only_paced_sleeps_and_only_the_wire_ros_the_trainer_and_the_planner_ask_for_the_time() -> None:
     users = {p.relative_to(PACKAGE) for p in MODULES if "time" in imports(p) or "datetime" in imports(p)}
-    dated = {"cli/calibration.py", "cli/identifying.py"}  # Write into a file on which day it was measured.
+    dated = {"cli/hand/calibration.py", "cli/twins/identifying.py"}  # Write into a file on which day it was measured.
     timed = ("wire", "serial", "train", "plan", "ros")
     assert {str(p) for p in users if p.parts[0] not in timed} == {"loop.py", *dated}
     assert {str(p.relative_to(PACKAGE)) for p in MODULES if "time.sleep(" in p.read_text()} == {"loop.py"}

@@ -23,7 +23,7 @@ from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
-from allegro_twin.sim.guide import Guide
+from allegro_twin.sim.engine.guide import Guide
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, Sample, Vector
 from tests.conftest import can_config

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.cli.keys import play, pressed
+from allegro_twin.cli.hand.keys import play, pressed
 from allegro_twin.config import RunConfig
 from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Waypoint

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from allegro_twin.build import Rig, assemble
-from allegro_twin.cli.runs import Options, configs_of, outputs_in
+from allegro_twin.cli.run.runs import Options, configs_of, outputs_in
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.control.force_grasp import CentroidGrasp
 from allegro_twin.errors import ConfigError

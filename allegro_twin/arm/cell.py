@@ -27,12 +27,12 @@ from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.mounted import Mounted
-from allegro_twin.sim.objects import Placement
-from allegro_twin.sim.physics import Physics
-from allegro_twin.sim.scene import Stage, compile_scene
-from allegro_twin.sim.world import World
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.engine.world import World
+from allegro_twin.sim.model.mounted import Mounted
+from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.things.objects import Placement
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 

@@ -46,8 +46,8 @@ from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.schema import parse
 from allegro_twin.loop import Controller
 from allegro_twin.replay.recording import Recording, load
-from allegro_twin.sim.backend import ENGINE, SimBackend
-from allegro_twin.sim.posed import moved_by
+from allegro_twin.sim.engine.backend import ENGINE, SimBackend
+from allegro_twin.sim.model.posed import moved_by
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 

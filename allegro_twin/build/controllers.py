@@ -132,7 +132,7 @@ def _following(
 def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
     from allegro_twin.grasping import performer
-    from allegro_twin.sim.statics import hand_model
+    from allegro_twin.sim.model.statics import hand_model
 
     if settings.kind != "pd" or not settings.compensate:
         key = "kind: pid" if settings.kind != "pd" else "compensate: false"
@@ -144,6 +144,6 @@ def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: Hand
 
 def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:
     from allegro_twin.control.controllers import Gravity
-    from allegro_twin.sim.statics import hand_model
+    from allegro_twin.sim.model.statics import hand_model
 
     return Gravity(hand_model(spec).gravity_torque, None if vector is None else frozen(vector))

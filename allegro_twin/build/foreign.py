@@ -14,7 +14,7 @@ from allegro_twin.evaluate.scenario import ObjectSettings, Scenario
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.library.entries import Taxonomy
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.sim.meshes import SUFFIXES, middle_of
+from allegro_twin.sim.things.meshes import SUFFIXES, middle_of
 from allegro_twin.spec import HandSpec
 
 # The formats do not say of which type a grasp is, and this number is none of the taxonomy's 33.

@@ -24,7 +24,7 @@ from allegro_twin.mirror.events import Contact, axes, contacts
 from allegro_twin.mirror.mirror import STOPS, Mirror
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import Recording, load
-from allegro_twin.sim.observer import Observer
+from allegro_twin.sim.beside.observer import Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
@@ -72,7 +72,7 @@ def make_loop_mirror(
 ) -> Mirror:
     """Of a hand that closes its own loop: what is driven is compared with what the same loop does in simulation.
     `gravity`: in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
-    from allegro_twin.sim.loop_observer import LoopObserver
+    from allegro_twin.sim.beside.loop_observer import LoopObserver
 
     _known(stop)
     return Mirror(spec, LoopObserver(spec, period), np.ones(spec.n_joints), calm, stop, gravity)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
     from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
     from allegro_twin.serial.polled.backend import PolledBackend
-    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.engine.backend import SimBackend
     from allegro_twin.wire.host.backend import CanBackend
 
 
@@ -64,7 +64,7 @@ def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     limits = limits_of(config.limits, spec)
     if not spec.apart:
         return Guard(backend, limits)
-    from allegro_twin.sim.interlock import Interlock
+    from allegro_twin.sim.contact.interlock import Interlock
 
     return Guard(backend, limits, Interlock(spec))
 

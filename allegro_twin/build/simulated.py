@@ -17,7 +17,7 @@ from allegro_twin.types import Vector
 if TYPE_CHECKING:
     from allegro_twin.evaluate.scenario import ObjectSettings
     from allegro_twin.evaluate.trial import Trial
-    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.engine.backend import SimBackend
 
 
 class Simulated(NamedTuple):
@@ -70,7 +70,7 @@ def make_trial(
 def object_of(name: str) -> ObjectSettings:
     """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³."""
     from allegro_twin.evaluate.scenario import ObjectSettings
-    from allegro_twin.sim.meshes import SUFFIXES
+    from allegro_twin.sim.things.meshes import SUFFIXES
 
     path = Path(name)
     if path.suffix.lower() not in SUFFIXES:
@@ -106,9 +106,9 @@ def following(hand: HandSettings, gains: str | None = None) -> dict[str, str]:
 
 def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
     from allegro_twin.kinematics.orientation import quaternion_facing
-    from allegro_twin.sim.backend import SimBackend
-    from allegro_twin.sim.physics import Physics
-    from allegro_twin.sim.scene import Stage, compile_scene
+    from allegro_twin.sim.engine.backend import SimBackend
+    from allegro_twin.sim.model.physics import Physics
+    from allegro_twin.sim.model.scene import Stage, compile_scene
 
     step = getattr(settings, "timestep", None)
     stage = Stage(

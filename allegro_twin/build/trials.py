@@ -28,7 +28,7 @@ from allegro_twin.library.entries import HAND
 from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 
 if TYPE_CHECKING:
     from allegro_twin.spec import HandSpec, Side

@@ -31,7 +31,7 @@ from allegro_twin.wire.tools.checkup import Checkup
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.trial import Trial
-    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.engine.backend import SimBackend
 
 _HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
 
@@ -138,6 +138,6 @@ def _serial(config: RunConfig, codec: Codec) -> str:
 
 
 def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    from allegro_twin.sim.touch import FingertipPressure
+    from allegro_twin.sim.engine.touch import FingertipPressure
 
     return FingertipPressure(sim)

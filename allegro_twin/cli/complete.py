@@ -46,14 +46,14 @@ def targets() -> list[str]:
 
 
 def objects() -> list[str]:
-    from allegro_twin.sim.objects import catalogue
+    from allegro_twin.sim.things.objects import catalogue
 
     return sorted(catalogue())
 
 
 def kinds() -> list[str]:
     """Of lists."""
-    from allegro_twin.cli.catalogue import KINDS
+    from allegro_twin.cli.shown.catalogue import KINDS
 
     return sorted(KINDS)
 

@@ -9,29 +9,15 @@ from typing import Annotated
 
 import typer
 
-from allegro_twin.cli import (
-    bus,
-    collecting,
-    doctor,
-    ends,
-    evaluating,
-    exchange,
-    hands,
-    improving,
-    lab,
-    live,
-    looking,
-    panel,
-    planning,
-    ros,
-    running,
-    schemas,
-    shipped,
-    study,
-    teleop,
-    training,
-    twin,
-)
+from allegro_twin.cli import ends
+from allegro_twin.cli.grasps import evaluating, improving, planning, study
+from allegro_twin.cli.hand import bus, hands, live
+from allegro_twin.cli.policies import collecting, training
+from allegro_twin.cli.recorded import exchange
+from allegro_twin.cli.run import looking, running
+from allegro_twin.cli.shown import doctor, schemas, shipped
+from allegro_twin.cli.surfaces import lab, panel, ros, teleop
+from allegro_twin.cli.twins import twin
 from allegro_twin.errors import HandError
 from allegro_twin.version import __version__
 

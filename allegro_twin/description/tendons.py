@@ -11,7 +11,7 @@ A finger is a chain of rows, each a hinge and the link that it carries. A row na
 
 What a row `hides` is seen and weighed, and meets nothing: the ends of its neighbours stand there. Fingers that are
 `beside` each other meet palm, thumb and things, not one another. A motor that `rubs` has dry friction in its tendon as
-LuGre's bristles (`sim/bristles.py`): a force, which costs the engine nothing beside a constraint a hinge.
+LuGre's bristles (`sim/drive/bristles.py`): a force, which costs the engine nothing beside a constraint a hinge.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from allegro_twin.control.side_by_side import Trajectories
 from allegro_twin.control.trajectory import Trajectory
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Limits, bounded
-from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState
 

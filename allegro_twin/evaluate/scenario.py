@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
 from allegro_twin.library.entries import HAND
-from allegro_twin.sim.physics import Cone, Integrator, Physics, Solver
+from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]

@@ -13,8 +13,9 @@ from allegro_twin.evaluate.held import Window
 from allegro_twin.evaluate.scenario import ObjectSettings, Phase, Protocol, Scenario
 from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.sim import objects, wrist
-from allegro_twin.sim.scene import Stage
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.scene import Stage
+from allegro_twin.sim.things import objects
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 

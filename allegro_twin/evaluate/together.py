@@ -14,9 +14,9 @@ from allegro_twin.evaluate.torques import Torques
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.loop import Controller
 from allegro_twin.safety import Limits, violation
-from allegro_twin.sim.backend import substeps
-from allegro_twin.sim.many import Rows, Simulations, layout
-from allegro_twin.sim.probe import Probe
+from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.worlds.many import Rows, Simulations, layout
 from allegro_twin.types import Array, HandState, frozen
 
 LOOK = 10

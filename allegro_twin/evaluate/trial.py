@@ -15,13 +15,13 @@ from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol
 from allegro_twin.evaluate.timeline import plan, stage
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.library.grasps import Grasp
-from allegro_twin.sim import wrist
-from allegro_twin.sim.appearance import scene_look
-from allegro_twin.sim.backend import Push, SimBackend
-from allegro_twin.sim.objects import Placement
-from allegro_twin.sim.probe import Probe
-from allegro_twin.sim.scene import compile_scene
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.engine.backend import Push, SimBackend
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.scene import compile_scene
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.sim.things.objects import Placement
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 

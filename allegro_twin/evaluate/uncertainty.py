@@ -15,8 +15,8 @@ from pydantic import Field
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
-from allegro_twin.sim.objects import Placement
-from allegro_twin.sim.scene import Stage
+from allegro_twin.sim.model.scene import Stage
+from allegro_twin.sim.things.objects import Placement
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from allegro_twin.evaluate.held import Report
 from allegro_twin.files.whole import whole_file
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.version import __version__
 
 

@@ -12,7 +12,7 @@ from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.gym.tasks.vectors import turned
 from allegro_twin.kinematics.orientation import turned_by
-from allegro_twin.sim.batch import Body, Rows
+from allegro_twin.sim.worlds.batch import Body, Rows
 from allegro_twin.types import Array
 
 

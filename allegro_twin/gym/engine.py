@@ -20,8 +20,8 @@ from allegro_twin.gym.tasks.base import Flags, Outcome
 from allegro_twin.gym.touch import Touch
 from allegro_twin.policy.interface import BOUND, Floats, Observation
 from allegro_twin.policy.memory import Memory
-from allegro_twin.sim.backend import substeps
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array
 
 

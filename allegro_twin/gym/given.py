@@ -13,8 +13,8 @@ from allegro_twin.evaluate.timeline import stage
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
 from allegro_twin.library.entries import HAND
-from allegro_twin.sim import objects
-from allegro_twin.sim.objects import Thing
+from allegro_twin.sim.things import objects
+from allegro_twin.sim.things.objects import Thing
 
 FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
 """Of scenarios, an object in each; another hand's have its name."""

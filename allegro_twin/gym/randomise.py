@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings
 from allegro_twin.gym.noise import Draws
 from allegro_twin.kinematics.orientation import product, quaternion_from_vector
-from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.sim.worlds.batch import Body, Rows, Worlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.gym.noise import Draws, jitter
 from allegro_twin.gym.randomise import LONGEST_DELAY, Randomise
-from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.worlds.batch import Rows, Worlds
 from allegro_twin.types import Array
 
 

@@ -13,7 +13,7 @@ from allegro_twin.gym.given import Given
 from allegro_twin.gym.randomise import Randomise, preset
 from allegro_twin.library.entries import HAND
 from allegro_twin.policy.interface import Mode
-from allegro_twin.sim.warp_model import Device
+from allegro_twin.sim.worlds.warp_model import Device
 from allegro_twin.spec import SIDES, HandSpec, Side
 
 Positive = Annotated[float, Field(gt=0)]

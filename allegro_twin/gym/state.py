@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.gym.tasks.vectors import turned
 from allegro_twin.policy.interface import BOUND, SPEED, Floats
-from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.sim.worlds.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
 
 FACTORS = ("mass", "size", "friction")

@@ -31,7 +31,7 @@ from allegro_twin.types import HandState, Sample, Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.mirror.mirror import Mirror
-    from allegro_twin.sim.backend import SimBackend
+    from allegro_twin.sim.engine.backend import SimBackend
 
 Posture: TypeAlias = str | ArrayLike
 """A name in the library, or joint positions, shape (n,), rad."""

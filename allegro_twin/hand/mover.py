@@ -23,7 +23,7 @@ from allegro_twin.hand.driver import Driver
 from allegro_twin.hand.watch import Goal, Watch
 from allegro_twin.hand.ways import Ways
 from allegro_twin.loop import paced, run
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
 Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]

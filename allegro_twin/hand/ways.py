@@ -16,7 +16,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.sim.clearance import Clearance
+    from allegro_twin.sim.contact.clearance import Clearance
 
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
@@ -67,7 +67,7 @@ class Ways:
 
     @cached_property
     def _clearance(self) -> Clearance:
-        from allegro_twin.sim.clearance import Clearance
+        from allegro_twin.sim.contact.clearance import Clearance
 
         return Clearance(self._spec)
 

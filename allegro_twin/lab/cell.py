@@ -21,10 +21,10 @@ from allegro_twin.lab.settings import LabSettings, SecuritySettings, ThingSettin
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
-from allegro_twin.sim.apart import Apart
-from allegro_twin.sim.mounted import Mounted
-from allegro_twin.sim.objects import Placement, named, orientation
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.contact.apart import Apart
+from allegro_twin.sim.model.mounted import Mounted
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.sim.things.objects import Placement, named, orientation
 from allegro_twin.types import Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)

@@ -20,7 +20,7 @@ from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
-from allegro_twin.sim.objects import Thing, catalogue
+from allegro_twin.sim.things.objects import Thing, catalogue
 from allegro_twin.types import Array
 
 _ROUND = 24  # Ways to take what is round: every 15 degrees.

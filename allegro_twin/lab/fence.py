@@ -12,7 +12,7 @@ from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.lab.cell import Room
-from allegro_twin.sim.clearance import Clearance
+from allegro_twin.sim.contact.clearance import Clearance
 from allegro_twin.types import Array, Vector
 
 _STEP, _TURN = 0.05, 0.3

@@ -9,9 +9,9 @@ from allegro_twin.arm.cell import Cell
 from allegro_twin.camera.alone import Alone
 from allegro_twin.camera.intrinsics import Cloud
 from allegro_twin.camera.settings import CameraSettings
-from allegro_twin.sim.mounted import Mounted
-from allegro_twin.sim.posed import Posed
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.model.mounted import Mounted
+from allegro_twin.sim.model.posed import Posed
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.types import Array, Vector
 
 

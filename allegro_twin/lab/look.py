@@ -6,7 +6,7 @@ from typing import Any
 
 from allegro_twin.lab.cell import Room
 from allegro_twin.look.skeleton import bodies_of
-from allegro_twin.sim.appearance import hand_bodies, scene_look, shapes_on
+from allegro_twin.sim.model.appearance import hand_bodies, scene_look, shapes_on
 
 
 def cell_look(room: Room) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.loop import run
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector, frozen
 

@@ -16,7 +16,7 @@ from allegro_twin.lab.choice import Body, Way, body_of, ways
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
-from allegro_twin.sim.apart import Met
+from allegro_twin.sim.contact.apart import Met
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8

@@ -15,7 +15,7 @@ from allegro_twin.replay.happenings import Happening, Moved
 from allegro_twin.replay.journal import Journal
 from allegro_twin.replay.recorder import Recorder
 from allegro_twin.replay.sink import SharedFile
-from allegro_twin.sim.appearance import scene_look
+from allegro_twin.sim.model.appearance import scene_look
 from allegro_twin.version import __version__
 
 

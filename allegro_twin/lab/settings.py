@@ -10,7 +10,7 @@ from allegro_twin.camera.mount import Mount
 from allegro_twin.camera.settings import CameraSettings
 from allegro_twin.files.schema import Settings
 from allegro_twin.perception.settings import PerceptionSettings
-from allegro_twin.sim.mounted import CAMERA
+from allegro_twin.sim.model.mounted import CAMERA
 from allegro_twin.spec import Side
 
 Vector3 = tuple[float, float, float]

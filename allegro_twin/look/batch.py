@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from allegro_twin.errors import ConfigError
 from allegro_twin.look.camera import Camera
 from allegro_twin.look.marks import Mark, add
-from allegro_twin.sim.batch import Snapshot, Worlds
+from allegro_twin.sim.worlds.batch import Snapshot, Worlds
 
 
 def has_screen() -> bool:

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.marks import Mark
 from allegro_twin.look.screen import Screen
 from allegro_twin.look.views import DEFAULT, Aim, View, seen
-from allegro_twin.sim.posed import Posed
+from allegro_twin.sim.model.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -19,7 +19,7 @@ _HALF = float(np.sqrt(0.5))
 def bodies_of(spec: HandSpec) -> tuple[Body, ...]:
     """The links of a hand: of the foreign file that it names, or of our own description. Raises ConfigError."""
     if spec.foreign is not None:
-        from allegro_twin.sim.appearance import hand_bodies
+        from allegro_twin.sim.model.appearance import hand_bodies
 
         return hand_bodies(spec)
     hand = facts.load(spec.model, spec.side)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.mirror.anomalies import CREEP, ROW, Anomaly, Window, largest, named
 from allegro_twin.mirror.events import EULER, thresholds
-from allegro_twin.sim.observer import Estimate
+from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Vector
 

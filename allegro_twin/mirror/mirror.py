@@ -12,8 +12,8 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.anomalies import NAMES, Anomaly, words
 from allegro_twin.mirror.diagnosis import Calm, Diagnosis
 from allegro_twin.mirror.events import PERIODS, SETTLED, Pace, axes, pushed
-from allegro_twin.sim.loop_observer import LoopObserver
-from allegro_twin.sim.observer import Estimate, Observer
+from allegro_twin.sim.beside.loop_observer import LoopObserver
+from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 

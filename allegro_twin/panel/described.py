@@ -114,13 +114,13 @@ def _scenarios(spec: HandSpec) -> tuple[str, ...]:
 
 
 def _things() -> tuple[str, ...]:
-    from allegro_twin.sim.objects import catalogue
+    from allegro_twin.sim.things.objects import catalogue
 
     return tuple(catalogue())
 
 
 def _no_tips(spec: HandSpec, opened: OpenHand) -> str:
-    from allegro_twin.sim.statics import hand_model
+    from allegro_twin.sim.model.statics import hand_model
 
     try:
         for finger in spec.fingers:

@@ -23,7 +23,7 @@ def eyes_of(rig: Rig) -> Eyes:
     palm = model.body("palm_link").id
     if rig.trial is None:
         return lambda: {"palm": np.concatenate([data.xpos[palm], data.xquat[palm]])}
-    from allegro_twin.sim.probe import Probe
+    from allegro_twin.sim.contact.probe import Probe
 
     first, *rest = [placed.thing.name for placed in rig.trial.things]
     probe, others = Probe(model, data, rig.spec, first), [model.body(name).id for name in rest]
@@ -43,7 +43,7 @@ def _meta(rig: Rig) -> Mapping[str, Any]:
     if rig.trial is not None:
         return rig.trial.meta()
     if rig.sim is not None:
-        from allegro_twin.sim.appearance import scene_look
+        from allegro_twin.sim.model.appearance import scene_look
 
         return {"look": scene_look(rig.sim.model, rig.spec, ())}
     recording = getattr(rig.backend, "recording", None)

@@ -6,7 +6,7 @@ import numpy as np
 
 from allegro_twin.evaluate.metrics.contacts import Contacts, contacts, wrenches
 from allegro_twin.evaluate.metrics.nearest import nearest
-from allegro_twin.sim.workbench import Meetings, Workbench
+from allegro_twin.sim.contact.workbench import Meetings, Workbench
 from allegro_twin.types import Array
 
 LEVER = 0.04

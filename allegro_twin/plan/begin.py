@@ -17,7 +17,7 @@ from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.fingers import OVER
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.templates import templates
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.sim.workbench import Indices, Meetings, Workbench
+from allegro_twin.sim.contact.workbench import Indices, Meetings, Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.evaluate.scenario import Scenario, Wrist
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.candidate import Candidate
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

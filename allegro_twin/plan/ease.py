@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.plan.confirm import rounded
-from allegro_twin.sim.lengths import Lengths
+from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains, GravityTorque
 from allegro_twin.plan.closing import units
-from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.types import Array
 
 CAP = 0.45

@@ -17,7 +17,7 @@ from allegro_twin.plan.closing import COARSE, closed, units
 from allegro_twin.plan.poses import NOISE, Guesses, guesses
 from allegro_twin.plan.region import SHARE, Region, in_frame_of
 from allegro_twin.plan.surface import Random, Surface, placed_surface
-from allegro_twin.sim.workbench import Meetings, Workbench
+from allegro_twin.sim.contact.workbench import Meetings, Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

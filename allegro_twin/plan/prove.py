@@ -20,7 +20,7 @@ from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.ease import SHARE, eased
 from allegro_twin.plan.region import Region, there
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

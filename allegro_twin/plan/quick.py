@@ -16,9 +16,9 @@ from allegro_twin.plan.balance import UNBALANCED, gripped, imbalance, torsion_of
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.fingers import OVER, Performer, fingers_of
 from allegro_twin.plan.surface import Random
-from allegro_twin.sim import wrist
-from allegro_twin.sim.many import Rows, Simulations
-from allegro_twin.sim.workbench import Workbench, coordinates
+from allegro_twin.sim.contact.workbench import Workbench, coordinates
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

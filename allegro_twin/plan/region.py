@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.together import Verdict
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.contacts import touching
-from allegro_twin.sim.objects import Placement
+from allegro_twin.sim.contact.contacts import touching
+from allegro_twin.sim.things.objects import Placement
 from allegro_twin.types import Array
 
 SHARE = 0.5

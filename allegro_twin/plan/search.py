@@ -24,8 +24,8 @@ from allegro_twin.plan.quick import Outcome, squeezed, tried
 from allegro_twin.plan.region import Region
 from allegro_twin.plan.surface import Random
 from allegro_twin.plan.symmetry import symmetry
-from allegro_twin.sim.statics import hand_model
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

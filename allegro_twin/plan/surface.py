@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects import Placement, Thing
+from allegro_twin.sim.things.objects import Placement, Thing
 from allegro_twin.types import Array
 
 Random = np.random.Generator

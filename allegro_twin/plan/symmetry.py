@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.sim.objects import Placement
+from allegro_twin.sim.things.objects import Placement
 from allegro_twin.types import Array
 
 ROUND = 36

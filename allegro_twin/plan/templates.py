@@ -11,7 +11,7 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.plan.ease import check_loop
 from allegro_twin.plan.poses import closing_of
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

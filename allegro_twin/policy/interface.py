@@ -22,7 +22,7 @@ from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.policy.memory import Course, Memory
 from allegro_twin.policy.numbers import Lifted, numbers_of, radian_of
 from allegro_twin.policy.script import Scripts
-from allegro_twin.sim.statics import tree_of
+from allegro_twin.sim.model.statics import tree_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

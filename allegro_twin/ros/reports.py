@@ -11,7 +11,7 @@ from allegro_twin.messages import states
 from allegro_twin.messages import vocabulary as v
 from allegro_twin.messages.frames import Frames, description
 from allegro_twin.ros.topics import WRENCH
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import Sample, Vector
 
 Report = tuple[str, v.Message]

@@ -18,9 +18,9 @@ from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
-from allegro_twin.sim import wrist
-from allegro_twin.sim.scene import Stage, compile_scene
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.study.draws import Case
 from allegro_twin.study.protocol import Arm, Control, Policy, Study
 from allegro_twin.types import Array

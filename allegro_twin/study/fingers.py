@@ -11,7 +11,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains, Gravity
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.safety import Limits, clamp
-from allegro_twin.sim.many import Rows, Simulations
+from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.study.protocol import Motion
 from allegro_twin.types import Array
 

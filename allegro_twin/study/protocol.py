@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.evaluate.scenario import PhysicsSettings, Positive, Shake
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Settings, load
-from allegro_twin.sim.physics import Cone
+from allegro_twin.sim.model.physics import Cone
 
 NotNegative = Annotated[float, Field(ge=0)]
 Part = Annotated[float, Field(ge=0, le=1)]

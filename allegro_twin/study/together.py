@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.sim.backend import substeps
-from allegro_twin.sim.many import Rows, Simulations, layout
-from allegro_twin.sim.probe import Probe
-from allegro_twin.sim.world import World
+from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.engine.world import World
+from allegro_twin.sim.worlds.many import Rows, Simulations, layout
 from allegro_twin.study.bench import Bench, Setup, servo_of
 from allegro_twin.study.fingers import Fingers
 from allegro_twin.study.measures import Measures

@@ -16,8 +16,8 @@ from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import Controller, run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.backend import Push, SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene, hand_spec
+from allegro_twin.sim.engine.backend import Push, SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
 from allegro_twin.types import Array, HandState, frozen
 
 WALL = 2000.0  # N/m

@@ -24,8 +24,8 @@ from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller, run, together
-from allegro_twin.sim.mounted import CAMERA
-from allegro_twin.sim.objects import Placement, named
+from allegro_twin.sim.model.mounted import CAMERA
+from allegro_twin.sim.things.objects import Placement, named
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from allegro_twin.build.assemble import assemble
 from allegro_twin.build.branching import Branched, branch, changes_of
-from allegro_twin.cli import branching
+from allegro_twin.cli.twins import branching
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.appearance import lighter, of_series
 from allegro_twin.errors import ConfigError

@@ -19,7 +19,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.meshes import middle_of
+from allegro_twin.sim.things.meshes import middle_of
 from allegro_twin.sweep import Sweep
 from tests.build.files import grasps, scenario, short
 

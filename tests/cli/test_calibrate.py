@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from allegro_twin.build import assemble, wired
-from allegro_twin.cli.calibration import refuse_another_hand, store_limits
+from allegro_twin.cli.hand.calibration import refuse_another_hand, store_limits
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec

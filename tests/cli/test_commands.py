@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from allegro_twin import session
-from allegro_twin.cli import catalogue, looking, main
-from allegro_twin.cli.runs import Options, configs_of, convert, show
+from allegro_twin.cli import main
+from allegro_twin.cli.run import looking
+from allegro_twin.cli.run.runs import Options, configs_of, convert, show
+from allegro_twin.cli.shown import catalogue
 from allegro_twin.config import ReplaySettings
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
 from allegro_twin.evaluate.held import PhaseReport, Report

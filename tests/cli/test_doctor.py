@@ -88,8 +88,8 @@ def test_a_webcam_without_permission_names_the_group(tmp_path: Path) -> None:
 
 
 def test_it_looks_at_the_ports_of_every_page(command: Run) -> None:
-    from allegro_twin.cli.looking import view
-    from allegro_twin.cli.panel import panel
+    from allegro_twin.cli.run.looking import view
+    from allegro_twin.cli.surfaces.panel import panel
 
     pages = {inspect.signature(page).parameters["port"].default for page in (view, panel)}
     assert pages < set(machine.PORTS.values())

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from allegro_twin.build import trials
-from allegro_twin.cli.variation import varied
+from allegro_twin.cli.grasps.variation import varied
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.uncertainty import Uncertainty
 from tests.build.files import grasps, scenario, short

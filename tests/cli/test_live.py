@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from allegro_twin.cli.keys import KEYS, pressed
+from allegro_twin.cli.hand.keys import KEYS, pressed
 from allegro_twin.config import load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.hand import Hand

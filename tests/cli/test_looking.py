@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from allegro_twin import session
-from allegro_twin.cli.looking import show_live
+from allegro_twin.cli.run.looking import show_live
 from allegro_twin.description.hands import load_spec
 
 

@@ -13,9 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 import allegro_twin.hand
-from allegro_twin.cli import calibration, console, gallery
-from allegro_twin.cli.calibration import find_limits
-from allegro_twin.cli.keys import pressed
+from allegro_twin.cli import console
+from allegro_twin.cli.grasps import gallery
+from allegro_twin.cli.hand import calibration
+from allegro_twin.cli.hand.calibration import find_limits
+from allegro_twin.cli.hand.keys import pressed
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from allegro_twin.cli.schemas import PLACES, models
+from allegro_twin.cli.shown.schemas import PLACES, models
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.json_schema import json_schema
 from tests.cli.conftest import Run

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.cli import several
+from allegro_twin.cli.run import several
 from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
 

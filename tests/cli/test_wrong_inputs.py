@@ -25,8 +25,8 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from tests.cli.wrong import TABLE, Wrong, answered, workspace
 
 ROOT = Path(__file__).resolve().parents[2]

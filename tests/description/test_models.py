@@ -23,8 +23,8 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import SIDES, HandSpec, Side
 from allegro_twin.types import Array
 

@@ -13,7 +13,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.description.tendons import tables
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 
 HANDS = [path.stem for path in tables()]
 

@@ -17,7 +17,7 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.objects import named
+from allegro_twin.sim.things.objects import named
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 from tests.evaluate.test_trial import DEMO

@@ -26,7 +26,7 @@ from allegro_twin.policy.card import Card
 from allegro_twin.policy.controller import PolicyController
 from allegro_twin.policy.interface import Observation
 from allegro_twin.policy.script import closing
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from tests.gym.test_batch import rows_of, same
 
 MOTORS = {"leap": 16, "model_o": 4, "sih": 5, "qb_softhand": 1}

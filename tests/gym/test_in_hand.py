@@ -17,7 +17,7 @@ from allegro_twin.gym.tasks.vectors import tilt, twist
 from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, turned_by
 from allegro_twin.policy.interface import Observation
-from allegro_twin.sim import objects
+from allegro_twin.sim.things import objects
 
 N = 8
 ALOFT = (0.0, 0.0, 0.4)  # m: nothing touches an object there while an action lasts.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.files.cards import written
-from allegro_twin.sim.explore import explored
+from allegro_twin.sim.model.explore import explored
 from allegro_twin.spec import HandSpec
 
 GRIPPER = """

@@ -13,9 +13,9 @@ from allegro_twin.cli.main import app
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.cards import written
-from allegro_twin.sim.explore import explored
-from allegro_twin.sim.foreign import read
-from allegro_twin.sim.scene import hand_spec
+from allegro_twin.sim.model.explore import explored
+from allegro_twin.sim.model.foreign import read
+from allegro_twin.sim.model.scene import hand_spec
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
 
 

@@ -28,7 +28,7 @@ from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.files.assets import data_root
 from allegro_twin.loop import Controller, run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand
 from tests.conftest import MakeSim
 from tests.hands.models import hand, made

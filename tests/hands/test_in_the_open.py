@@ -12,7 +12,7 @@ from allegro_twin.hand import Hand
 from allegro_twin.hand.ways import Ways
 from allegro_twin.library.named import load_grasp
 from allegro_twin.library.sources import read_shipped, shipped
-from allegro_twin.sim.interlock import Interlock
+from allegro_twin.sim.contact.interlock import Interlock
 
 GRASPS = sorted((read_shipped(name).entry.hand, name) for name in shipped("grasp"))
 MENDED = ("leap_pudding_box", "leap_tuna_fish_can", "model_o_apple", "model_o_tomato_soup_can")

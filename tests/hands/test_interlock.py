@@ -15,9 +15,9 @@ from allegro_twin.config import RunConfig
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.safety import Guard
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.clearance import Clearance
-from allegro_twin.sim.interlock import Interlock
+from allegro_twin.sim.contact.clearance import Clearance
+from allegro_twin.sim.contact.interlock import Interlock
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim
 from tests.hands.models import made

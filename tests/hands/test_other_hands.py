@@ -26,9 +26,9 @@ from allegro_twin.replay.identity import spec_from_json, spec_to_json
 from allegro_twin.replay.recorder import Recorder
 from allegro_twin.replay.recording import load
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.parts import part_names, parts_of
-from allegro_twin.sim.scene import hand_spec
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.parts import part_names, parts_of
+from allegro_twin.sim.model.scene import hand_spec
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Finger, HandSpec
 from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim

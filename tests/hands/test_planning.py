@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build.trials import Bench, case_of, hand_of
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
@@ -25,9 +25,9 @@ from allegro_twin.plan.quick import tried
 from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.spread import searched
 from allegro_twin.plan.templates import gathering, templates
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.statics import hand_model
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from tests.conftest import MakeSim
 from tests.hands.models import GRIPPER, HANDS, hand, made

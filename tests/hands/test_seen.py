@@ -9,8 +9,8 @@ import pytest
 from allegro_twin.description.hands import load_spec
 from allegro_twin.look.skeleton import Skeleton, bodies_of
 from allegro_twin.messages.frames import Frames
-from allegro_twin.sim.posed import Posed
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.model.posed import Posed
+from allegro_twin.sim.model.scene import Stage, compile_scene
 
 HANDS = ("model_o", "qb_softhand")
 

@@ -13,8 +13,8 @@ from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, ConfigError, SelfCollision
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import PositionCommand, TorqueCommand
 from tests.conftest import MakeSim
 from tests.hands.test_tendon_hands import closed, hold

@@ -10,9 +10,9 @@ import pytest
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.explore import explored
-from allegro_twin.sim.posed import Posed
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.explore import explored
+from allegro_twin.sim.model.posed import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from allegro_twin.build.twin_page.page import page
-from allegro_twin.cli.identifying import lines, table
-from allegro_twin.cli.twin import weight_of
+from allegro_twin.cli.twins.identifying import lines, table
+from allegro_twin.cli.twins.twin import weight_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
@@ -21,7 +21,7 @@ from allegro_twin.identify.results.doubt import Value, seen, values
 from allegro_twin.identify.results.method import gaps, identify
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.identify import hidden
 

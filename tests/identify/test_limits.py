@@ -16,7 +16,7 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Command, HandState, Vector, frozen
 from tests.conftest import MakeSim

@@ -9,8 +9,8 @@ from allegro_twin.identify.fitting.problem import Problem, at_model, index
 from allegro_twin.identify.fitting.regress import breaking, regress
 from allegro_twin.identify.fitting.shooting import SHORT
 from allegro_twin.identify.motions.motion import read_motion
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.types import Vector
 from tests.identify import hidden
 

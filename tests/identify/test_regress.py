@@ -6,7 +6,7 @@ import numpy as np
 
 from allegro_twin.identify.fitting.regress import breaking, regress
 from allegro_twin.identify.motions.motion import read_motion
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.windows import Player
 from tests.identify import hidden
 
 

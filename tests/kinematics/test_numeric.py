@@ -13,7 +13,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.numeric import NumericFinger
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 
 LEAP = {"hand": {"model": "leap"}, "backend": {"kind": "sim"}, "controller": {"kind": "position"}}
 PARTS = st.lists(st.floats(0.1, 0.9), min_size=4, max_size=4)

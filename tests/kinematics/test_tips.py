@@ -9,7 +9,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.chains import ChainTips
 from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.tips import Fingertips
-from allegro_twin.sim.statics import hand_model, tree_of
+from allegro_twin.sim.model.statics import hand_model, tree_of
 from allegro_twin.spec import Side
 
 

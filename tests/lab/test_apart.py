@@ -10,7 +10,7 @@ import pytest
 from allegro_twin.lab.plan import way_of
 from allegro_twin.lab.run import perform
 from allegro_twin.lab.states import Now
-from allegro_twin.sim.apart import NEAR
+from allegro_twin.sim.contact.apart import NEAR
 from allegro_twin.types import Array, Vector
 from tests.lab.test_run import room_of, states, still
 

@@ -9,7 +9,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
 from allegro_twin.lab.choice import Body, body_of, cards, ways
 from allegro_twin.perception.fits.model import Solid
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.things.objects import catalogue
 
 
 def test_every_thing_of_the_catalogue_has_a_grasp_that_is_found_by_its_size() -> None:

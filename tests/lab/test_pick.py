@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import allegro_twin.gym
-from allegro_twin.cli.environments import listed
+from allegro_twin.cli.policies.environments import listed
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.gym.tasks import task_type
 from allegro_twin.kinematics.arm import turn

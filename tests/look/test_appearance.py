@@ -14,9 +14,9 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.description.shapes import Shape
 from allegro_twin.look.scenery import scenery
 from allegro_twin.look.surfaces import surface
-from allegro_twin.sim.appearance import scene_look, simplified
-from allegro_twin.sim.objects import Placement, Thing, catalogue, named
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.model.appearance import scene_look, simplified
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.things.objects import Placement, Thing, catalogue, named
 from tests.sim.test_foreign import menagerie_like
 
 

@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.camera import Camera, Picture
 from allegro_twin.look.skeleton import Skeleton, bodies_of
 from allegro_twin.look.views import NAMES, View, checked, seen, size
-from allegro_twin.sim.appearance import hand_bodies
+from allegro_twin.sim.model.appearance import hand_bodies
 from allegro_twin.spec import Side
 from tests.conftest import MakeSim
 from tests.sim.test_foreign import menagerie_like

@@ -22,8 +22,8 @@ from allegro_twin.loop import run, until
 from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, gains, named, words
 from allegro_twin.mirror.diagnosis import EVERY, RARE, ROWS, WAIT, Calm, Diagnosis
 from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.observer import Estimate, Observer
+from allegro_twin.sim.beside.observer import Estimate, Observer
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample
 from tests.conftest import MakeSim

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build.mirroring import make_loop_mirror, mirrored
-from allegro_twin.cli import mirroring
+from allegro_twin.cli.twins import mirroring
 from allegro_twin.config import load_config
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint
@@ -20,8 +20,8 @@ from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.loop_observer import gains
+from allegro_twin.sim.beside.loop_observer import gains
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim

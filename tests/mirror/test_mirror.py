@@ -22,8 +22,8 @@ from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.events import Pace, axes, contacts, thresholds, touched
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recording import load
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.observer import Observer, gains
+from allegro_twin.sim.beside.observer import Observer, gains
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim

@@ -12,8 +12,8 @@ from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.look.viewer import Viewer
 from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.observer import Observer
+from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.wire.host.health import Health
 from tests.conftest import MakeSim

@@ -20,8 +20,8 @@ from allegro_twin.perception.pipeline import Found, Pipeline
 from allegro_twin.perception.settings import PerceptionSettings
 from allegro_twin.perception.target import Target, target
 from allegro_twin.perception.verdict import Refused
-from allegro_twin.sim.objects import Placement, named
-from allegro_twin.sim.tabletop import standing, tabletop
+from allegro_twin.sim.things.objects import Placement, named
+from allegro_twin.sim.things.tabletop import standing, tabletop
 from benchmarks.perception import apart
 
 SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.plan.prove import Planned
 from allegro_twin.plan.search import Effort, Search

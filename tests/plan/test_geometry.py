@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
@@ -24,8 +24,8 @@ from allegro_twin.plan.propose import loads
 from allegro_twin.plan.surface import placed_surface, surface
 from allegro_twin.plan.symmetry import symmetry
 from allegro_twin.plan.templates import templates
-from allegro_twin.sim.objects import Placement, Thing, named
-from allegro_twin.sim.workbench import Meetings, Workbench, coordinates
+from allegro_twin.sim.contact.workbench import Meetings, Workbench, coordinates
+from allegro_twin.sim.things.objects import Placement, Thing, named
 from allegro_twin.types import Array
 
 SPEC = load_spec()

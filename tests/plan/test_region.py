@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build.trials import Bench, case_of
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol
@@ -20,7 +20,7 @@ from allegro_twin.plan.prove import Planned, Prover, pushed
 from allegro_twin.plan.region import in_frame_of, region
 from allegro_twin.plan.search import Search
 from allegro_twin.plan.templates import templates
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
 
 SPEC = load_spec()
 

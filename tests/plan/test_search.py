@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.build.trials import Bench, case_of
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
@@ -29,7 +29,7 @@ from allegro_twin.plan.prove import FIRST, MORE, Planned, best_of
 from allegro_twin.plan.search import Effort, Search
 from allegro_twin.plan.templates import templates
 from allegro_twin.plan.versions import Version
-from allegro_twin.sim.workbench import Workbench
+from allegro_twin.sim.contact.workbench import Workbench
 
 SPEC = load_spec()
 LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))

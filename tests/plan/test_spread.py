@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from allegro_twin.cli.planning import scenario_of
+from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.library.named import load_grasp

@@ -16,7 +16,7 @@ from allegro_twin.policy.card import Card
 from allegro_twin.policy.controller import PolicyController, Still
 from allegro_twin.policy.interface import Floats, Interface, Observation
 from allegro_twin.policy.script import closing
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import HandState
 
 

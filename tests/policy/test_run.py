@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.build import assemble
-from allegro_twin.cli.runs import Options, configs_of
+from allegro_twin.cli.run.runs import Options, configs_of
 from allegro_twin.config import RunConfig
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError

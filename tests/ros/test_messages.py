@@ -17,7 +17,7 @@ from allegro_twin.messages.frames import Frames, description
 from allegro_twin.ros import cell_topics
 from allegro_twin.ros.idl import struct
 from allegro_twin.ros.topics import HEARD, PUBLISHED
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 

@@ -13,8 +13,8 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.kinematics.orientation import facing, quaternion_facing
 from allegro_twin.loop import run, until
-from allegro_twin.sim.backend import SimBackend, substeps
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.engine.backend import SimBackend, substeps
+from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import TorqueCommand
 from tests.conftest import MakeSim

@@ -13,7 +13,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
 from allegro_twin.replay.identity import spec_from_json, spec_to_json
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, TorqueCommand
 from tests.conftest import MakeSim

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from allegro_twin.build import assemble
-from allegro_twin.cli.runs import Options, configs_of
+from allegro_twin.cli.run.runs import Options, configs_of
 from allegro_twin.config import RunConfig
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.trajectory import Hold
@@ -24,8 +24,8 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.sim.scene import Stage, compile_scene, hand_spec
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Side
 from tests.conftest import MakeSim
 

@@ -15,11 +15,12 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.timeline import plan, stage
 from allegro_twin.library.named import load_grasp
-from allegro_twin.sim import objects, wrist
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.physics import Physics
-from allegro_twin.sim.probe import Probe
-from allegro_twin.sim.scene import Stage, compile_scene
+from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.things import objects
 from allegro_twin.spec import SIDES, HandSpec, Side
 from allegro_twin.types import TorqueCommand
 

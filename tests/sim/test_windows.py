@@ -10,8 +10,8 @@ import pytest
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
-from allegro_twin.sim.pieces import BEFORE, Parameters, Pieces
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import BEFORE, Parameters, Pieces
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim

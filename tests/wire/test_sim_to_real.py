@@ -23,7 +23,7 @@ from allegro_twin.evaluate.held import Report
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.sim.backend import SimBackend
+from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
 from allegro_twin.wire.codec import messages as m
 from allegro_twin.wire.codec.codec import Codec

@@ -15,7 +15,7 @@ from allegro_twin.identify.fitting.shooting import cut
 from allegro_twin.identify.results.doubt import PER_PWM, VALUES
 from allegro_twin.identify.results.method import Identified
 from allegro_twin.identify.results.stored import SCALE
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.types import Array
 
 _STYLE = (

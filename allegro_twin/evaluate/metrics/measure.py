@@ -8,7 +8,7 @@ from allegro_twin.evaluate.metrics.carrying import least_effort, least_normal_fo
 from allegro_twin.evaluate.metrics.closure import margin, residual
 from allegro_twin.evaluate.metrics.contacts import EDGES, Contacts, contacts
 from allegro_twin.evaluate.metrics.quality import quality
-from allegro_twin.sim.contacts import Touch
+from allegro_twin.sim.contact.contacts import Touch
 from allegro_twin.types import Array, Vector
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from allegro_twin.evaluate.metrics.measure import measured
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.sim.contacts import jacobians, touching
+from allegro_twin.sim.contact.contacts import jacobians, touching
 
 NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
 """As `measure.measured` has them; its `torque_share` is called `least_torque` here, beside the share that was used."""

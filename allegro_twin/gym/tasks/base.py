@@ -18,7 +18,7 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.look.marks import Mark
 from allegro_twin.policy.card import Card, Closed
 from allegro_twin.policy.interface import Interface, Observation
-from allegro_twin.sim.batch import Body, Rows, Worlds
+from allegro_twin.sim.worlds.batch import Body, Rows, Worlds
 from allegro_twin.types import Array
 
 Flags = NDArray[np.bool_]

@@ -21,8 +21,8 @@ from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.library.named import load_posture
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.script import Script, closed_after, closing, sampled, table
-from allegro_twin.sim.batch import Rows
-from allegro_twin.sim.fit import overlap
+from allegro_twin.sim.contact.fit import overlap
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array, Vector
 
 MARGIN = 0.1  # s, for the last action.

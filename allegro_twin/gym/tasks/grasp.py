@@ -14,7 +14,7 @@ from allegro_twin.gym.tasks.closing import Closing
 from allegro_twin.gym.tasks.scenes import Scene, known, presented, some
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array, Vector
 
 APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.

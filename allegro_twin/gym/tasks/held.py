@@ -14,7 +14,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.files.cache import cache_folder
 from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.tasks.search import FRICTION, SIZES, Search, tried
-from allegro_twin.sim.objects import Thing
+from allegro_twin.sim.things.objects import Thing
 from allegro_twin.types import Array
 
 VERSION = 2

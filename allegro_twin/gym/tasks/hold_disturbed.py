@@ -21,7 +21,7 @@ from allegro_twin.library.entries import HAND
 from allegro_twin.policy.card import Closed
 from allegro_twin.policy.interface import Observation
 from allegro_twin.policy.script import closing, holding, sampled, table
-from allegro_twin.sim.batch import Rows, Worlds
+from allegro_twin.sim.worlds.batch import Rows, Worlds
 from allegro_twin.types import Array
 
 EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.

@@ -18,8 +18,8 @@ from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
 from allegro_twin.gym.tasks.vectors import length
 from allegro_twin.library.entries import HAND
-from allegro_twin.sim import objects
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.things import objects
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array
 
 if TYPE_CHECKING:

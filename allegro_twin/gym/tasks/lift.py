@@ -14,8 +14,8 @@ from allegro_twin.gym.tasks.closing import Closing
 from allegro_twin.gym.tasks.scenes import Scene, from_above, known, on_table, some
 from allegro_twin.gym.tasks.vectors import effort_of, length
 from allegro_twin.policy.interface import Observation
-from allegro_twin.sim import wrist
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array, Vector
 
 DOWN, UP, HOLD = 0.5, 0.8, 0.8  # s: the wrist goes down, up, and stays there.

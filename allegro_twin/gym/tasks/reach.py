@@ -16,9 +16,9 @@ from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.named import load_posture, posture_names
 from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.sim.batch import Rows
-from allegro_twin.sim.probe import free_of_contact
-from allegro_twin.sim.scene import Stage
+from allegro_twin.sim.contact.probe import free_of_contact
+from allegro_twin.sim.model.scene import Stage
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array
 
 GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.

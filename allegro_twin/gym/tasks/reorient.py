@@ -16,7 +16,7 @@ from allegro_twin.gym.tasks.vectors import twist
 from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
 from allegro_twin.look.marks import Mark
 from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array
 
 REACHED = 0.1  # rad, as in MuJoCo Playground's LeapCubeReorient.

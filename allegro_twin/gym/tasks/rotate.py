@@ -10,7 +10,7 @@ from allegro_twin.gym.tasks.base import Outcome, Ticks
 from allegro_twin.gym.tasks.in_hand import DROPPED, InHand
 from allegro_twin.gym.tasks.vectors import length, tilt, twist
 from allegro_twin.policy.interface import Observation
-from allegro_twin.sim.batch import Rows
+from allegro_twin.sim.worlds.batch import Rows
 from allegro_twin.types import Array
 
 FASTEST = 0.6  # rad/s. Turning faster than this earns no more.

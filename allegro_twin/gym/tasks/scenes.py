@@ -17,10 +17,10 @@ from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.library.entries import HAND
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
-from allegro_twin.sim.batch import Worlds
-from allegro_twin.sim.objects import N_SIZES, Placement, Thing
-from allegro_twin.sim.scene import Stage, compile_scene
-from allegro_twin.sim.warp import WarpWorlds
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.things.objects import N_SIZES, Placement, Thing
+from allegro_twin.sim.worlds.batch import Worlds
+from allegro_twin.sim.worlds.warp import WarpWorlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

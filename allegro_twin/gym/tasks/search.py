@@ -17,8 +17,8 @@ from allegro_twin.gym.tasks.vectors import tilt
 from allegro_twin.kinematics.orientation import quaternion_from_vector
 from allegro_twin.kinematics.tips import Fingertips
 from allegro_twin.library.gains import load_gains
-from allegro_twin.sim.batch import Rows, Worlds
-from allegro_twin.sim.objects import Thing
+from allegro_twin.sim.things.objects import Thing
+from allegro_twin.sim.worlds.batch import Rows, Worlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -11,8 +11,8 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.policy.script import Script
-from allegro_twin.sim.backend import substeps
-from allegro_twin.sim.batch import Worlds
+from allegro_twin.sim.engine.backend import substeps
+from allegro_twin.sim.worlds.batch import Worlds
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.problem import Problem
-from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.beside.pieces import Parameters
 from allegro_twin.types import Array, Vector
 
 LARGE = 3.0

@@ -13,8 +13,8 @@ from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, ind
 from allegro_twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.identify.motions.motion import Motion, noise_floor
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import STEP, Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import STEP, Player
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]

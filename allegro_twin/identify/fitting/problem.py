@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from allegro_twin.identify.fitting.regress import LOAD
 from allegro_twin.identify.fitting.shooting import LONG, Shooting, cut
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.backlash import SMALLEST
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.drive.backlash import SMALLEST
 from allegro_twin.types import Array, Vector
 
 Masses: TypeAlias = Literal["known", "assumed", "weighed"]

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.backlash import SMALLEST
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.drive.backlash import SMALLEST
 from allegro_twin.types import Array, Vector
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.

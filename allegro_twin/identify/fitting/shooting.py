@@ -13,8 +13,8 @@ import numpy as np
 
 from allegro_twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.pieces import BEFORE, Parameters, Pieces
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import BEFORE, Parameters, Pieces
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

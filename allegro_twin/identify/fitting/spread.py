@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.identify.fitting.descent import Descended
 from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
-from allegro_twin.sim.pieces import Parameters
+from allegro_twin.sim.beside.pieces import Parameters
 from allegro_twin.types import Array, Vector
 
 

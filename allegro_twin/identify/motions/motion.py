@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.description.calibration import FULL_SCALE, Calibration, Version
 from allegro_twin.errors import ConfigError
 from allegro_twin.replay.recording import load
-from allegro_twin.sim.pieces import BEFORE
+from allegro_twin.sim.beside.pieces import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

@@ -13,9 +13,9 @@ from allegro_twin.identify.motions.excite import APPROACH, Excitation
 from allegro_twin.identify.motions.poses import Pose
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
-from allegro_twin.sim.backend import SimBackend
-from allegro_twin.sim.scene import Stage, compile_scene
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

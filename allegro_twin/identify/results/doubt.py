@@ -14,7 +14,7 @@ from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.fitting.regress import smoothed
 from allegro_twin.identify.fitting.spread import Spread
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.types import Array, Vector
 
 BELIEVED = 1.1  # Times the noise that long pieces may leave. A fit that arrived leaves 0.9 to 1.1 (ours).

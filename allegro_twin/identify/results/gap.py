@@ -11,9 +11,9 @@ from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
 from allegro_twin.identify.fitting.shooting import Cuts, cut
 from allegro_twin.identify.motions.motion import Motion
-from allegro_twin.sim.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.pieces import Parameters
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.pieces import Parameters
+from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.drive.backlash import SMALLEST as LEAST_PLAY
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

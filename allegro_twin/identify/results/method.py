@@ -19,7 +19,7 @@ from allegro_twin.identify.motions.motion import Motion, read_motion, same_hand
 from allegro_twin.identify.results.doubt import Seen, Value, seen, values
 from allegro_twin.identify.results.gap import Gap, drive_of, gap, player_of
 from allegro_twin.identify.results.stored import shift
-from allegro_twin.sim.windows import Player
+from allegro_twin.sim.beside.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -19,7 +19,7 @@ from allegro_twin.identify.fitting.fit import Fit
 from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.identify.results.doubt import PER_PWM, Value
-from allegro_twin.sim.backend import ENGINE
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__

@@ -20,8 +20,8 @@ from allegro_twin.lab.settings import LabSettings
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.perception.pipeline import Pipeline
-from allegro_twin.sim.objects import catalogue
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.sim.things.objects import catalogue
 from allegro_twin.types import Vector
 
 _TRIES = 40

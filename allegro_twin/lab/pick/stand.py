@@ -15,8 +15,8 @@ from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.grip import Wish, fingers
 from allegro_twin.lab.pick.settings import PickSettings
-from allegro_twin.sim.contacts import touching
-from allegro_twin.sim.objects import Placement, named, orientation
+from allegro_twin.sim.contact.contacts import touching
+from allegro_twin.sim.things.objects import Placement, named, orientation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 

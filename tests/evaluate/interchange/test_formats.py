@@ -19,7 +19,7 @@ from allegro_twin.evaluate.interchange.plain import load_plain
 from allegro_twin.evaluate.interchange.read import read_grasps
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
-from allegro_twin.sim.statics import hand_model
+from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 from tests.evaluate.interchange.samples import STAGES, bench, bodex, net, postures, saved, stacked

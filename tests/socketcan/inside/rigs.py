@@ -22,8 +22,8 @@ import numpy as np
 import allegro_twin.build.listening
 import allegro_twin.build.wired
 import allegro_twin.cli.console
-import allegro_twin.cli.monitor
-import allegro_twin.cli.runs
+import allegro_twin.cli.hand.monitor
+import allegro_twin.cli.run.runs
 import allegro_twin.control.controllers
 import allegro_twin.replay.recorder
 import allegro_twin.session  # noqa: F401  # What commands import when they need it: here once, before any fork.

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import allegro_twin.build.served
-import allegro_twin.sim.backend
+import allegro_twin.sim.engine.backend
 import allegro_twin.wire.host.backend  # noqa: F401  # What commands import when they need it: once, before any fork.
 from allegro_twin.replay.recording import load
 from tests.socketcan.inside.rigs import (

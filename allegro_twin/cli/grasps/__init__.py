@@ -1,0 +1,1 @@
+"""The commands that find grasps, make them better and say what they are worth."""

@@ -1,0 +1,87 @@
+"""The study of preemption: make its trials, and say what they show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allegro_twin.cli import options
+from allegro_twin.cli.grasps.evaluating import Count, Engines
+from allegro_twin.errors import ConfigError
+
+Out = Annotated[
+    Path,
+    typer.Option("--out", "-o", help="Folder for trials and report; what is there goes on.", callback=options.folder),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    study = typer.Typer(help="Does closing the hand while the arm still moves beat reach-then-grasp?")
+    study.command()(preemption)
+    study.command()(report)
+    app.add_typer(study, name="study")
+
+
+def preemption(
+    hand: Annotated[list[str] | None, typer.Option(help="One of the protocol's, or several; by default all.")] = None,
+    pairs: Annotated[int | None, typer.Option(help="Of test, a hand; by default all of the protocol.")] = None,
+    out: Out = Path("out/preemption"),
+    protocol: Annotated[str, typer.Option(help="Of conf/studies, or a file.")] = "preemption",
+    engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
+    address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
+    count: Count = None,
+) -> None:
+    """Make the trials of the pre-registered study, and its report. The same command again goes on after an
+    interruption; results under another protocol are refused."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.grasps.verdicts import engine_of
+    from allegro_twin.study.folder import TRIALS
+    from allegro_twin.study.protocol import load_study
+    from allegro_twin.study.work import sweep_of
+    from allegro_twin.sweep.running import run
+    from allegro_twin.sweep.store import Store
+
+    study = load_study(protocol)
+    sweep = sweep_of(study, study.of(tuple(hand or ())), pairs)
+    chosen = engine_of(engine.value, address, count)
+    with console.progress() as bar:
+        task = bar.add_task("trials", total=len(sweep.items))
+        run(
+            sweep, Store(out / TRIALS), chosen.engine, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    _say([out], out)
+
+
+def report(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Of a study, whole or not yet; each hand from the last with it.")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="By default the folder, if it is one.")] = None,
+    where: Annotated[str, typer.Option(help="On which machine it was made, and when: stands in the report.")] = "",
+) -> None:
+    """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
+    many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
+    if out is None and len(folders) > 1:
+        raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
+    _say(folders, folders[0] if out is None else out, where)
+
+
+def _say(folders: list[Path], folder: Path, where: str = "") -> None:
+    from allegro_twin.cli.console import console
+    from allegro_twin.study import told
+    from allegro_twin.study.analysis import analysed
+    from allegro_twin.study.folder import gathered, write
+
+    held = gathered(folders)
+    write(held, folder, where)
+    if len(folders) > 1:
+        told_of = ", ".join(f"{count} of {hand}" for hand, count in sorted(held.hands.items()))
+        console.print(f"Trials: {told_of}", soft_wrap=True, highlight=False)
+    answer = analysed(held.table.to_pylist(), held.study)
+    for found in answer.findings:
+        console.print(told.sentence(found, answer, held.study), soft_wrap=True, highlight=False)
+    console.print(told.answer_of(answer, held.study), soft_wrap=True, highlight=False)
+    console.print(f"In {folder}/: report.html, trials.parquet with a row a trial", soft_wrap=True)

@@ -1,0 +1,1 @@
+"""The commands for a hand that is open, and for its bus."""

@@ -1,0 +1,1 @@
+"""The commands about environments, and policies that learn in them."""

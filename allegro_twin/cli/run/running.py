@@ -1,0 +1,196 @@
+"""The command that runs a hand: a config with its controller, or scenarios with a verdict on each."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from allegro_twin.cli import complete, options
+from allegro_twin.cli.options import OtherHand
+from allegro_twin.cli.run import looking
+from allegro_twin.errors import ConfigError, LinkError
+
+if TYPE_CHECKING:
+    from allegro_twin.cli.run.runs import Options
+    from allegro_twin.evaluate.held import Report
+    from allegro_twin.session import Outputs
+
+
+class Sides(StrEnum):
+    right = "right"
+    left = "left"
+    both = "both"
+
+
+def _file(text: str, *suffixes: str) -> Any:
+    return typer.Option(help=text, callback=options.file(*suffixes))
+
+
+Targets = Annotated[
+    list[str],
+    typer.Argument(
+        help="Configs, scenarios, or folders of scenarios; a name will do.", autocompletion=complete.targets
+    ),
+]
+Side = Annotated[Sides | None, typer.Option(help="The right hand, the left one, or one after the other.")]
+Performer = Annotated[
+    str | None,
+    typer.Option(
+        "--config", "-c", help="The config of the hand that performs scenarios.", autocompletion=complete.configs
+    ),
+]
+OtherGrasp = Annotated[
+    str | None, typer.Option(help="Another grasp than the scenario's.", autocompletion=complete.grasps)
+]
+OtherObject = Annotated[
+    str | None,
+    typer.Option(
+        "--object",
+        help="Another object than the scenario's first: of the catalogue, or an .obj or .stl.",
+        autocompletion=complete.objects,
+    ),
+]
+Policy = Annotated[
+    str | None,
+    typer.Option(help="A policy file (.onnx, .zip) that decides instead.", autocompletion=complete.policies),
+]
+Goal = Annotated[
+    str | None, typer.Option(help="For a policy that reaches goals: a posture.", autocompletion=complete.postures)
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for a recording, a picture and a report of each run.", callback=options.folder),
+]
+Record = Annotated[Path | None, _file("Record to this .arrow file.", ".arrow")]
+Image = Annotated[Path | None, _file("Render to this .png.", ".png")]
+Video = Annotated[Path | None, _file("Render to this .mp4.", ".mp4")]
+Rrd = Annotated[Path | None, _file("Write a Rerun recording to this .rrd.", ".rrd")]
+WireLog = Annotated[
+    Path | None,
+    _file("Log every frame of the hand's bus to this .blf, .log or .asc.", ".blf", ".log", ".asc"),
+]
+Size = Annotated[str, typer.Option(help="Of pictures and films: WIDTHxHEIGHT in pixels.")]
+View = Annotated[bool, typer.Option(help="Watch live in Rerun's own window.")]
+Web = Annotated[bool, typer.Option(help="Watch live in the browser.")]
+Seconds = Annotated[
+    float | None, typer.Option(help="Stop after this time on the hand's clock.", callback=options.positive)
+]
+Partial = Annotated[bool, typer.Option(help="Replay what is readable of a recording that was cut short.")]
+Count = Annotated[
+    int | None,
+    typer.Option("--jobs", min=1, help="How many simulated runs at once; by default as many as there are cores."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to the command line."""
+    app.command()(run)
+
+
+def run(
+    targets: Targets,
+    side: Side = None,
+    hand: OtherHand = None,
+    config: Performer = None,
+    grasp: OtherGrasp = None,
+    thing: OtherObject = None,
+    policy: Policy = None,
+    goal: Goal = None,
+    out: Out = None,
+    record: Record = None,
+    image: Image = None,
+    video: Video = None,
+    rrd: Rrd = None,
+    wire_log: WireLog = None,
+    size: Size = "480x480",
+    camera: looking.Camera = "side",
+    view: View = False,
+    web: Web = False,
+    seconds: Seconds = None,
+    partial: Partial = False,
+    count: Count = None,
+) -> None:
+    """Run a hand: a config with its controller, or scenarios with a verdict on each."""
+    from allegro_twin.cli.run.runs import Options
+    from allegro_twin.look import views
+    from allegro_twin.session import Outputs
+
+    if view and web:
+        raise ConfigError("--view and --web are two ways to watch one run: choose one")
+    live = "web" if web else "native" if view else None
+    outputs = Outputs(record, image, video, rrd, live, wire_log, views.size(size), views.checked(camera))
+    chosen = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
+    reports = _reports(targets, chosen, outputs, out, count)
+    if not all(report.held for report in reports.values()):
+        raise typer.Exit(5)
+
+
+def _reports(
+    targets: list[str], chosen: Options, outputs: Outputs, out: Path | None, count: int | None
+) -> dict[tuple[str, str], Report]:
+    from allegro_twin.cli.run.runs import configs_of
+    from allegro_twin.cli.run.several import Wanted
+    from allegro_twin.sweep.local import cores
+
+    jobs = configs_of(targets, chosen)
+    single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
+    if len(jobs) > 1 and any(single):
+        raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
+    return _run_all(jobs, Wanted(outputs, out), count or cores())
+
+
+def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], Report]:
+    from rich.markup import escape
+
+    from allegro_twin.cli import console
+    from allegro_twin.cli.run.several import run_all
+
+    reports: dict[tuple[str, str], Report] = {}
+    grasps: dict[str, str] = {}
+    told: set[str] = set()
+
+    def tell(line: str) -> None:
+        console.errors.print(line, soft_wrap=True)
+
+    with console.progress() as bar, closing(run_all(jobs, wanted, count, bar, tell)) as runs:
+        for job, ran in runs:
+            for note in ran.outcome.notes:
+                if note not in told:
+                    console.errors.print(f"[yellow]{job.name} {ran.spec.side}: {escape(note)}[/]")
+                told.add(note)
+            if ran.outcome.unconfirmed:
+                raise LinkError(ran.outcome.unconfirmed)
+            if ran.outcome.report is None:
+                console.console.print(console.final_state(ran.spec, ran.outcome.last))
+            else:
+                reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
+    _tell(reports, grasps, wanted.folder)
+    return reports
+
+
+def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: Path | None) -> None:
+    """The table at the end, and the files."""
+    from allegro_twin.cli import console
+    from allegro_twin.evaluate.written import write_reports
+
+    if len(reports) == 1:
+        (((name, side), report),) = reports.items()
+        console.console.print(console.phases(f"{name}, {side} hand", report))
+    elif reports:
+        from allegro_twin.sim.engine.backend import ENGINE
+
+        console.console.print(console.summary(reports, grasps, ENGINE))
+    if out is not None and reports:
+        from allegro_twin.look.strips import picture_all
+
+        names = {f"{name}_{side}": report for (name, side), report in reports.items()}
+        write_reports(out / "report.json", names)
+        shown = picture_all(out, names)
+        console.console.print(
+            f"In {out}/: a recording of each run, report.json{', pictures, overview.png' if shown else ''}"
+        )
+        console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")

@@ -1,0 +1,67 @@
+"""Commands that show what ships with the package: lists, environments, a picture of every grasp."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from allegro_twin.cli import complete, options
+from allegro_twin.errors import ConfigError, unknown
+
+
+def register(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command("list")(list_)
+    app.command()(envs)
+    app.command()(gallery)
+
+
+def list_(
+    what: Annotated[
+        str, typer.Argument(help="One kind, such as objects, grasps or policies.", autocompletion=complete.kinds)
+    ] = "",
+) -> None:
+    """List what ships with the package."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.shown import catalogue
+
+    kinds = catalogue.KINDS
+    if what and what not in kinds:
+        raise ConfigError(unknown("list", what, kinds))
+    for kind in [what] if what else kinds:
+        console.console.print(kinds[kind]())
+
+
+def envs(
+    task: Annotated[
+        str,
+        typer.Argument(
+            help="One task, with the spaces of its observations and actions.", autocompletion=complete.tasks
+        ),
+    ] = "",
+) -> None:
+    """List the Gymnasium environments: their ids, their spaces, and what they are for."""
+    from allegro_twin.cli import console
+    from allegro_twin.cli.policies import environments
+
+    console.console.print(environments.listed(task))
+
+
+def gallery(
+    folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.", callback=options.folder)],
+    draws: Annotated[int, typer.Option(help="Trials of each under uncertainty.", callback=options.positive)] = 20,
+) -> None:
+    """Render every grasp of the library and write the page that shows them."""
+    from allegro_twin.cli import console
+
+    try:
+        from allegro_twin.cli.grasps.gallery import make
+    except ImportError as error:
+        raise ConfigError(f"a gallery needs Pillow: pip install 'allegro-twin[view]' ({error})") from error
+
+    with console.progress() as bar:
+        task = bar.add_task("grasps", total=None)
+        count = make(folder, draws, lambda name: bar.update(task, description=name, advance=1))
+    console.console.print(f"{count} grasps in {folder}/grasps.md")

@@ -1,0 +1,110 @@
+"""One simulation that runs beside a hand, fed with the same commands and corrected by what the hand reports.
+
+For every joint a steady Kalman filter with the states position, speed and disturbance, in the period T:
+
+    q ← q + T v,    v ← e^(−BT/M) v + T d / M,    d ← d + random walk;    reported: q + noise
+
+M: inertia seen at the joint, B: damping. The physics between two corrections is the engine's own, with all that couples
+joints; the filter's gains alone are of the simple model. The disturbance is the torque that nobody commanded: a touch.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of their own.
+
+from allegro_twin.sim.beside.pieces import BEFORE, Parameters
+from allegro_twin.sim.beside.windows import Player
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+NOISE = 6e-5  # rad, of a reported position: half a count of a v4 hand, and what its encoders add.
+TORQUE, WALK = 3e-3, 2e-3  # N·m: of the model's torques, and how far a disturbance goes in a period.
+
+
+class Estimate(NamedTuple):
+    """Of one period."""
+
+    predicted: Vector
+    """Reported positions as expected before the report came, (n,), rad."""
+    position: Vector
+    """As corrected, without offsets, (n,), rad."""
+    disturbance: Vector
+    """Torque from outside, (n,), N·m."""
+    velocity: Vector
+    """As corrected, (n,), rad/s."""
+
+
+class Observer:
+    """A corrected simulation. Equal inputs give equal outputs, to the last bit."""
+
+    def __init__(self, spec: HandSpec, drive: Parameters, period: float, *, bristly: bool = False) -> None:
+        self._player, self._drive = Player(spec, period, bristly=bristly), drive
+        self._model = self._player.prepared(drive)
+        self._data = mujoco.MjData(self._model)
+        self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
+        self._gains = self._kalman(spec, drive, period)
+        self._offset = drive.offset
+        self.period, self.torque_constant = period, drive.torque_constant
+        self.held = drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
+        """What friction that breaks away may hold in a joint at rest, (n,), N·m; how much it does nobody knows."""
+        self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
+
+    def reset(self, position: Vector) -> None:
+        """Begin where the hand reports to be, (n,), rad, at rest."""
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[self._player.qpos] = position - self._offset
+        zero = np.zeros(len(position))
+        self._sent: deque[Vector] = deque([zero] * (BEFORE + 1), maxlen=BEFORE + 1)
+
+    def step(self, duty: Vector, gravity: Vector, reported: Vector) -> Estimate:
+        """A period in which a fraction of full PWM acted, (n,), ended with a report, (n,), rad."""
+        data, player = self._data, self._player
+        self._sent.append(duty)
+        self._model.opt.gravity[:] = gravity
+        controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
+        player.rub(self._drive, controls.mean(axis=0))
+        for control in controls:
+            data.ctrl[player.motors] = control
+            mujoco.mj_step(self._model, data)
+        predicted = data.qpos[player.qpos] + self._offset
+        error = reported - predicted
+        data.qpos[player.qpos] += self._gains[0] * error
+        data.qvel[player.dofs] += self._gains[1] * error
+        data.qfrc_applied[player.dofs] += self._gains[2] * error
+        pushed, speed = data.qfrc_applied[player.dofs].copy(), data.qvel[player.dofs].copy()
+        return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
+
+    def pull(self) -> Array:
+        """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the
+        joint that moves them."""
+        model, data, down = self._model, self._data, self._model.opt.gravity
+        jacobian, found = np.empty((3, model.nv)), np.empty((len(self._links), len(self._links)))
+        for row, body in enumerate(self._links):
+            mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
+            found[row] = (down @ jacobian)[self._player.dofs]
+        return found
+
+    def _kalman(self, spec: HandSpec, drive: Parameters, period: float) -> Array:
+        """Steady gains on position, speed and disturbance, (3, n)."""
+        data = mujoco.MjData(self._model)
+        data.qpos[self._player.qpos] = (spec.lower + spec.upper) / 2.0
+        mujoco.mj_forward(self._model, data)
+        whole = np.zeros((self._model.nv, self._model.nv))
+        mujoco.mj_fullM(self._model, data, whole)
+        inertia = np.diag(whole)[self._player.dofs]
+        return np.stack([gains(m, b, period) for m, b in zip(inertia, drive.damping, strict=True)], axis=1)
+
+
+def gains(inertia: float, damping: float, period: float) -> Vector:
+    """Of one joint, (3,): 1, 1/s, N·m/rad."""
+    A = np.array([[1.0, period, 0.0], [0.0, np.exp(-damping * period / inertia), period / inertia], [0.0, 0.0, 1.0]])
+    push = np.array([0.0, period / inertia * TORQUE, 0.0])
+    Q = np.outer(push, push) + np.diag([1e-14, 0.0, WALK**2])
+    C = np.array([[1.0, 0.0, 0.0]])
+    P = solve_discrete_are(A.T, C.T, Q, np.array([[NOISE**2]]))
+    return np.asarray(P @ C.T / (C @ P @ C.T + NOISE**2))[:, 0]

@@ -1,0 +1,1 @@
+"""What touches what, how near, and where the hand could be."""

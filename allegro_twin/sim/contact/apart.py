@@ -1,0 +1,131 @@
+"""What arm and hand come near to on their way: the table, the thing that was seen, each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.sim.model.mounted import Mounted
+from allegro_twin.sim.model.posed import Posed
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.things.objects import Placement, Thing, orientation
+from allegro_twin.types import Array, Vector
+
+NEAR = 0.005
+"""m: what comes nearer is in the way. OWN: what follows a far way lags behind it by millimetres."""
+_GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, may be so on it.
+_AWAY = (5.0, 5.0, 5.0)  # m: nothing was seen.
+_THING, _TABLE = "seen", "table"
+_SHAPES = {
+    "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, (0,)),
+    "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (0, 2)),
+    "lying ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0, 1, 2)),
+}
+"""The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
+
+
+class Met(NamedTuple):
+    """What comes too near."""
+
+    part: str
+    """A body of the arm or the hand."""
+    other: str
+    """`the table`, `the thing`, or another body of theirs."""
+    distance: float
+    """m; negative where they would be in each other."""
+
+    def __str__(self) -> str:
+        near = f"{1e3 * self.distance:.0f} mm from" if self.distance > 0.0 else f"{-1e3 * self.distance:.0f} mm deep in"
+        return f"{self.part} would be {near} {self.other}"
+
+
+class Apart:
+    """Arm, hand, table and one thing, posed and never stepped; for one thread."""
+
+    def __init__(self, arm: ArmSpec, mounted: Mounted, base: Array) -> None:
+        placed = Placement(Thing(_THING, "box", (0.01, 0.01, 0.01), 0.01), _AWAY, (1.0, 0.0, 0.0, 0.0))
+        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=[placed], table=True)
+        model = compile_scene(arm, stage, mounted)
+        self._model, self._data = model, mujoco.MjData(model)
+        self._arm, self._hand = Posed(arm, model), Posed(mounted.hand, model)
+        self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
+        self._place = int(model.joint(_THING).qposadr[0])
+        model.geom_margin[[self._thing, self._table]] = NEAR
+        self._of_hand = _below(model, model.body("palm_link").id)
+        self._moves = _below(model, model.body(f"{arm.name}_link1").id)
+
+    def nothing(self) -> None:
+        """From now on the table is empty."""
+        self._data.qpos[self._place : self._place + 3] = _AWAY
+
+    def see(self, kind: str, extents: Sequence[float], position: Array, yaw: float) -> None:
+        """From now on this stands on the table: a shape, with `lying` before it where its axis is level; how far it
+        extends in two level directions and upwards, m; its middle, (3,), m; its turn about the vertical, rad."""
+        shape, which = _SHAPES.get(kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
+        half, place = np.array(extents) / 2.0, self._data.qpos[self._place : self._place + 7]
+        model, number = self._model, self._thing
+        model.geom_type[number] = shape
+        model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
+        model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
+        model.geom_rbound[number] = float(np.linalg.norm(half))
+        place[:3], place[3:] = position, orientation("z", yaw)
+
+    def on_way(self, arm: Array, hand: Array) -> Met | None:
+        """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
+        the last, where nothing may touch."""
+        first, last = self._near(arm[0], hand[0]), self._near(arm[-1], hand[-1])
+        for one, other in zip(arm[1:], hand[1:], strict=True):
+            for pair, distance in self._near(one, other).items():
+                end = max(last.get(pair, np.inf) - _GIVES, 0.0)
+                if distance < min(_least(pair), first.get(pair, np.inf) - _GIVES, end):
+                    return Met(*pair, distance)
+        return None
+
+    def of_arm(self, arm: Vector, hand: Vector) -> Met | None:
+        """What of the arm itself is too near to table or thing in a posture, where the hand may touch both."""
+        for (part, other), distance in self._near(arm, hand).items():
+            body = self._model.body(part).id
+            if other.startswith("the ") and not self._of_hand[body] and distance < NEAR:
+                return Met(part, other, distance)
+        return None
+
+    def _near(self, arm: Vector, hand: Vector) -> dict[tuple[str, str], float]:
+        """Who is nearer than `NEAR`, or in each other, by names; m."""
+        model, data = self._model, self._data
+        self._arm(arm, data.qpos)
+        self._hand(hand, data.qpos)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        found: dict[tuple[str, str], float] = {}
+        for contact in data.contact:
+            pair = self._pair(*(int(geom) for geom in contact.geom))
+            if pair is not None:
+                found[pair] = min(found.get(pair, np.inf), float(contact.dist))
+        return found
+
+    def _pair(self, one: int, other: int) -> tuple[str, str] | None:
+        outside = {self._thing: "the thing", self._table: "the table"}
+        one, other = (other, one) if one in outside else (one, other)
+        part, second = (int(self._model.geom_bodyid[geom]) for geom in (one, other))
+        if one in outside or not self._moves[part] or (self._of_hand[part] and self._of_hand[second]):
+            return None
+        return self._model.body(part).name, outside.get(other) or self._model.body(second).name
+
+
+def _least(pair: tuple[str, str]) -> float:
+    """How near two may be, m: links of the same device may touch."""
+    return NEAR if pair[1].startswith("the ") else 0.0
+
+
+def _below(model: mujoco.MjModel, root: int) -> Array:
+    """Which bodies hang on one, itself among them, (bodies,)."""
+    found = np.zeros(model.nbody, np.bool_)
+    found[root] = True
+    for body in range(root + 1, model.nbody):  # Parents come first.
+        found[body] |= found[model.body_parentid[body]]
+    return found

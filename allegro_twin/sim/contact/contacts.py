@@ -1,0 +1,93 @@
+"""Where a hand touches an object in a MuJoCo scene, contact by contact, as arrays that need no MuJoCo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from allegro_twin.sim.model.parts import Indices, parts_of
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """The contacts between a hand and an object at one moment, in the world."""
+
+    points: Array
+    """(k, 3), m."""
+    normals: Array
+    """(k, 3), unit, into the object."""
+    tangents: Array
+    """(k, 3), unit, across the normals: MuJoCo's own."""
+    force: Array
+    """Of the hand on the object, with friction, (k, 3), N; zero where the contact is not in the solver."""
+    depth: Vector
+    """Penetration, (k,), m; below 0 where the bodies are near each other."""
+    friction: Vector
+    """Sliding, (k,)."""
+    torsion: Vector
+    """Torsional, (k,), m; 0 where MuJoCo takes the contact as hard."""
+    part: Indices
+    """Number in `sim.parts.part_names`: a finger or the palm, (k,)."""
+    bodies: Indices
+    """The hand's body at each contact, (k,)."""
+    centre: Vector
+    """The object's centre of mass, (3,), m."""
+    length: float
+    """The farthest that the object's surface can be from there, m: by the bounding spheres of its geoms."""
+
+
+def touching(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str, near: float = 0.0) -> Touch:
+    """The contacts of an object, after `mj_forward` or a step. `near`, m: also those that do not touch yet by as much,
+    which MuJoCo only finds within margin + gap."""
+    body, part = model.body(thing).id, parts_of(model, spec)
+    contact = data.contact
+    bodies = model.geom_bodyid[contact.geom] if data.ncon else np.zeros((0, 2), dtype=np.int_)
+    mine = model.body_weldid[bodies] == body
+    other = np.where(mine[:, 0], bodies[:, 1], bodies[:, 0])
+    chosen = np.flatnonzero(mine.any(axis=1) & (part[other] >= 0) & (contact.dist <= near))
+    sign = np.where(mine[chosen, 0], -1.0, 1.0)[:, None]  # MuJoCo's normal points from the first geom to the second.
+    frame = contact.frame[chosen].reshape(-1, 3, 3)
+    local = np.array([_force(model, data, int(index)) for index in chosen]).reshape(-1, 3)
+    return Touch(
+        contact.pos[chosen].copy(),
+        sign * frame[:, 0],
+        frame[:, 1].copy(),
+        sign * np.einsum("ki,kij->kj", local, frame),
+        -contact.dist[chosen],
+        contact.friction[chosen, 0].copy(),
+        np.where(contact.dim[chosen] >= 4, contact.friction[chosen, 2], 0.0),
+        part[other[chosen]],
+        other[chosen],
+        data.subtree_com[body].copy(),
+        _radius(model, data, body),
+    )
+
+
+def jacobians(model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, touch: Touch) -> Array:
+    """Of the hand at each contact, (k, 6, n): velocity, m/s, and spin, rad/s, in the world, for q̇ of its joints."""
+    columns = [int(model.joint(name).dofadr[0]) for name in spec.joints]
+    found = np.zeros((len(touch.points), 6, len(columns)))
+    speed, spin = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    for index, (point, body) in enumerate(zip(touch.points, touch.bodies, strict=True)):
+        mujoco.mj_jac(model, data, speed, spin, point, int(body))
+        found[index] = np.vstack([speed[:, columns], spin[:, columns]])
+    return found
+
+
+def _force(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> Array:
+    """In the contact's frame, (3,), N; zero where it is not in the solver."""
+    found = np.zeros(6)
+    mujoco.mj_contactForce(model, data, index, found)
+    return found[:3]
+
+
+def _radius(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
+    geoms = np.flatnonzero(
+        (model.body_weldid[model.geom_bodyid] == body) & (model.geom_contype | model.geom_conaffinity)
+    )
+    reach = np.linalg.norm(data.geom_xpos[geoms] - data.subtree_com[body], axis=1) + model.geom_rbound[geoms]
+    return float(reach.max(initial=0.0))

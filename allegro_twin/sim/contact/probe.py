@@ -1,0 +1,120 @@
+"""What only a simulation knows: where the palm and an object are, and who presses how hard."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.model.parts import part_names, parts_of
+from allegro_twin.sim.model.posed import Posed
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, frozen
+
+_AXES = np.arange(3)  # Of an elliptic contact's force: along the normal, along two tangents.
+
+
+class _Contacts(NamedTuple):
+    """Those of the object, k of them."""
+
+    rows: NDArray[np.int64]
+    """Which of the scene's they are, (k,)."""
+    first: NDArray[np.bool_]
+    """Where the object is the first of the two that touch, (k,)."""
+    part: NDArray[np.int64]
+    """Of the hand, or negative, (k,)."""
+    on_table: bool
+    local: Array
+    """The force in each contact's own frame, (k, 3), N."""
+
+
+class Probe:
+    """Looks into a scene at one object, after each period."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, spec: HandSpec, thing: str) -> None:
+        self._data = data
+        self._palm, self._thing = model.body("palm_link").id, model.body(thing).id
+        self.parts = part_names(spec)
+        self._n, self._parts_column = len(self.parts), np.arange(len(self.parts))[:, None]
+        # An object, and what stands on the table, may be made of bodies that are welded together.
+        weld = model.body_weldid[model.geom_bodyid]
+        self._part = parts_of(model, spec)[model.geom_bodyid]
+        self._is_thing, self._stands = weld == self._thing, (weld == 0) & (self._part < 0)
+        empty = {"contact_force": self._n, "on_table": 1, "contacts": 1, "penetration": 1}
+        self._untouched = {name: frozen(np.zeros(size)) for name, size in empty.items()}
+        self._unmoved = frozen(np.full(3 * self._n, np.nan)), frozen(np.zeros(3 * self._n))
+
+    def __call__(self) -> dict[str, Array]:
+        """What `touch` has, and `palm` and `object`: position and quaternion in the world, (7,). `contact_point` and
+        `contact_vector`, (3 parts,): where each part presses on the object, m, world, and the whole force with friction
+        by which it does, N, world; the point is NaN where nothing touches."""
+        data, found = self._data, self._contacts()
+        point, vector = self._unmoved if found is None else self._pressing(found)
+        return self._felt(found) | {
+            "palm": np.concatenate([data.xpos[self._palm], data.xquat[self._palm]]),
+            "object": np.concatenate([data.xpos[self._thing], data.xquat[self._thing]]),
+            "contact_point": point,
+            "contact_vector": vector,
+        }
+
+    def touch(self) -> dict[str, Array]:
+        """`contact_force`: the sum of normal forces on the object by each finger and the palm, (fingers + 1,), N.
+        `on_table`: 1 where it touches the table or its stand, (1,). `contacts`: how many points of the hand touch it,
+        (1,), and `penetration`, (1,): the deepest of them, m."""
+        return self._felt(self._contacts())
+
+    def _contacts(self) -> _Contacts | None:
+        contact = self._data.contact
+        geoms, address = contact.geom, contact.efc_address
+        ours = self._is_thing[geoms]
+        mine = ((ours[:, 0] | ours[:, 1]) & (address >= 0)).nonzero()[0]
+        if not len(mine):
+            return None
+        first = ours[mine, 0]
+        other = np.where(first, geoms[mine, 1], geoms[mine, 0])
+        # MuJoCo's contact frame has the normal, from the first geom to the second, and two tangents as its rows.
+        local = self._data.efc_force[address[mine, None] + _AXES]
+        return _Contacts(mine, first, self._part[other], bool(self._stands[other].any()), local)
+
+    def _felt(self, found: _Contacts | None) -> dict[str, Array]:
+        if found is None:
+            return dict(self._untouched)
+        hand = found.part >= 0
+        depth = -self._data.contact.dist[found.rows[hand]].min(initial=0.0)
+        return {
+            "contact_force": (found.part == self._parts_column) @ found.local[:, 0],
+            "on_table": np.array([float(found.on_table)]),
+            "contacts": np.array([float(hand.sum())]),
+            "penetration": np.array([max(depth, 0.0)]),
+        }
+
+    def _pressing(self, found: _Contacts) -> tuple[Array, Array]:
+        contact, local = self._data.contact, found.local
+        rows = np.empty((len(local), 7))
+        rows[:, 0] = local[:, 0]
+        rows[:, 1:4] = local[:, :1] * contact.pos[found.rows]
+        toward = np.where(found.first[:, None], -local, local)
+        rows[:, 4:] = (toward[:, None] @ contact.frame[found.rows].reshape(-1, 3, 3))[:, 0]
+        total = (found.part == self._parts_column) @ rows
+        weights = total[:, 0].copy()
+        weights[weights <= 0.0] = np.nan
+        return (total[:, 1:4] / weights[:, None]).reshape(-1), total[:, 4:].reshape(-1)
+
+
+def free_of_contact(model: mujoco.MjModel, spec: HandSpec, postures: Array, count: int) -> Array:
+    """The first `count` of some postures (k, n), rad, in which nothing of the scene touches, (count, n)."""
+    data = mujoco.MjData(model)
+    posed = Posed(spec, model)
+    found = []
+    for posture in postures:
+        posed(posture, data.qpos)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        if data.ncon == 0:
+            found.append(posture)
+        if len(found) == count:
+            break
+    return np.array(found)

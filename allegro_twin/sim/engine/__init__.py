@@ -1,0 +1,1 @@
+"""The state that is stepped, and the backend that drives it."""

@@ -1,0 +1,243 @@
+"""The hand in MuJoCo: lockstep, as fast as it goes, the same bits every time."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.backend import position_of, torque_of
+from allegro_twin.drive import Ailment, Drive
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.sim.drive.drivetrain import Drivetrain
+from allegro_twin.sim.drive.lengths import Lengths
+from allegro_twin.sim.drive.servos import ONE, Servos
+from allegro_twin.sim.engine.holding import Holding, feels
+from allegro_twin.sim.engine.world import World
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.posed import Posed, moved_by
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
+
+ENGINE = f"mujoco {mujoco.__version__}"
+"""What the figures of a simulation depend on."""
+_NO_WRIST = np.zeros((0, 6))
+
+
+class Push(NamedTuple):
+    """What pushes a body from outside."""
+
+    body: str
+    force: Array
+    """On its centre of mass in every control period from the reset on, (k, 3), N, world; nothing after the last."""
+
+
+class SimBackend:
+    """A hand, or an arm, in a compiled scene; or in a world that it shares with others.
+
+    Who shares a world shares its time: a state is of the moment up to which the one who is ahead has gone, and a period
+    that another's reading has let pass counts as missed. `loop.together` takes turns so that none is.
+    A reset begins the world anew, unless it is new and this device has not been reset in it.
+
+    `drive` holds the wrist's set-points for every physics step, shape (k, 6); after the last one the wrist stays.
+    `posture` is the joint position at reset, shape (n,), rad; by default the spec's rest. Joints that follow begin
+    where they are when nothing is in their way.
+    `pushing` is what pushes a body of the scene.
+    Raises ConfigError for a period that is not a whole number of the model's timesteps.
+    """
+
+    def __init__(
+        self,
+        spec: HandSpec,
+        scene: mujoco.MjModel | World,
+        *,
+        period: float = 0.003,
+        posture: Vector | None = None,
+        drive: Array = _NO_WRIST,
+        pushing: Push | None = None,
+    ) -> None:
+        self.world = scene if isinstance(scene, World) else World(scene)
+        self.model, self.data = self.world.model, self.world.data
+        model = self.model
+        self.substeps = substeps(period, model.opt.timestep)
+        self._spec, self._period = spec, period
+        self._motors = span([model.actuator(name).id for name in spec.joints])
+        self._servos = None if "torque" in spec.commands else Servos(spec, [model], period)
+        self._lengths = Lengths(spec, model)
+        joints = list(moved_by(spec, model).values())
+        self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
+        self._dof = span([model.jnt_dofadr[joint] for joint in joints])
+        self._pose = Posed(spec, model)
+        self._root = model.body(spec.root).id
+        self._posture = spec.rest if posture is None else spec.posture(posture)
+        self.drive, self.pushing = drive, pushing
+        self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
+        self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
+        self._unknown = frozen(np.full(spec.n_actuators, math.nan))
+        self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
+        self._holding = Holding(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
+        self._feels = feels(spec, model)
+        self._session, self._tick = 0, 0
+        self.world.join(self)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._spec
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    @property
+    def posture(self) -> Vector:
+        """At reset, (n,), rad."""
+        return self._posture
+
+    @posture.setter
+    def posture(self, posture: Vector) -> None:
+        self._posture = self._spec.posture(posture)
+
+    @property
+    def every_step(self) -> bool:
+        """Whether it has something to do at every physics step."""
+        return self.world.steps < len(self.drive) or self._train is not None
+
+    def reset(self) -> HandState:
+        if self.world.steps or self._session == self.world.session:
+            self.world.restart()
+        else:
+            self.lay()
+        self._session = self.world.session
+        mujoco.mj_forward(self.model, self.data)
+        if self._servos is not None:
+            self._servos.reset(ONE, self._moved()[0][None])
+        return self._state()
+
+    def lay(self) -> None:
+        """Its part of a state at reset."""
+        self._pose(self._posture, self.data.qpos)
+        self.data.ctrl[self._motors] = 0.0
+        if self._servos is not None:
+            self._servos.limp(ONE)
+        if self._wrist:
+            self.data.ctrl[self._wrist] = self.drive[0]
+        if self._train is not None:
+            self._train.reset()
+        if self._holding is not None:
+            self._holding.reset()
+        self._tick = 0
+
+    def write(self, command: Command) -> None:
+        self._present()
+        if self._servos is not None:
+            wanted = position_of(command, self._spec)
+            self._servos.command(ONE, wanted.position[None], wanted.effort, wanted.duration or 0.0)
+            return
+        torque = torque_of(command, self._spec)
+        if self._holding is not None:
+            self._holding.heard()
+        if self._train is None:
+            self.data.ctrl[self._motors] = torque
+        else:
+            self._train.command(torque)
+
+    def read(self) -> HandState:
+        self._present()
+        self.world.advance((self._tick + 1) * self.substeps)
+        self._tick = self.world.steps // self.substeps
+        return self._state()
+
+    def begin_period(self) -> None:
+        """What is done once a period, just before it."""
+        if self._pushed is not None and self.pushing is not None:
+            now = self.world.steps // self.substeps
+            rows = self.pushing.force[now : now + 1]
+            self.data.xfrc_applied[self._pushed, :3] = rows[0] if len(rows) else 0.0
+        if self._servos is not None:
+            self.data.ctrl[self._motors] = self._servos.told(ONE)[0]
+        if self._holding is not None:
+            torque = self._holding.torque(self.data)
+            if torque is not None:
+                self.data.ctrl[self._motors] = torque
+
+    def before_step(self, step: int) -> None:
+        """What is done before every physics step."""
+        if step < len(self.drive):
+            self.data.ctrl[self._wrist] = self.drive[step]
+        if self._train is not None:
+            self._train.step(self.data)
+
+    def push(self, torque: Vector) -> None:
+        """Torques on the joints from outside, (n,), N·m, until replaced: a person who leads the fingers."""
+        self.data.qfrc_applied[self._dof] = torque
+
+    def suffer(self, what: Ailment, joint: int, amount: float) -> None:
+        """Something goes wrong with a joint, for good."""
+        if self._train is None:
+            self._train = Drivetrain(self._spec, Drive.made({}, self._spec.n_joints), self.model, self._motors)
+            self._train.command(self.data.ctrl[self._motors].copy())
+        self._train.suffer(what, joint, amount)
+
+    def close(self) -> None:
+        if self._servos is not None:
+            self._servos.limp(ONE)
+        else:
+            self.data.ctrl[self._motors] = 0.0
+
+    def mass_of(self, body: str) -> float:
+        """Of a body of the scene, kg."""
+        return float(self.model.body_mass[self.model.body(body).id])
+
+    def meta(self) -> dict[str, str]:
+        """What a recording should say of the simulation: the engine, and a hash of the model as it was stepped."""
+        if self._servos is None:
+            return {"engine": ENGINE, "model": self.world.hash()}
+        with self._servos.able():
+            return {"engine": ENGINE, "model": self.world.hash()}
+
+    def _present(self) -> None:
+        if self._session != self.world.session:
+            raise HandFault(f"the scene of {self._spec.name} was begun anew by another; reset it, too")
+
+    def _moved(self) -> tuple[Array, Array]:
+        """Position and velocity of what is driven, (n,) each."""
+        data = self.data
+        if self._servos is None:
+            return data.qpos[self._qpos].copy(), data.qvel[self._dof].copy()
+        if self._lengths.sums:
+            return self._lengths.position(data.qpos), self._lengths.velocity(data.qvel)
+        return self._lengths.look(self.model, data)
+
+    def _state(self) -> HandState:
+        data = self.data
+        position, velocity = self._moved()
+        if not math.isfinite(position.sum()):
+            raise HandFault(f"the simulation diverged at {self._tick * self._period:.3f} s: {self.world.warned()}")
+        if self._train is not None:
+            position = self._train.reported(position, data)
+        torque = data.actuator_force[self._motors].copy()
+        gravity = self.model.opt.gravity @ data.xmat[self._root].reshape(3, 3)
+        wrench = NO_WRENCH if self._feels is None else -data.sensordata[self._feels]
+        for array in (position, velocity, torque, gravity, wrench):
+            array.setflags(write=False)
+        t = self._tick * self._period
+        return HandState(t, self._tick, position, velocity, torque, self._unknown, gravity, wrench)
+
+
+def substeps(period: float, timestep: float) -> int:
+    """Physics steps in a control period. Raises ConfigError unless it is a whole number of them."""
+    count = round(period / timestep) if math.isfinite(period) else 0
+    if count < 1 or abs(count * timestep - period) > 1e-9:
+        raise ConfigError(f"period {period} s is not a whole number of physics steps of {timestep} s")
+    return count
+
+
+def span(indices: list[int]) -> slice | list[int]:
+    """A slice where the indices run on, which NumPy reads faster than a list."""
+    indices = [int(index) for index in indices]
+    if indices and indices == list(range(indices[0], indices[0] + len(indices))):
+        return slice(indices[0], indices[0] + len(indices))
+    return indices

@@ -1,0 +1,143 @@
+"""From a hand and the things around it to one MuJoCo model, by edits of an MjSpec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from warnings import catch_warnings, filterwarnings
+
+import mujoco
+
+from allegro_twin.arm_spec import ArmSpec
+from allegro_twin.description.appearance import STAND, TABLE
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.sim.drive import drivetrain
+from allegro_twin.sim.drive.servos import bound
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.foreign import adopt, located, mounted, read
+from allegro_twin.sim.model.mounted import Mounted, hang, pedestal, tell
+from allegro_twin.sim.model.physics import Physics
+from allegro_twin.sim.things import objects, presenter
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """Everything around the hand, or the arm."""
+
+    position: Array
+    """Palm, or an arm's base, in the world, shape (3,), m."""
+    quaternion: Array
+    """Likewise, w, x, y, z."""
+    things: Sequence[objects.Placement] = ()
+    friction: float = 0.8
+    """Sliding friction of every contact."""
+    table: bool = False
+    """A table top at z = 0."""
+    stand: tuple[float, float, float, float, float] | None = None
+    """A block on the table: its place x, y, its edges along x, y, and its height, m."""
+    wrist: bool = False
+    """The palm hangs on a gantry that can move it, instead of being fixed."""
+    slide: bool = False
+    """Of that gantry the palm has only the vertical slide."""
+    presented: bool = False
+    """Somebody holds the first thing, moves it and lets go of it."""
+    physics: Physics = field(default_factory=Physics)
+    every_shape: bool = False
+    """Things have a geom for each primitive shape: scenes of different ones then have the same layout."""
+
+
+def hand_spec(spec: HandSpec) -> mujoco.MjSpec:
+    """The hand's or the arm's own MJCF, or the foreign one that its file names, under our names."""
+    path = data_root() / "models" / "mjcf" / f"{spec.name}.xml"
+    file = located(spec) if spec.foreign is not None else path
+    if not file.is_file():
+        raise ConfigError(f"hand {spec.name}: no MJCF at {file}")
+    hand = read(file)
+    if spec.foreign is not None and spec.foreign.keeps:
+        return mounted(hand, spec, spec.foreign)
+    if spec.foreign is not None:
+        adopt(hand, spec, spec.foreign)
+    for index, name in enumerate(spec.joints):
+        joint, motor = hand.joint(name), hand.actuator(name)
+        joint.range = [spec.lower[index], spec.upper[index]]
+        joint.damping = [spec.actuation.damping[index], 0, 0]
+        joint.armature = spec.actuation.armature[index]
+        joint.frictionloss = spec.actuation.frictionloss[index]
+        limit = spec.actuation.torque_limit[index]
+        motor.forcerange = [-limit, limit]
+        motor.ctrlrange = motor.forcerange if spec.actuation.stiffness is None else joint.range
+    if spec.drive is not None:
+        drivetrain.build(hand, spec, spec.drive)
+    return hand
+
+
+def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) -> mujoco.MjModel:
+    """The model of a hand on its stage; or of an arm, with a hand on its flange. Raises ConfigError when MuJoCo refuses
+    it."""
+    scene = hand_spec(spec)
+    if isinstance(spec, ArmSpec):
+        tell(scene, spec, spec.load)
+        pedestal(scene, stage.position)
+        if mounted is not None:
+            hang(scene, spec, hand_spec(mounted.hand), mounted.mount)
+    stage.physics.options(scene)
+    friction = stage.physics.friction(stage.friction)
+    for geom in scene.geoms:
+        if geom.contype or geom.conaffinity:
+            geom.friction = friction
+    root = scene.body(spec.root)
+    root.pos, root.quat = stage.position, stage.quaternion
+    root.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # A file may say it otherwise, which would count.
+    if stage.wrist:
+        wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
+    _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
+    for placement in stage.things:
+        objects.add(scene, placement, friction, every_shape=stage.every_shape)
+    if stage.presented:
+        presenter.add(scene, stage.things[0])
+    stage.physics.contacts(scene)
+    try:
+        with catch_warnings():
+            filterwarnings("ignore", message="Attaching a spec with an empty prefix")  # Nobody saves it.
+            model = scene.compile()
+    except ValueError as error:
+        raise ConfigError(f"scene of {spec.name}: {str(error).strip().splitlines()[0]}") from error
+    for each in (spec,) if mounted is None else (spec, mounted.hand):
+        if "torque" not in each.commands:
+            bound(model, each)
+    return model
+
+
+def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
+    """The light falls on a left hand's mirror image as on a right hand: `side` is 1 or -1."""
+    world = scene.worldbody
+    scene.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    scene.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    scene.visual.global_.offwidth, scene.visual.global_.offheight = 1280, 960
+    scene.visual.quality.shadowsize = 2048
+    scene.stat.extent = 0.5
+    scene.visual.map.znear = 0.02
+    sky = scene.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384)
+    sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
+    sky.rgb1, sky.rgb2 = [0.93, 0.95, 0.97], [0.72, 0.77, 0.83]
+    world.add_light(
+        name="key",
+        pos=[0.4, -0.6 * side, 1.4],
+        dir=[-0.3, 0.4 * side, -1.0],
+        diffuse=[0.55] * 3,
+        type=mujoco.mjtLightType.mjLIGHT_SPOT,
+    )
+    if stage.stand is not None:
+        x, y, length, width, height = stage.stand
+        world.add_geom(
+            name="stand", type=mujoco.mjtGeom.mjGEOM_BOX, size=[length / 2, width / 2, height / 2],
+            pos=[x, y, height / 2], friction=stage.physics.friction(stage.friction), rgba=[*STAND, 1.0],
+        )  # fmt: skip
+    if stage.table:
+        world.add_geom(
+            name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
+            friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
+        )  # fmt: skip
