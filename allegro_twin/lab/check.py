@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.lab.nothing import Nothing
 from allegro_twin.lab.settings import ValidateSettings
@@ -58,8 +59,12 @@ def stopped(torque: Vector, gravity: Vector, friction: Vector) -> float:
     return float(np.maximum(np.abs(torque - gravity) - 2.0 * friction, 0.0).sum())
 
 
-def kept_apart(position: Vector, nothing: Nothing, stiffness: Vector, friction: Vector) -> float:
+def kept_apart(
+    position: Vector, nothing: Nothing, stiffness: Vector, friction: Vector, meeting: NDArray[np.bool_]
+) -> float:
     """What keeps the telling fingers from where they would be around nothing, beyond twice their dry friction, summed,
-    N·m. `position`, (n,), rad; `stiffness` is their controller's, (n,), N·m/rad; `friction`, (n,), N·m."""
+    N·m. `position`, (n,), rad; `stiffness` is their controller's, (n,), N·m/rad; `friction`, (n,), N·m. Fingers that
+    are `meeting` each other, (n,), do not tell; where no other is left, all that would."""
     off = stiffness * np.abs(position - nothing.position) - 2.0 * friction
-    return float(np.maximum(off, 0.0)[nothing.telling].sum())
+    alone = nothing.telling & ~meeting
+    return float(np.maximum(off, 0.0)[alone if alone.any() else nothing.telling].sum())

@@ -17,6 +17,7 @@ from allegro_twin.library.gains import load_gains
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.loop import run
+from allegro_twin.sim.contact.clearance import Clearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.model.statics import hand_model
@@ -30,6 +31,7 @@ PERIOD = 0.003
 _PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
 _REST = 0.5  # s. After the squeeze, at least, until nothing moves;
 _STILL, _LONGEST = 2e-3, 4.0  # and that is rad/s, or s after the squeeze at the latest: slow motors creep.
+_TOUCH = 0.001  # m. Fingers nearer than this touch each other.
 _FINE = 0.5  # m/s². Of gravity in the palm's frame, which hardly matters: the hand carries itself.
 
 
@@ -47,6 +49,24 @@ class Nothing(NamedTuple):
     telling: NDArray[np.bool_]
     """Joints of fingers that meet no other, (n,): where two fingertips come to rest on each other is chance, so that
     the others tell whether something is there. All, where every finger meets another."""
+
+
+def meeting(hand: HandSettings, position: Vector) -> NDArray[np.bool_]:
+    """Which joints are of fingers that touch each other where they are, (n,), `position` in rad: what is between those
+    two is a finger. Fingers that were brushed on the way may hook into each other that are apart around nothing."""
+    spec, apart = _apart(hand.model, hand.side)
+    found = np.zeros(spec.n_joints, np.bool_)
+    fingers = {finger.name: list(finger.joints) for finger in spec.fingers}
+    for (one, other), gap in zip(apart.pairs, apart(position[None])[0], strict=True):
+        if one != other and one in fingers and other in fingers and gap < _TOUCH:
+            found[fingers[one] + fingers[other]] = True
+    return found
+
+
+@cache
+def _apart(model: str, side: Side) -> tuple[HandSpec, Clearance]:
+    spec = load_spec(model, side)
+    return spec, Clearance(spec)
 
 
 def around_nothing(hand: HandSettings, grasp: str, palm: Array) -> Nothing:

@@ -19,7 +19,7 @@ from allegro_twin.lab.choice import Way
 from allegro_twin.lab.doubt import doubted, drifted, verdict, with_doubt
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.lab.law import Guide
-from allegro_twin.lab.nothing import around_nothing, squeezing
+from allegro_twin.lab.nothing import around_nothing, meeting, squeezing
 from allegro_twin.lab.plan import best_way, way_of
 from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
@@ -220,7 +220,8 @@ class Work:
         axes = room.cell.base.rotation @ room.cell.model.pose(state.position).rotation
         press = stopped(hand.torque, room.model.gravity_torque(hand.position, hand.gravity), friction)
         nothing = around_nothing(room.settings.hand, self._grasp.name, self.way.palm.rotation)
-        between = kept_apart(hand.position, nothing, room.stiffness, friction)
+        meet = meeting(room.settings.hand, hand.position)
+        between = kept_apart(hand.position, nothing, room.stiffness, friction, meet)
         found = checked(weighed(self._before, self._after, axes), press, between, settings)
         why = drifted(self._idle, self._before, settings)
         why = why or doubted(found, self._before, self._after, axes, settings)

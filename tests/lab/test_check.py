@@ -46,14 +46,23 @@ def test_friction_and_the_fingers_own_weight_are_no_grip() -> None:
 def test_fingers_that_end_where_they_would_around_nothing_hold_nothing() -> None:
     end, stiffness, friction = np.full(4, 0.5), np.full(4, 12.0), np.full(4, 0.02)
     nothing = Nothing(end, np.ones(4, bool))
-    assert kept_apart(end + 0.003, nothing, stiffness, friction) == pytest.approx(0.0)
-    assert kept_apart(end - [0.02, 0.0, 0.0, 0.01], nothing, stiffness, friction) == pytest.approx(0.2 + 0.08)
+    off, none = end - [0.02, 0.0, 0.0, 0.01], np.zeros(4, bool)
+    assert kept_apart(end + 0.003, nothing, stiffness, friction, none) == pytest.approx(0.0)
+    assert kept_apart(off, nothing, stiffness, friction, none) == pytest.approx(0.2 + 0.08)
 
 
 def test_fingers_that_meet_each_other_tell_nothing() -> None:
+    stiffness, friction, none = np.full(2, 12.0), np.zeros(2), np.zeros(2, bool)
     nothing = Nothing(np.zeros(2), np.array([False, True]))
-    assert kept_apart(np.array([0.1, 0.0]), nothing, np.full(2, 12.0), np.zeros(2)) == 0.0
-    assert kept_apart(np.array([0.1, 0.1]), nothing, np.full(2, 12.0), np.zeros(2)) == pytest.approx(1.2)
+    assert kept_apart(np.array([0.1, 0.0]), nothing, stiffness, friction, none) == 0.0
+    assert kept_apart(np.array([0.1, 0.1]), nothing, stiffness, friction, none) == pytest.approx(1.2)
+
+
+def test_fingers_that_hook_into_each_other_tell_nothing_while_another_can() -> None:
+    stiffness, friction = np.full(3, 12.0), np.zeros(3)
+    nothing, off = Nothing(np.zeros(3), np.ones(3, bool)), np.array([0.1, 0.1, 0.0])
+    assert kept_apart(off, nothing, stiffness, friction, np.array([True, True, False])) == 0.0
+    assert kept_apart(off, nothing, stiffness, friction, np.ones(3, bool)) == pytest.approx(2.4)
 
 
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])

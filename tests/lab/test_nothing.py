@@ -6,7 +6,7 @@ import numpy as np
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.lab.choice import cards
-from allegro_twin.lab.nothing import around_nothing
+from allegro_twin.lab.nothing import around_nothing, meeting
 from allegro_twin.lab.settings import HandSettings
 from allegro_twin.library.library import Library
 
@@ -47,3 +47,9 @@ def test_which_way_down_is_hardly_matters_for_a_hand_that_carries_itself() -> No
     np.testing.assert_allclose(
         around_nothing(HAND, grasp, palm).position, around_nothing(HAND, grasp, turned).position, atol=2e-3
     )
+
+
+def test_fingers_that_touch_each_other_are_known_by_their_joints() -> None:
+    together = meeting(HAND, around_nothing(HAND, *card_of("tuna_fish_can")).position).reshape(4, 4)
+    assert together.all(axis=1).tolist() == together.any(axis=1).tolist() == [False, True, True, False]
+    assert not meeting(HAND, around_nothing(HAND, *card_of("orange")).position).any()
