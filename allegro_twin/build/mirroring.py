@@ -67,6 +67,18 @@ def make_mirror(
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop)
 
 
+def left_out(spec: HandSpec, hand: str) -> str:
+    """What a hand's file says that its mirror knows nothing of, as a sentence; nothing where that is nothing."""
+    drive = load_spec(spec.model, spec.side, hand or spec.serial).drive
+    if drive is None or not drive.backlash.any():
+        return ""
+    most = 1000.0 * float(np.max(drive.backlash))
+    return (
+        f"{hand or spec.serial} has up to {most:.1f} mrad of backlash, which a mirror leaves out: a link that swings "
+        "through it is a disturbance; take thresholds from --free"
+    )
+
+
 def make_loop_mirror(
     spec: HandSpec, period: float, calm: Calm | None = None, stop: Collection[str] = (), gravity: Vector | None = None
 ) -> Mirror:

@@ -27,6 +27,12 @@ console = Console(width=None if sys.stdout.isatty() else 120)
 errors = Console(stderr=True, width=None if sys.stderr.isatty() else 120)
 
 
+def warn(line: str) -> None:
+    """A line that is no error, in one piece; nothing is no line."""
+    if line:
+        errors.print(line, style="yellow", markup=False, soft_wrap=True, highlight=False)
+
+
 @contextmanager
 def progress() -> Iterator[Progress]:
     """A bar that vanishes when it is done; nothing where the output is no terminal, whatever a notebook says that it

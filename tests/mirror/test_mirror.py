@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.build.mirroring import left_out
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.hands import load_spec
@@ -224,3 +225,10 @@ def test_a_hand_on_a_bus_has_a_mirror_and_a_simulated_one_is_its_own() -> None:
         assert hand.mirror is hand.mirror
     with Hand.open("sim_right") as hand, pytest.raises(ConfigError, match="a simulated hand is its own twin"):
         hand.mirror  # noqa: B018  # Asking is what fails.
+
+
+def test_a_mirror_says_that_it_leaves_out_the_backlash_of_a_hands_file(spec: HandSpec, tmp_path: Path) -> None:
+    file = tmp_path / "loose.yaml"
+    file.write_text("drive: {backlash: 0.004}\n")
+    assert left_out(spec, str(file)).startswith(f"{file} has up to 4.0 mrad of backlash, which a mirror leaves out")
+    assert left_out(spec, "") == ""

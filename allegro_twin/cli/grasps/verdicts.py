@@ -77,7 +77,6 @@ def told(
     targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None, rrd: Recorded | None = None
 ) -> list[dict[str, Any]]:
     """Show the table and write the files; the rows, one a target. Raises HandError."""
-    from rich.markup import escape
 
     from allegro_twin.build.outcomes import outcomes, rates, with_draws
     from allegro_twin.sweep.results import write_results
@@ -87,7 +86,7 @@ def told(
     errors = [row["error"] for row in trials.rows if row["error"] is not None]
     if errors:
         said = f"{len(errors)} of {len(trials.rows)} trials could not be made; the first: {errors[0]}"
-        console.errors.print(f"[yellow]{escape(said)}[/]", soft_wrap=True)
+        console.warn(said)
     for column in ("object", "grasp", "hand"):
         groups = rates(rows, column)
         if len(groups) < len(rows):

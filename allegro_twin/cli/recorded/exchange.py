@@ -95,8 +95,7 @@ def export(
         rows = demonstrations.unpacked(first, target, episode or 0)
     elif log:
         rows, notes = from_log(first, target, config, bus)
-        if notes:
-            console.errors.print(f"[yellow]{notes}[/]", soft_wrap=True)
+        console.warn(notes)
     else:
         rows = convert(first, target, partial=partial, track=track)
     console.console.print(f"{target}: {rows} rows")

@@ -63,8 +63,8 @@ class Refusals:
 
     def see(self, happening: Happening) -> None:
         """Print it."""
-        from allegro_twin.cli.console import errors
+        from allegro_twin.cli import console
         from allegro_twin.replay.happenings import Told
 
         if isinstance(happening, Told) and happening.track == "states" and happening.row.get("sentence"):
-            errors.print(str(happening.row["sentence"]), style="yellow", markup=False, soft_wrap=True, highlight=False)
+            console.warn(str(happening.row["sentence"]))

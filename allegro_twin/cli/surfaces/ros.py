@@ -6,7 +6,6 @@ import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from allegro_twin.cli import complete
 from allegro_twin.cli.options import OtherHand
@@ -87,7 +86,7 @@ def _opened(config: str, other: str | None) -> Hand:
 def _told(line: str) -> None:
     from allegro_twin.cli import console
 
-    console.errors.print(f"[yellow]{escape(line)}[/]", soft_wrap=True)
+    console.warn(line)
 
 
 def domain_of() -> int:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
 from allegro_twin.cli import complete, options
 from allegro_twin.cli.options import OtherHand
@@ -92,4 +91,4 @@ def _summed(tally: Tally) -> str:
 def _told(line: str) -> None:
     from allegro_twin.cli import console
 
-    console.errors.print(f"[yellow]{escape(line)}[/]", soft_wrap=True)
+    console.warn(line)

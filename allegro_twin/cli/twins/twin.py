@@ -128,9 +128,7 @@ def gap(
     from allegro_twin.identify.results.method import gaps
     from allegro_twin.identify.results.stored import doubtful
 
-    doubt = doubtful(identifying.hand_file(hand)) if hand else ""
-    if doubt:
-        console.errors.print(f"[yellow]{doubt}[/]", soft_wrap=True)
+    console.warn(doubtful(identifying.hand_file(hand)) if hand else "")
     for each in gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
 
@@ -168,6 +166,8 @@ def mirror(
     from allegro_twin.cli.twins import identifying, mirroring
 
     identifying.check_scipy()
+    from allegro_twin.build.mirroring import left_out
+
     down = None if gravity is None else mirroring.vector(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.build.mirroring import mirrored
@@ -177,12 +177,16 @@ def mirror(
             raise ConfigError(
                 f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
             )
-        found, spec = mirrored(Path(target), hand or "", free, down), load(Path(target)).spec
+        spec = load(Path(target)).spec
+        console.warn(left_out(spec, hand or ""))
+        found = mirrored(Path(target), hand or "", free, down)
     else:
         from allegro_twin.build.wired import spec_of
         from allegro_twin.config import load_config
 
         config = load_config(target)
+        spec = spec_of(config)
+        console.warn(left_out(spec, hand or ""))
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
             stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
@@ -190,7 +194,6 @@ def mirror(
             found = mirroring.live(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )
-        spec = spec_of(config)
     console.console.print(mirroring.table(found, spec.readable))
     for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)
