@@ -79,12 +79,13 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
         cost = time.process_time() - began
         store(file, found.fit, found.values, found.motions, "")
         (gap,) = gaps(paths[-1:], str(file))
+        truth_itself = best(truth, read_motion(paths[-1]))
     own = {"kind": item["kind"], "seed": item["seed"], "backlash_true": truth["drive"]["backlash"]}
     return {
         **own,
         **_errors(truth, found),
         **_prediction(gap),
-        "truth_mrad": _text(1000 * best(truth, read_motion(paths[-1]))),
+        "truth_mrad": _text(1000 * truth_itself),
         "cpu_s": cost,
         "data_s": sum(m.seconds for m in found.motions),
     }
