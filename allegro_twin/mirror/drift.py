@@ -67,7 +67,7 @@ class Drift:
         something, for they move and nothing touches their finger; `lean`: how the torques of gravity turn with the
         joints, (n, n), N·m/rad. Whether it is time for a look."""
         torque, side = np.where(tells, (2.0 * made + self._before) / 3.0, 0.0)  # A disturbance follows what makes it.
-        self._before, d = made, np.where(tells, d, 0.0)
+        self._before = made
         shapes = np.concatenate([-lean * tells[:, None], np.diag(-torque)], axis=1)
         self._squares += shapes.T @ shapes
         self._along += d @ shapes

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from allegro_twin.identify.results.gap import drive_of
+from allegro_twin.mirror.anomalies import ROW as ROW_PERIODS
+from allegro_twin.mirror.diagnosis import EVERY, ROWS, WAIT, Diagnosis, Weights
 from allegro_twin.mirror.drift import BLOCK, SPANS, Drift
-from allegro_twin.sim.observer import Observer
+from allegro_twin.sim.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import HandState, Vector
 
 N, ROW = 16, 0.03
 DOWN = np.array([6.0, 0.0, -7.7])
@@ -71,7 +73,7 @@ def test_a_drift_is_known_with_its_joint_and_its_rate(spec: HandSpec) -> None:
 
 @pytest.mark.parametrize("wrong", ["nothing", "step", "fading"])
 def test_a_step_a_motor_that_fades_and_nothing_at_all_are_no_drift(spec: HandSpec, wrong: str) -> None:
-    _, said = seen(spec, 90.0, wrong)
+    _, said = seen(spec, 150.0, wrong)
     assert len(said) > 10
     assert said == [None] * len(said)
 
@@ -89,3 +91,21 @@ def test_what_touches_a_finger_is_no_drift_of_its_encoders(spec: HandSpec) -> No
 def test_what_came_lately_is_not_taken_for_something_that_grew(spec: HandSpec) -> None:
     grew, came = (seen(spec, 40.5, wrong, 0.94)[0].grown(6) for wrong in ("drift", "step"))
     assert came < 0.5 * grew  # Though what came has as many squares as what grew.
+
+
+def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    periods = ROW_PERIODS * (ROWS + WAIT + 3 * EVERY)
+    found = []
+    for grown in (0.0, 1.0):
+        monkeypatch.setattr(Drift, "grown", lambda self, joint, much=grown: much)
+        each = Diagnosis(spec, np.full(4, 1e-4), 0.003)
+        for tick in range(periods):
+            t = 0.003 * tick
+            torque, speed = 0.1 * np.sin(7.0 * t + np.arange(N)), 0.9 * np.cos(3.0 * t + np.arange(N))
+            state = HandState(t, tick, 0.3 * np.sin(3.0 * t + np.arange(N)), speed, torque, np.full(N, np.nan), DOWN)
+            push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0)
+            estimate = Estimate(state.position, state.position, push, speed)
+            weights = Weights(np.zeros((N, N)), None, ALL) if each.due else None
+            each.add(state, estimate, torque, np.zeros(N), weights)
+        found.append(None if each.found is None else each.found.name)
+    assert found == ["weak", None]
