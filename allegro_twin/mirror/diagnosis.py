@@ -115,8 +115,9 @@ class Diagnosis:
         if weights.lean is None:
             return
         tells = (np.abs(velocity) > MOVING) & weights.free
-        if self._drift.add(d, np.stack([torque, side]), tells, weights.lean) and self.found is None:
-            drifts = self._drift.found()
+        self._drift.add(d, np.stack([torque, side]), tells, weights.lean)
+        if self.found is None and self._count % EVERY == EVERY // 2:
+            drifts = self._drift.look()
             self.found = None if drifts is None else Anomaly("encoder_drift", *drifts)
 
     @property

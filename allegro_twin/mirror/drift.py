@@ -15,6 +15,7 @@ on it) nobody can know.
 from __future__ import annotations
 
 from collections import deque
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -27,8 +28,6 @@ BLOCK = 50
 """Rows of a block, 1.5 s."""
 SPANS = (20, 40, 80)
 """Blocks that are looked at together: half a minute, one, two."""
-EVERY = 2
-"""Blocks between two looks."""
 SURE = 9.0
 """Standard deviations: with 16 degrees of freedom two in ten million, and there are 10⁵ a hour."""
 SLOW = (3e-4, 3e-3)
@@ -57,15 +56,16 @@ class Drift:
     def __init__(self, spec: HandSpec, period: float) -> None:
         self._fingers = [list(finger.joints) for finger in spec.fingers]
         self._columns = [[*own, *(spec.n_joints + k for k in own)] for own in self._fingers]
-        self._period, self._n, self._rows, self._count = period, spec.n_joints, 0, 0
+        self._period, self._n = period, spec.n_joints
+        self._turns = cycle([(finger, span) for finger in range(len(spec.fingers)) for span in SPANS])
         self._before = np.zeros((2, spec.n_joints))
         self._blocks: deque[tuple[Array, Vector]] = deque(maxlen=SPANS[-1])
         self._clear()
 
-    def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array) -> bool:
+    def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array) -> None:
         """A row: disturbances, (n,), N·m; the motors' torques and the sides of friction, (2, n); which joints tell
         something, for they move and nothing touches their finger; `lean`: how the torques of gravity turn with the
-        joints, (n, n), N·m/rad. Whether it is time for a look."""
+        joints, (n, n), N·m/rad."""
         torque, side = np.where(tells, (2.0 * made + self._before) / 3.0, 0.0)  # A disturbance follows what makes it.
         self._before = made
         shapes = np.concatenate([-lean * tells[:, None], np.diag(-torque)], axis=1)
@@ -75,15 +75,30 @@ class Drift:
         self._rub += side * side
         self._rub_along += side * d
         self._rows += 1
-        if self._rows < BLOCK:
-            return False
-        self._end()
-        return self._count >= SPANS[0] and self._count % EVERY == 0
+        if self._rows == BLOCK:
+            self._blocks.append(self._reduced())
+            self._clear()
 
-    def found(self) -> tuple[int, float] | None:
-        """The joint whose encoder drifts, and how fast, rad/s; None where nothing is sure."""
-        likely = [each for span in SPANS if span <= len(self._blocks) for each in self._in(span)]
-        return max(likely, default=(0.0, None), key=lambda each: each[0])[1]
+    def look(self) -> tuple[int, float] | None:
+        """The joint whose encoder drifts, and how fast, rad/s; None where nothing is sure. Each time one finger and one
+        span have their turn, for a look at all would take longer than a period."""
+        finger, span = next(self._turns)
+        if span > len(self._blocks):
+            return None
+        own, columns, blocks = self._fingers[finger], self._columns[finger], list(self._blocks)[-span:]
+        cut = np.ix_(columns, columns)
+        squares, along = np.array([s[cut] for s, _ in blocks]), np.array([a[columns] for _, a in blocks])
+        ramp, m = self._ramp(squares, along), len(own)
+        slow = np.abs(ramp.rate[:m])
+        can = np.concatenate([(slow > SLOW[0]) & (slow < SLOW[1]), np.ones(m, dtype=bool)])
+        gain = np.where(can, ramp.gain, 0.0)
+        first, second = np.argsort(-gain)[:2]
+        if first >= m or ramp.sure[first] < SURE or gain[second] > (1.0 - CLEAR) * gain[first]:
+            return None
+        halves = (slice(span // 2), slice(span // 2, None))
+        shares = [self._ramp(squares[half], along[half]).rate[first] / ramp.rate[first] for half in halves]
+        steady = min(shares) > 1.0 / HALVES and max(shares) < HALVES
+        return (own[first], float(ramp.rate[first])) if steady else None
 
     def grown(self, joint: int) -> float:
         """What the likeliest drift of this joint's finger, begun at any time, takes away of all that was seen until
@@ -98,27 +113,6 @@ class Drift:
         size = np.maximum(np.square(since) @ squares, _TINY)
         rate = np.clip((since @ along) / size, -SLOW[1], SLOW[1])
         return float((rate * (2.0 * (since @ along) - rate * size)).max())
-
-    def _in(self, span: int) -> list[tuple[float, tuple[int, float]]]:
-        """What drifts in the last so many blocks, by the squares that it takes away."""
-        found = []
-        for own, columns in zip(self._fingers, self._columns, strict=True):
-            cut = np.ix_(columns, columns)
-            blocks = list(self._blocks)[-span:]
-            squares, along = np.array([s[cut] for s, _ in blocks]), np.array([a[columns] for _, a in blocks])
-            ramp = self._ramp(squares, along)
-            slow = np.abs(ramp.rate[: len(own)])
-            can = np.concatenate([(slow > SLOW[0]) & (slow < SLOW[1]), np.ones(len(own), dtype=bool)])
-            gain = np.where(can, ramp.gain, 0.0)
-            first, second = np.argsort(-gain)[:2]
-            if first >= len(own) or ramp.sure[first] < SURE or gain[second] > (1.0 - CLEAR) * gain[first]:
-                continue
-            half = span // 2
-            rates = [self._ramp(squares[part], along[part]).rate[first] / ramp.rate[first]
-                     for part in (slice(half), slice(half, None))]  # fmt: skip
-            if min(rates) > 1.0 / HALVES and max(rates) < HALVES:
-                found.append((float(gain[first]), (own[first], float(ramp.rate[first]))))
-        return found
 
     def _ramp(self, squares: Array, along: Array) -> Ramp:
         """Of blocks (b, 2m, 2m) and (b, 2m): o₀ free in all, r in one at a time."""
@@ -141,11 +135,6 @@ class Drift:
         rub = np.maximum(self._rub, _TINY)
         squares = self._squares - self._rubbed.T @ (self._rubbed / rub[:, None])
         return squares, self._along - (self._rub_along / rub) @ self._rubbed
-
-    def _end(self) -> None:
-        self._blocks.append(self._reduced())
-        self._count += 1
-        self._clear()
 
     def _clear(self) -> None:
         n = self._n
