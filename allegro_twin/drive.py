@@ -61,14 +61,18 @@ class Drive:
         return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
 
-Ailment: TypeAlias = Literal["weak", "stuck", "encoder_step", "encoder_drift", "payload", "friction", "slippery"]
+Ailment: TypeAlias = Literal[
+    "weak", "stuck", "encoder_step", "encoder_drift", "payload", "friction", "slippery", "loose"
+]  # fmt: skip
 """What goes wrong with a hand itself."""
 AILMENTS: dict[Ailment, tuple[float, float]] = {
     "weak": (0.3, 0.8), "stuck": (1.0, 1.0), "encoder_step": (0.02, 0.1), "encoder_drift": (5e-4, 2e-3),
     "payload": (0.005, 0.03), "friction": (0.02, 0.06), "slippery": (0.05, 0.3),
+    "loose": (0.02, 0.08),
 }  # fmt: skip
 """How much, when it is drawn by chance: the share that a motor gives; N·m that hold a joint; rad; rad/s; kg at the link
-that the joint moves; N·m; the share that is left of the friction of every contact, whatever the joint."""
+that the joint moves; N·m; the share that is left of the friction of every contact, whatever the joint;
+rad of backlash, of a fingertip."""
 _SINGLE = ("delay", "seed")
 _NOMINAL = dict.fromkeys((field.name for field in fields(Drive)), 0.0) | {
     "strength": 1.0, "stiction": 1.0, "mass_scale": 1.0, "stribeck_speed": 0.1,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.build.hidden import truth_of
+from allegro_twin.build.hidden import loosened, truth_of
 from allegro_twin.build.simulated import simulated
 from allegro_twin.config import VIRTUAL, CanSettings, FaultSettings, FirmwareSettings, RunConfig, SceneSettings
 from allegro_twin.description.hands import load_spec
@@ -100,7 +100,7 @@ def firmware_of(config: RunConfig, scene: Scene, *, step: float, restart: bool) 
         raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {settings.kind}")
     truth = truth_of(settings)
     codec, quirks = codec_of(config, settings, truth), settings.firmware or FirmwareSettings()
-    spec = spec_of(config, truth)
+    spec = loosened(spec_of(config, truth), settings.faults)
     if quirks.clip == "full":
         limit = load_wiring(config.hand.model, config.hand.serial, truth).calibration.full_torque(codec.version)
         spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))

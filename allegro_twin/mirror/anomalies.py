@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-Name: TypeAlias = Literal["weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file"]
-NAMES: tuple[Name, ...] = ("weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file")
+Name: TypeAlias = Literal["weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift"]
+NAMES: tuple[Name, ...] = (
+    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift",
+)  # fmt: skip
 ROW = 10
 """Periods whose means make a row of a window."""
 MOVING = 0.03  # rad/s
@@ -60,9 +62,11 @@ class Anomaly(NamedTuple):
     joint: int
     """Which; the first that is found where it is of the whole hand."""
     amount: float
-    """Missing share of a motor, N·m of friction, kg, rad, °C; of a file the number of fingers."""
+    """Missing share of a motor, N·m of friction, kg, rad, °C, rad/s; of a file the number of fingers."""
     margin: float = 1.0
     """By what share the next likely name explains less."""
+    gain: float = np.inf
+    """Squares of disturbances that it takes away, N²m²; infinite where it is seen directly."""
 
 
 def words(found: Anomaly, spec: HandSpec) -> str:
@@ -81,6 +85,8 @@ def words(found: Anomaly, spec: HandSpec) -> str:
             return f"{joint} has {1000 * found.amount:.0f} mN·m of friction too much"
         case "hot":
             return f"the motor of {joint} is at {found.amount:.0f} °C"
+        case "encoder_drift":
+            return f"the encoder of {joint} drifts by {60000 * found.amount:+.0f} mrad a minute"
         case "wrong_file":
             return "the file is of another hand, or of this one long ago: identify it again"
 
@@ -119,7 +125,8 @@ def named(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
     most = max(sure, key=lambda each: each.gain)
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = [each.gain for each in found[finger] if each.name != most.name]
-    return Anomaly(most.name, most.joint, most.amount, 1.0 - max(others, default=0.0) / most.gain)
+    margin = 1.0 - max(others, default=0.0) / most.gain
+    return Anomaly(most.name, most.joint, most.amount, margin, most.gain)
 
 
 def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:

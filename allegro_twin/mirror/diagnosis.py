@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, MOVING, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
@@ -22,6 +23,8 @@ WAIT = ROWS
 """Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
+GREW = 0.7
+"""Of what a name takes away: where a drift that began earlier takes away more, one waits what that becomes."""
 AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
 CLEAR = 0.03
 """What the next likely name must lack of the squares that the likeliest takes away."""
@@ -31,6 +34,17 @@ DEFAULT, PART = 0.02, 0.03
 """N·m, and of a motor's limit, where no free motion says what a touch is."""
 BLOCK, FEWEST = 20, 4
 """Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
+
+
+class Weights(NamedTuple):
+    """Of a hand's links, in one of its postures."""
+
+    pull: Array
+    """What a kilogram at each link's centre of mass would weigh on each joint, (links, n), N·m."""
+    lean: Array | None
+    """How the torques of gravity turn with the joints, (n, n), N·m/rad; None: not known of this hand."""
+    free: NDArray[np.bool_]
+    """Joints of fingers that nothing touches, (n,)."""
 
 
 class Calm(NamedTuple):
@@ -67,10 +81,10 @@ class Calm(NamedTuple):
 
 
 class Diagnosis:
-    """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,)."""
+    """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,); `period`: s."""
 
-    def __init__(self, spec: HandSpec, quiet: Vector) -> None:
-        self._spec, self._quiet = spec, quiet
+    def __init__(self, spec: HandSpec, quiet: Vector, period: float) -> None:
+        self._spec, self._quiet, self._drift = spec, quiet, Drift(spec, ROW * period)
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
@@ -80,18 +94,31 @@ class Diagnosis:
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
 
-    def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, pull: Array | None) -> None:
-        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `pull` is
-        wanted in the last of ROW periods."""
+    def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, weights: Weights | None) -> None:
+        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
+        are wanted in the last of ROW periods."""
         v = estimate.velocity
         self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, np.abs(off)))
-        if len(self._periods) < ROW or pull is None:
+        if len(self._periods) < ROW or weights is None:
             return
         *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
-        self._keep((*(each.mean(axis=0) for each in means), away.max(axis=0), pull, state.temperature))
+        row = [each.mean(axis=0) for each in means]
+        self._keep((*row, away.max(axis=0), weights.pull, state.temperature))
+        self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
+
+    def _creep(self, row: Sequence[Vector], weights: Weights) -> None:
+        """What takes longer than a window."""
+        d, torque, velocity, side, *_ = row
+        if weights.lean is None:
+            return
+        tells = (np.abs(velocity) > MOVING) & weights.free
+        self._drift.add(d, np.stack([torque, side]), tells, weights.lean)
+        if self.found is None and self._count % EVERY == EVERY // 2:
+            drifts = self._drift.look()
+            self.found = None if drifts is None else Anomaly("encoder_drift", *drifts)
 
     @property
     def due(self) -> bool:
@@ -119,7 +146,7 @@ class Diagnosis:
         seen = named(
             self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
         )
-        if self.found is None and seen is not None:
+        if self.found is None and seen is not None and self._drift.grown(seen.joint) < GREW * seen.gain:
             ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
             self.found = seen if ready or seen.name in AT_ONCE else None
         if not odd:

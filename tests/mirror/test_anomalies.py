@@ -20,7 +20,7 @@ from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, gains, named, words
-from allegro_twin.mirror.diagnosis import EVERY, RARE, ROWS, WAIT, Calm, Diagnosis
+from allegro_twin.mirror.diagnosis import EVERY, RARE, ROWS, WAIT, Calm, Diagnosis, Weights
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.sim.engine.backend import SimBackend
@@ -119,7 +119,8 @@ def states(spec: HandSpec) -> Iterator[HandState]:
 
 
 def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -> None:
-    each, pull, sign = Diagnosis(spec, QUIET), np.zeros((N, N)), 3 * ROWS * ROW
+    each, sign = Diagnosis(spec, QUIET, 0.003), 3 * ROWS * ROW
+    weights = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool))
     named_at = None
     for tick, state in enumerate(states(spec)):
         wrong = tick > sign
@@ -127,7 +128,7 @@ def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -
         push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0) if wrong else np.zeros(N)
         speed = 0.9 * np.cos(3.0 * state.t + np.arange(N))
         estimate = Estimate(state.position, state.position, push, speed)
-        each.add(state, estimate, torque, np.zeros(N), pull if each.due else None)
+        each.add(state, estimate, torque, np.zeros(N), weights if each.due else None)
         if each.found is not None:
             named_at = (tick - sign) / ROW
             break

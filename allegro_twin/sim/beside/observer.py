@@ -53,6 +53,11 @@ class Observer:
         self.held = drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
         """What friction that breaks away may hold in a joint at rest, (n,), N·m; how much it does nobody knows."""
         self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
+        self._joints = [self._model.joint(name).id for name in spec.joints]
+        self._before = np.zeros((spec.n_joints, spec.n_joints))  # Whether a joint carries the link of another.
+        for finger in spec.fingers:
+            for place, joint in enumerate(finger.joints):
+                self._before[joint, list(finger.joints[place:])] = 1.0
 
     def reset(self, position: Vector) -> None:
         """Begin where the hand reports to be, (n,), rad, at rest."""
@@ -88,6 +93,15 @@ class Observer:
             mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
             found[row] = (down @ jacobian)[self._player.dofs]
         return found
+
+    def lean(self) -> Array:
+        """How the torques of gravity turn with the joints now, ∂τ/∂q, (n, n), N·m/rad: a link's weight m at c turns
+        with joints a, b before it, a nearer to the palm, by m g · (e_a × (e_b × (c − p_b))), e: axes, p: places."""
+        model, data, joints = self._model, self._data, self._joints
+        axes, bodies = data.xaxis[joints], model.jnt_bodyid[joints]
+        turned = np.cross(axes, data.subtree_com[bodies] - data.xanchor[joints])
+        half = np.cross(model.opt.gravity, axes) @ (model.body_subtreemass[bodies, None] * turned).T * self._before
+        return np.asarray(half + half.T - np.diag(half.diagonal()))
 
     def _kalman(self, spec: HandSpec, drive: Parameters, period: float) -> Array:
         """Steady gains on position, speed and disturbance, (3, n)."""

@@ -8,11 +8,17 @@ but grease holds the link, and τ is what the stops pass on. The encoder sees th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.types import Vector
+from allegro_twin.drive import Drive
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector, frozen
 
 SMALLEST = 1e-4
 """rad: what a joint without any has in a model that has backlash. Less than the noise of most encoders."""
@@ -35,3 +41,21 @@ def tune(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector) -> No
     """Set it, rad, at some plays of a compiled model."""
     half = np.maximum(backlash, SMALLEST) / 2.0
     model.jnt_range[plays] = np.stack([-half, half], axis=1)
+
+
+def able(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
+    """The same hand, some of whose joints can come loose while it moves: they have a play of SMALLEST until then."""
+    drive = spec.drive or Drive.made({}, spec.n_joints)
+    play = drive.backlash.copy()
+    play[list(joints)] = np.maximum(play[list(joints)], SMALLEST)
+    return replace(spec, drive=replace(drive, backlash=frozen(play)))
+
+
+def loosen(model: mujoco.MjModel, joint: str, backlash: float) -> None:
+    """Give a joint so many rad of play. Raises ConfigError where the model has none to grow."""
+    play = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name_of(joint))
+    if play < 0:
+        raise ConfigError(
+            f"{joint} cannot come loose in this model: its drive.backlash must be at least {SMALLEST:g} rad"
+        )
+    tune(model, np.array([play]), np.array([backlash]))

@@ -43,7 +43,7 @@ class Drivetrain:
     """What a drive does while time passes."""
 
     def __init__(self, spec: HandSpec, drive: Drive, model: mujoco.MjModel, motors: slice | list[int]) -> None:
-        self._drive, self._model, self._motors = drive, model, motors
+        self._drive, self._model, self._motors, self._names = drive, model, motors, spec.joints
         self._late = round(drive.delay / model.opt.timestep)
         self._dofs = np.array([model.joint(name).dofadr[0] for name in spec.joints])
         self._dry, self._armature = spec.actuation.frictionloss, spec.actuation.armature
@@ -59,7 +59,8 @@ class Drivetrain:
         self.reset()
 
     def suffer(self, what: Ailment, joint: int, amount: float) -> None:
-        """Something goes wrong with a joint, for good: `amount` as AILMENTS has it."""
+        """Something goes wrong with a joint, for good: `amount` as AILMENTS has it. Raises ConfigError for a joint that
+        is to be loose and has no play in the model."""
         match what:
             case "weak":
                 self._share[joint] = amount
@@ -71,6 +72,8 @@ class Drivetrain:
                 self._moved[joint] += amount
             case "encoder_drift":
                 self._drift[joint] += amount
+            case "loose":
+                backlash.loosen(self._model, self._names[joint], amount)
             case "slippery":
                 self._model.geom_friction[:, 0] *= amount
             case "payload":

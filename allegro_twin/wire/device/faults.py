@@ -75,7 +75,8 @@ class Faults:
         """Let the events up to `now` happen."""
         if self._plan.failures and self._chance.random() < self._plan.failures * hands[0].step / 60.0:
             what = list(AILMENTS)[self._chance.integers(len(AILMENTS))]
-            _suffer(hands, what, int(self._chance.integers(16)), float(self._chance.uniform(*AILMENTS[what])))
+            joint, amount = int(self._chance.integers(16)), float(self._chance.uniform(*AILMENTS[what]))
+            _suffer(hands, what, _tip(hands[0], joint) if what == "loose" else joint, amount)
         while self._script and self._script[0].at <= now:
             event = self._script.pop(0)
             match event.what:
@@ -171,6 +172,11 @@ class Sufferer(Protocol):
     """A hand with which something can go wrong."""
 
     def suffer(self, what: Ailment, joint: int, amount: float) -> None: ...
+
+
+def _tip(hand: Firmware, joint: int) -> int:
+    """The last joint of its finger."""
+    return next(finger.joints[-1] for finger in hand.backend.spec.fingers if joint in finger.joints)
 
 
 def _suffer(hands: Sequence[Firmware], what: Ailment, joint: int, amount: float) -> None:

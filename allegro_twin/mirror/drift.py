@@ -1,0 +1,142 @@
+"""Whether an encoder drifts: what gravity says of a joint's angle, over half a minute to two.
+
+An encoder that reads o too much makes its mirror expect the weight of another posture. What that leaves is
+
+    d = −K o,    K = ∂(torque of gravity) / ∂q,
+
+on all joints of the finger, and with a drift o grows: o(t) = o₀ + r t. Least squares over blocks of 1.5 s, with
+o₀ free in every joint and r in one, give r; dry friction is taken out block by block. How sure r is the blocks
+themselves tell, by what each leaves over (White's sandwich), and the first half must say what the second says, or it
+was no growth but a step. A motor that fades as it warms up has the same chance, so that it is not taken for a drift.
+Where gravity does not turn with a joint (K = 0: its axis is upright, or it is the first of a finger and little hangs
+on it) nobody can know.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import cycle
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+BLOCK = 50
+"""Rows of a block, 1.5 s."""
+SPANS = (20, 40, 80)
+"""Blocks that are looked at together: half a minute, one, two."""
+SURE = 9.0
+"""Standard deviations: with 16 degrees of freedom two in ten million, and there are 10⁵ a hour."""
+SLOW = (3e-4, 3e-3)
+"""rad/s: what is called a drift. A faster one would show within seconds."""
+HALVES = 2.0
+"""By how much the halves of a span may differ in their rates."""
+CLEAR = 0.1
+"""What the next likely joint or fading motor must lack of the squares that the likeliest takes away."""
+_TINY = 1e-12
+
+
+class Ramp(NamedTuple):
+    """What grew, of one finger's candidates: its joints' encoders, then its motors. (2m,) each."""
+
+    rate: Vector
+    """rad/s; of motors shares a second."""
+    gain: Vector
+    """Squares that it takes away, N²m²."""
+    sure: Vector
+    """Standard deviations from none."""
+
+
+class Drift:
+    """Keeps blocks of what a mirror saw. `period`: of a row, s."""
+
+    def __init__(self, spec: HandSpec, period: float) -> None:
+        self._fingers = [list(finger.joints) for finger in spec.fingers]
+        self._columns = [[*own, *(spec.n_joints + k for k in own)] for own in self._fingers]
+        self._period, self._n = period, spec.n_joints
+        self._turns = cycle([(finger, span) for finger in range(len(spec.fingers)) for span in SPANS])
+        self._before = np.zeros((2, spec.n_joints))
+        self._blocks: deque[tuple[Array, Vector]] = deque(maxlen=SPANS[-1])
+        self._clear()
+
+    def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array) -> None:
+        """A row: disturbances, (n,), N·m; the motors' torques and the sides of friction, (2, n); which joints tell
+        something, for they move and nothing touches their finger; `lean`: how the torques of gravity turn with the
+        joints, (n, n), N·m/rad."""
+        torque, side = np.where(tells, (2.0 * made + self._before) / 3.0, 0.0)  # A disturbance follows what makes it.
+        self._before = made
+        shapes = np.concatenate([-lean * tells[:, None], np.diag(-torque)], axis=1)
+        self._squares += shapes.T @ shapes
+        self._along += d @ shapes
+        self._rubbed += side[:, None] * shapes
+        self._rub += side * side
+        self._rub_along += side * d
+        self._rows += 1
+        if self._rows == BLOCK:
+            self._blocks.append(self._reduced())
+            self._clear()
+
+    def look(self) -> tuple[int, float] | None:
+        """The joint whose encoder drifts, and how fast, rad/s; None where nothing is sure. Each time one finger and one
+        span have their turn, for a look at all would take longer than a period."""
+        finger, span = next(self._turns)
+        if span > len(self._blocks):
+            return None
+        own, columns, blocks = self._fingers[finger], self._columns[finger], list(self._blocks)[-span:]
+        cut = np.ix_(columns, columns)
+        squares, along = np.array([s[cut] for s, _ in blocks]), np.array([a[columns] for _, a in blocks])
+        ramp, m = self._ramp(squares, along), len(own)
+        slow = np.abs(ramp.rate[:m])
+        can = np.concatenate([(slow > SLOW[0]) & (slow < SLOW[1]), np.ones(m, dtype=bool)])
+        gain = np.where(can, ramp.gain, 0.0)
+        first, second = np.argsort(-gain)[:2]
+        if first >= m or ramp.sure[first] < SURE or gain[second] > (1.0 - CLEAR) * gain[first]:
+            return None
+        halves = (slice(span // 2), slice(span // 2, None))
+        shares = [self._ramp(squares[half], along[half]).rate[first] / ramp.rate[first] for half in halves]
+        steady = min(shares) > 1.0 / HALVES and max(shares) < HALVES
+        return (own[first], float(ramp.rate[first])) if steady else None
+
+    def grown(self, joint: int) -> float:
+        """What the likeliest drift of this joint's finger, begun at any time, takes away of all that was seen until
+        now, N²m²."""
+        finger = next(f for f, own in enumerate(self._fingers) if joint in own)
+        own = self._fingers[finger]
+        blocks = [*self._blocks, self._reduced()]
+        squares = np.array([each[own, own] for each, _ in blocks])  # (b, m)
+        along = np.array([each[own] for _, each in blocks])
+        ages = np.arange(len(blocks))
+        since = np.maximum(ages[None, :] - ages[:, None] + 0.5, 0.0) * BLOCK * self._period  # (begun, b)
+        size = np.maximum(np.square(since) @ squares, _TINY)
+        rate = np.clip((since @ along) / size, -SLOW[1], SLOW[1])
+        return float((rate * (2.0 * (since @ along) - rate * size)).max())
+
+    def _ramp(self, squares: Array, along: Array) -> Ramp:
+        """Of blocks (b, 2m, 2m) and (b, 2m): o₀ free in all, r in one at a time."""
+        b = len(squares)
+        t = (np.arange(b) - (b - 1) / 2.0) * BLOCK * self._period
+        s0, s1, s2 = squares.sum(axis=0), np.tensordot(t, squares, 1), np.tensordot(t * t, squares, 1)
+        a0, a1 = along.sum(axis=0), t @ along
+        back = s1 @ np.linalg.pinv(s0, rcond=1e-9, hermitian=True)
+        size = np.maximum((s2 - back @ s1).diagonal(), _TINY)
+        rate = (a1 - back @ a0) / size
+        start = np.linalg.pinv(s0, rcond=1e-9, hermitian=True) @ (a0[:, None] - s1 * rate)  # (2m, candidate)
+        left = along[:, :, None] - np.einsum("bkl,lc->bkc", squares, start)
+        left -= t[:, None, None] * squares * rate
+        scores = t[:, None] * np.einsum("bcc->bc", left) - np.einsum("bkc,ck->bc", left, back)
+        spread = np.sqrt(np.square(scores).sum(axis=0) * b / (b - along.shape[1] / 2.0 - 1.0))
+        return Ramp(rate, np.square(rate) * size, np.abs(rate) * size / np.maximum(spread, _TINY))
+
+    def _reduced(self) -> tuple[Array, Vector]:
+        """The block that is being filled, without what dry friction explains."""
+        rub = np.maximum(self._rub, _TINY)
+        squares = self._squares - self._rubbed.T @ (self._rubbed / rub[:, None])
+        return squares, self._along - (self._rub_along / rub) @ self._rubbed
+
+    def _clear(self) -> None:
+        n = self._n
+        self._rows, self._squares, self._along = 0, np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
+        self._rubbed, self._rub, self._rub_along = np.zeros((n, 2 * n)), np.zeros(n), np.zeros(n)
