@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from functools import lru_cache
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +60,43 @@ class Follower:
     """The index of the one that it follows."""
     positions: Vector
     """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
+
+
+class _Way(NamedTuple):
+    """How those followers go whose tables are equally long, m of them, as `np.interp` has it for one, to the bit."""
+
+    places: list[int]
+    """Which followers they are."""
+    driven: list[int]
+    lower: Vector
+    """Of the driven joints, as `span`, (m,), rad."""
+    span: Vector
+    parts: Vector
+    """Of the span, where the tables have their entries, (k,)."""
+    table: Array
+    """(m, k), rad or m."""
+    slopes: Array
+    """(m, k - 1)."""
+
+    def at(self, position: Array) -> Array:
+        """(..., n) → (..., m)."""
+        part = (position[..., self.driven] - self.lower) / self.span
+        stretch = np.minimum(np.maximum(self.parts.searchsorted(part, "right") - 1, 0), len(self.parts) - 2)
+        row = np.arange(len(self.driven))
+        between = self.slopes[row, stretch] * (part - self.parts[stretch]) + self.table[row, stretch]
+        return np.where(part >= 1.0, self.table[:, -1], np.where(part <= 0.0, self.table[:, 0], between))
+
+
+@lru_cache(maxsize=64)
+def _ways(spec: HandSpec) -> list[_Way]:
+    made = []
+    for length in sorted({len(each.positions) for each in spec.followers}):
+        places = [k for k, each in enumerate(spec.followers) if len(each.positions) == length]
+        driven = [spec.followers[k].driven for k in places]
+        parts, table = np.linspace(0.0, 1.0, length), np.stack([spec.followers[k].positions for k in places])
+        lower, span = spec.lower[driven], (spec.upper - spec.lower)[driven]
+        made.append(_Way(places, driven, lower, span, parts, table, np.diff(table) / np.diff(parts)))
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,18 +199,10 @@ class HandSpec:
 
     def followed(self, position: Array) -> Array:
         """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
-        span = self.upper - self.lower
-        return np.stack(
-            [
-                np.interp(
-                    (position[..., each.driven] - self.lower[each.driven]) / span[each.driven],
-                    np.linspace(0.0, 1.0, len(each.positions)),
-                    each.positions,
-                )
-                for each in self.followers
-            ],
-            axis=-1,
-        ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
+        found = np.empty((*position.shape[:-1], len(self.followers)))
+        for way in _ways(self):
+            found[..., way.places] = way.at(position)
+        return found
 
     def following(self, position: Array) -> Array:
         """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
