@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.followers import Follower, Way, ways
 from allegro_twin.types import Array, Vector, frozen
 
 Side: TypeAlias = Literal["right", "left"]
@@ -48,55 +49,6 @@ class Actuation:
     """The fastest that the maker lets a joint turn, rad/s; None: nobody says."""
     torque_rate: Vector | None = None
     """The fastest that a commanded torque may change, N·m/s; None: at once."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Follower:
-    """A joint that follows a driven one, wherever nothing is in its way."""
-
-    name: str
-    """In the description file."""
-    driven: int
-    """The index of the one that it follows."""
-    positions: Vector
-    """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
-
-
-class _Way(NamedTuple):
-    """How those followers go whose tables are equally long, m of them, as `np.interp` has it for one, to the bit."""
-
-    places: list[int]
-    """Which followers they are."""
-    driven: list[int]
-    lower: Vector
-    """Of the driven joints, as `span`, (m,), rad."""
-    span: Vector
-    parts: Vector
-    """Of the span, where the tables have their entries, (k,)."""
-    table: Array
-    """(m, k), rad or m."""
-    slopes: Array
-    """(m, k - 1)."""
-
-    def at(self, position: Array) -> Array:
-        """(..., n) → (..., m)."""
-        part = (position[..., self.driven] - self.lower) / self.span
-        stretch = np.minimum(np.maximum(self.parts.searchsorted(part, "right") - 1, 0), len(self.parts) - 2)
-        row = np.arange(len(self.driven))
-        between = self.slopes[row, stretch] * (part - self.parts[stretch]) + self.table[row, stretch]
-        return np.where(part >= 1.0, self.table[:, -1], np.where(part <= 0.0, self.table[:, 0], between))
-
-
-@lru_cache(maxsize=64)
-def _ways(spec: HandSpec) -> list[_Way]:
-    made = []
-    for length in sorted({len(each.positions) for each in spec.followers}):
-        places = [k for k, each in enumerate(spec.followers) if len(each.positions) == length]
-        driven = [spec.followers[k].driven for k in places]
-        parts, table = np.linspace(0.0, 1.0, length), np.stack([spec.followers[k].positions for k in places])
-        lower, span = spec.lower[driven], (spec.upper - spec.lower)[driven]
-        made.append(_Way(places, driven, lower, span, parts, table, np.diff(table) / np.diff(parts)))
-    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,3 +213,8 @@ def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:
         for place, joint in enumerate(finger.joints):
             names[joint] = f"{finger.name}_{place}"
     return tuple(names)
+
+
+@lru_cache(maxsize=64)
+def _ways(spec: HandSpec) -> list[Way]:
+    return ways(spec.followers, spec.lower, spec.upper)

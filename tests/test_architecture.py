@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
 LAYERS = [
-    {"arm_spec", "arrays", "errors", "types", "drive", "spec", "version"},
+    {"arm_spec", "arrays", "errors", "types", "drive", "followers", "spec", "version"},
     {"backend", "files"},
     {"kinematics"},
     {"description", "control", "loop", "safety", "messages", "perception"},
