@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.followers import Follower, Way, ways
 from allegro_twin.types import Array, Vector, frozen
 
 Side: TypeAlias = Literal["right", "left"]
@@ -47,18 +49,6 @@ class Actuation:
     """The fastest that the maker lets a joint turn, rad/s; None: nobody says."""
     torque_rate: Vector | None = None
     """The fastest that a commanded torque may change, N·m/s; None: at once."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Follower:
-    """A joint that follows a driven one, wherever nothing is in its way."""
-
-    name: str
-    """In the description file."""
-    driven: int
-    """The index of the one that it follows."""
-    positions: Vector
-    """Where it is, rad or m, for positions of the driven one evenly from its lowest to its highest, shape (k,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,18 +151,10 @@ class HandSpec:
 
     def followed(self, position: Array) -> Array:
         """Where the followers are when nothing is in their way, (..., n) → (..., followers), rad or m: an estimate."""
-        span = self.upper - self.lower
-        return np.stack(
-            [
-                np.interp(
-                    (position[..., each.driven] - self.lower[each.driven]) / span[each.driven],
-                    np.linspace(0.0, 1.0, len(each.positions)),
-                    each.positions,
-                )
-                for each in self.followers
-            ],
-            axis=-1,
-        ) if self.followers else np.zeros((*position.shape[:-1], 0))  # fmt: skip
+        found = np.empty((*position.shape[:-1], len(self.followers)))
+        for way in _ways(self):
+            found[..., way.places] = way.at(position)
+        return found
 
     def following(self, position: Array) -> Array:
         """How fast the followers go for each motor's own speed, on the same way, (..., n) → (..., followers)."""
@@ -231,3 +213,8 @@ def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:
         for place, joint in enumerate(finger.joints):
             names[joint] = f"{finger.name}_{place}"
     return tuple(names)
+
+
+@lru_cache(maxsize=64)
+def _ways(spec: HandSpec) -> list[Way]:
+    return ways(spec.followers, spec.lower, spec.upper)

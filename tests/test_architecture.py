@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
 LAYERS = [
-    {"arm_spec", "arrays", "errors", "types", "drive", "spec", "version"},
+    {"arm_spec", "arrays", "errors", "types", "drive", "followers", "spec", "version"},
     {"backend", "files"},
     {"kinematics"},
     {"description", "control", "loop", "safety", "messages", "perception"},
@@ -119,17 +119,26 @@ def own_room(path: Path) -> str:
     return "" if relative.name.startswith("__") and len(relative.parts) == 1 else relative.parts[0]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_point_down_and_never_sideways(path: Path) -> None:
+def test_every_room_has_a_layer() -> None:
+    homeless = {own_room(path) for path in MODULES} - {"", *(name for names in LAYERS for name in names)}
+    assert not homeless, f"give {homeless} a layer in docs/design.md and here"
+
+
+def test_imports_point_down_and_never_sideways() -> None:
+    wrong = [f"{path.relative_to(PACKAGE)} imports {module}" for path in MODULES for module in not_from_below(path)]
+    assert not wrong, f"from the side or above: {wrong}"
+
+
+def not_from_below(path: Path) -> list[str]:
+    """What a module imports of the package that is neither below it nor in its own room."""
     mine = own_room(path)
-    assert mine == "" or layer(mine) < len(LAYERS), f"{mine} has no layer: give it one in docs/design.md and here"
-    for module in imports(path):
-        if module.split(".")[0] != "allegro_twin" or mine == "":
-            continue
-        theirs = room(module)
-        known = theirs if layer(theirs) < len(LAYERS) else ""
-        same = known == mine or (layer(mine) == 0 and layer(known) == 0)
-        assert same or known == "" or layer(known) < layer(mine), f"{path.name} imports {module} from the side or above"
+    found = []
+    for module in imports(path) if mine else []:
+        theirs = room(module) if module.split(".")[0] == "allegro_twin" else ""
+        same = theirs == mine or layer(mine) == layer(theirs) == 0
+        if not same and layer(mine) <= layer(theirs) < len(LAYERS):
+            found.append(module)
+    return found
 
 
 @pytest.mark.parametrize("room_", FLOORS)
@@ -149,11 +158,14 @@ def test_within_a_room_imports_point_down_its_floors(room_: str) -> None:
                 assert floor <= floors.index(mine), f"{path.name} imports {module} from a floor above"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_every_library_has_one_home(path: Path) -> None:
-    for module in imports(path):
-        homes = HOMES.get(module.split(".")[0])
-        assert homes is None or own_room(path) in homes, f"{path.name} imports {module}, which lives in {homes}"
+def test_every_library_has_one_home() -> None:
+    found = [(path, module, HOMES.get(module.split(".")[0])) for path in MODULES for module in imports(path)]
+    wrong = [
+        f"{path.relative_to(PACKAGE)} imports {module}, which lives in {homes}"
+        for path, module, homes in found
+        if homes is not None and own_room(path) not in homes
+    ]
+    assert not wrong, wrong
 
 
 def test_only_paced_sleeps_and_only_the_wire_ros_the_trainer_and_the_planner_ask_for_the_time() -> None:

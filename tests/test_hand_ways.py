@@ -28,6 +28,8 @@ JAMMED = [
     ("rock", "fist"), ("scissors", "count_1"), ("scissors", "fist"),
 ]  # fmt: skip
 """The moves on which fingers ran into each other in a straight line of the joints, and stayed there."""
+QUICK = [("count_2", "count_1"), ("fist", "count_3"), ("fist", "rock"), ("ok", "fist"), ("scissors", "fist")]
+"""What is tried of them before each push: to all postures that they lead to but one; the long run tries all moves."""
 
 
 def config(side: str = "right", posture: str | None = None) -> RunConfig:
@@ -49,22 +51,25 @@ class Clip:
         self.longest = np.maximum(self.longest, self._run)
 
 
-def arrives(hand: Hand, posture: str, speed: float = 1.0) -> None:
-    """The bar: there within 0.03 rad, and no joint at its clip for a second, also in the 1.2 s after that."""
+def missed(hand: Hand, posture: str, speed: float = 1.0) -> str:
+    """What a move misses of the bar, or nothing: there within 0.03 rad, and no joint at its clip for a second, also in
+    the 1.2 s after that."""
     clip = Clip(hand)
     with hand.listening(clip):
         hand.move_to(posture, speed)
         hand.wait(1.2)
     off = np.abs(hand.state.position - load_posture(posture, hand.spec))
-    assert off.max() < ARRIVED, f"{posture}: {hand.spec.aliases[int(off.argmax())]} is {off.max():.3f} rad off"
-    assert clip.longest.max() <= CLIPPED, f"{posture}: a joint was at its clip for {clip.longest.max():.2f} s"
+    if not off.max() < ARRIVED:
+        return f"{posture}: {hand.spec.aliases[int(off.argmax())]} is {off.max():.3f} rad off"
+    longest = clip.longest.max()
+    return "" if longest <= CLIPPED else f"{posture}: a joint was at its clip for {longest:.2f} s"
 
 
-@pytest.mark.parametrize(("start", "goal"), JAMMED)
+@pytest.mark.parametrize(("start", "goal"), QUICK)
 def test_moves_on_which_fingers_used_to_meet_arrive(start: str, goal: str) -> None:
     with Hand.open(config(posture=start)) as hand:
         hand.move_to(start, 3.0)
-        arrives(hand, goal)
+        assert not missed(hand, goal)
 
 
 @pytest.mark.parametrize(("keys", "side"), [("g1", "right"), ("k1", "left"), ("p1", "right"), ("e2", "left")])
@@ -89,7 +94,7 @@ def test_every_move_between_two_postures_arrives(start: str, side: Side) -> None
         if goal != start:
             with Hand.open(config(side, start)) as hand:
                 hand.move_to(start, 3.0)
-                arrives(hand, goal)
+                assert not missed(hand, goal)
 
 
 @pytest.mark.long
@@ -98,7 +103,7 @@ def test_every_move_from_a_grasp_to_a_posture_arrives_and_so_does_the_way_back(g
     with Hand.open(config(side)) as hand:
         for goal in posture_names():
             hand.grasp(grasp)
-            arrives(hand, goal)
+            assert not missed(hand, goal)
 
 
 @pytest.mark.long
@@ -106,14 +111,14 @@ def test_every_move_from_a_grasp_to_a_posture_arrives_and_so_does_the_way_back(g
 def test_slow_and_fast_moves_arrive_as_well(speed: float, side: Side) -> None:
     with Hand.open(config(side)) as hand:
         for start, goal in JAMMED:
-            arrives(hand, start, speed)
-            arrives(hand, goal, speed)
+            assert not missed(hand, start, speed)
+            assert not missed(hand, goal, speed)
 
 
 def test_on_a_bus_fingers_go_round_each_other_too() -> None:
     with Hand.open(can_config("v4")) as hand:
         hand.move_to("fist", 4.0)
-        arrives(hand, "rock", 4.0)
+        assert not missed(hand, "rock", 4.0)
 
 
 def test_in_the_background_a_wish_in_the_middle_of_a_motion_is_planned_from_where_the_hand_stops() -> None:
@@ -192,7 +197,7 @@ def test_a_motion_that_is_stopped_says_by_what_and_gives_up_its_torque(kind: str
         hand.wait(0.5)  # It is told once.
         assert (np.abs(sent[-1]) < 0.5 * hand.spec.actuation.torque_limit).all()
         assert hand.controller == "pid"
-        arrives(hand, "rock")
+        assert not missed(hand, "rock")
         assert hand.stalled is None
 
 

@@ -66,3 +66,18 @@ def test_an_unknown_model_or_hand_is_named_with_what_there_is() -> None:
         load_actuation("allegro", 16, "allegr")
     with pytest.raises(ConfigError, match="no hand named 'leep'; did you mean 'leap'"):
         load_spec("leep")
+
+
+@pytest.mark.parametrize("model", ["model_o", "qb_softhand", "sih", "leap"])
+def test_what_follows_is_where_numpy_finds_it_in_its_table_to_the_bit(model: str) -> None:
+    spec = load_spec(model)
+    draws = np.random.default_rng(5).uniform(-0.1, 1.1, (40, 5, spec.n_joints))
+    posture = spec.lower + (spec.upper - spec.lower) * draws
+    posture[0, 0], posture[1, 1], posture[2, 2] = spec.lower, spec.upper, np.nan
+    part = (posture - spec.lower) / (spec.upper - spec.lower)
+    found = spec.followed(posture)
+    assert found.shape == (40, 5, len(spec.followers))
+    for k, each in enumerate(spec.followers):
+        table = np.linspace(0.0, 1.0, len(each.positions)), each.positions
+        np.testing.assert_array_equal(found[..., k], np.interp(part[..., each.driven], *table))
+        np.testing.assert_array_equal(spec.followed(posture[3, 3])[k], found[3, 3, k])

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.arm_spec import Load
+from allegro_twin.arrays import cross
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen
 
@@ -35,7 +36,7 @@ class Bridge:
         """The same in the axes of the base, about a point `at` of the flange's frame, (3,), m."""
         felt = self.felt(wrench, axes, gravity)
         force = felt[:3]
-        return np.concatenate([axes @ force, axes @ (felt[3:] - np.cross(at, force))])
+        return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
 
     def tared(self, felt: Sequence[Vector]) -> Bridge:
         """The bridge by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
@@ -57,7 +58,7 @@ class Identified(NamedTuple):
 def weight(load: Load, axes: Array, gravity: Vector) -> Vector:
     """(m Rᵀg; c × m Rᵀg), (6,), N and N·m."""
     force = load.mass * (axes.T @ gravity)
-    return np.concatenate([force, np.cross(load.centre, force)])
+    return np.concatenate([force, cross(np.asarray(load.centre), force)])
 
 
 def identified(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vector) -> Identified:
@@ -73,9 +74,9 @@ def identified(axes: Sequence[Array], wrenches: Sequence[Vector], gravity: Vecto
         )
     rows, values = [], []
     for g, wrench in zip(down, wrenches, strict=True):
-        cross = np.array([[0.0, -g[2], g[1]], [g[2], 0.0, -g[0]], [-g[1], g[0], 0.0]])
+        skew = np.array([[0.0, -g[2], g[1]], [g[2], 0.0, -g[0]], [-g[1], g[0], 0.0]])
         rows += [np.hstack([g[:, None], np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))]),
-                 np.hstack([np.zeros((3, 1)), -cross, np.zeros((3, 3)), np.eye(3)])]  # fmt: skip
+                 np.hstack([np.zeros((3, 1)), -skew, np.zeros((3, 3)), np.eye(3)])]  # fmt: skip
         values += [wrench[:3], wrench[3:]]
     table, measured = np.vstack(rows), np.concatenate(values)
     found = np.linalg.lstsq(table, measured, rcond=None)[0]

@@ -11,6 +11,8 @@ from allegro_twin.types import Array, Vector
 
 _LEAST = 0.15  # s. A short way in less than that would ask for more than the motors have.
 _PEAK = 15.0 / 8.0  # Peak over mean speed of the polynomial from rest to rest.
+_POWERS = np.arange(6)
+_ONCE, _TWICE = _POWERS[1:], _POWERS[2:] * _POWERS[1:-1]  # What differentiating brings down.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,10 +27,10 @@ class _Leg:
     def at(self, t: float) -> tuple[Vector, Vector, Vector]:
         """Position, speed and acceleration, (n,) each: rad, rad/s, rad/s²."""
         s = min(max(t, self.begin), self.end) - self.begin
-        rows = s ** np.arange(6)
+        rows = s**_POWERS
         first, second = np.zeros(6), np.zeros(6)
-        first[1:] = np.arange(1, 6) * rows[:5]
-        second[2:] = np.arange(2, 6) * np.arange(1, 5) * rows[:4]
+        first[1:] = _ONCE * rows[:5]
+        second[2:] = _TWICE * rows[:4]
         return rows @ self.powers, first @ self.powers, second @ self.powers
 
 

@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings, load
+from allegro_twin.followers import Follower
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
-from allegro_twin.spec import Actuation, CommandKind, Finger, Follower, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
 from allegro_twin.types import frozen
 
 Triple = tuple[float, float, float]

@@ -7,7 +7,8 @@ from typing import Any
 
 from allegro_twin.arm_spec import ArmSpec, Load, Slowing
 from allegro_twin.drive import Drive
-from allegro_twin.spec import Actuation, Finger, Follower, HandSpec
+from allegro_twin.followers import Follower
+from allegro_twin.spec import Actuation, Finger, HandSpec
 from allegro_twin.types import frozen
 
 _ACTUATION = ("torque_limit", "damping", "armature", "frictionloss", "stiffness", "velocity_limit", "torque_rate")

@@ -47,7 +47,7 @@ def same(first: Any, second: Any) -> None:
 
 @pytest.mark.parametrize(("task", "randomise"), CASES)
 def test_a_simulation_in_a_batch_is_the_single_environment_with_its_seed(task: str, randomise: str) -> None:
-    n, steps = 5 if task == "HoldDisturbed" else 3, 45  # Pushes end most of its episodes soon.
+    n, steps = (5, 45) if task == "HoldDisturbed" else (3, 25)  # Pushes end most of its episodes soon.
     batch = HandVectorEnv(task, n, threads=2, randomise=randomise, **kwargs_of(task))
     singles = [HandEnv(task, randomise=randomise, **kwargs_of(task)) for _ in range(n)]
     observations, info = batch.reset(seed=7)

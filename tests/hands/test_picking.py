@@ -17,8 +17,9 @@ from allegro_twin.loop import run, until
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]
 ON_ARM = sorted((data_root() / "scenarios/on_arm").glob("*.yaml"))
-QUICK = [next(path for path in SCENARIOS if path.parent.name == hand) for hand in ("leap", "model_o")]
-"""What the others pick up before each push they pick up through their wires: tests/serial."""
+QUICK = [next(path for path in SCENARIOS if path.parent.name == "model_o")]
+"""A leap hand of either side picks a cube up below; what the others do before each push they do through their wires:
+tests/serial."""
 
 
 def held(path: Path, side: str = "right") -> bool:
@@ -30,7 +31,7 @@ def held(path: Path, side: str = "right") -> bool:
 
 
 @pytest.mark.parametrize("path", QUICK, ids=lambda path: path.stem)
-def test_one_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> None:
+def test_an_object_is_lifted_turned_and_shaken(path: Path) -> None:
     assert held(path)
 
 

@@ -25,13 +25,17 @@ def drifting(room: Room, force: tuple[float, float, float], at: float) -> Room:
     return replace(room, arm=Disturbed(room.arm, QUIET, np.array([*force, 0.0, 0.0, 0.0]), at))
 
 
-DRIFTS = [((5.0, 0.0, 0.0), 1.0), ((0.0, -5.0, 0.0), 3.5), ((0.0, 0.0, 5.0), 1.0), ((0.0, 0.0, -5.0), 3.5)]
-"""Every direction before each push, on the way there or with the thing in the hand; at either time in the long run."""
+DRIFTS = [((5.0, 0.0, 0.0), 1.0), ((0.0, 0.0, -5.0), 3.5)]
+"""Before each push: aside on the way there, and down with the thing in the hand."""
+OTHERS = [
+    (force, at)
+    for force in ((5.0, 0.0, 0.0), (0.0, -5.0, 0.0), (0.0, 0.0, 5.0), (0.0, 0.0, -5.0))
+    for at in (1.0, 3.5)
+    if (force, at) not in DRIFTS
+]
 
 
-@pytest.mark.parametrize(
-    ("force", "at"), [*DRIFTS, *(pytest.param(force, 4.5 - at, marks=pytest.mark.long) for force, at in DRIFTS)]
-)
+@pytest.mark.parametrize(("force", "at"), [*DRIFTS, *(pytest.param(*row, marks=pytest.mark.long) for row in OTHERS)])
 def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     force: tuple[float, float, float], at: float
 ) -> None:
@@ -42,7 +46,7 @@ def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     assert "the force sensor is suspect" in report.end.sentence
 
 
-@pytest.mark.parametrize("force", [3.0, -3.0])
+@pytest.mark.parametrize("force", [3.0, pytest.param(-3.0, marks=pytest.mark.long)])
 def test_a_force_sensor_that_decides_and_drifts_ends_in_a_fault_with_the_thing_in_the_hand(force: float) -> None:
     room = room_of(**BY_FORCE, objects=HEAVY)
     report = perform(drifting(room, (force, 0.0, 0.0), 3.5))
@@ -68,15 +72,16 @@ def test_a_drift_that_looks_like_a_weight_is_no_thing_in_the_hand() -> None:
     assert not report.truly
 
 
-def test_a_sensor_that_is_only_noisy_is_not_suspect() -> None:
-    for seed in range(3):
-        report = perform(room_of(seed=seed))
-        assert (str(report.end), report.end.sentence) == ("held", "")
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
+def test_a_sensor_that_is_only_noisy_is_not_suspect(seed: int) -> None:
+    """Nor is it with seed 0, in test_run.py."""
+    report = perform(room_of(seed=seed))
+    assert (str(report.end), report.end.sentence) == ("held", "")
 
 
 @pytest.mark.parametrize(
     "way",
-    [(0.05, 0.0), (0.0, -0.05), *(pytest.param(way, marks=pytest.mark.long) for way in ((-0.05, 0.0), (0.0, 0.05)))],
+    [(0.05, 0.0), *(pytest.param(way, marks=pytest.mark.long) for way in ((0.0, -0.05), (-0.05, 0.0), (0.0, 0.05)))],
 )
 def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_be_held_when_it_is_not(
     way: tuple[float, float],

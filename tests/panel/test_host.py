@@ -232,6 +232,7 @@ def test_a_recording_is_a_hand_to_look_at_and_its_end_is_told(recording_path: Pa
     desk.until(lambda: "only a simulated hand" in desk.page.notices())
     desk.wish(w.Again())
     desk.until(lambda: len([1 for news in desk.page.said if isinstance(news, Opened)]) == 2)
+    assert [type(news) for news in desk.page.said].index(Ended) > 0  # After it was opened for the first time.
     desk.host.close()
 
 

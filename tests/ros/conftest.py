@@ -86,11 +86,13 @@ class Peer:
         self.say("lib_cmd", self.words.make(v.STRING, data=word))
 
 
-def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> None:
+def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> bool:
+    """Whether it came true; where it does not in so many seconds, a failure that says `what`."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, what
         time.sleep(0.01)
+    return True
 
 
 @pytest.fixture(scope="session")

@@ -141,23 +141,23 @@ def _userdata(qos: Any) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("word", ["home", "rock"])
 def test_the_manufacturers_words_move_the_hand(hand: Hand, peer: Peer, word: str) -> None:
     peer.lib_cmd(word)
-    waited(there(hand, load_posture(word, hand.spec)), f"{word} was not reached")
+    assert waited(there(hand, load_posture(word, hand.spec)), f"{word} was not reached")
 
 
 def test_words_change_controllers_and_a_saved_posture_comes_back(hand: Hand, peer: Peer) -> None:
     peer.lib_cmd("gravcomp")
-    waited(lambda: hand.controller == "gravity", "no gravity compensation")
+    assert waited(lambda: hand.controller == "gravity", "no gravity compensation")
     peer.lib_cmd("home")
-    waited(there(hand, load_posture("home", hand.spec)), "home was not reached")
+    assert waited(there(hand, load_posture("home", hand.spec)), "home was not reached")
     peer.lib_cmd("save")
     peer.lib_cmd("rock")
-    waited(there(hand, load_posture("rock", hand.spec)), "rock was not reached")
+    assert waited(there(hand, load_posture("rock", hand.spec)), "rock was not reached")
     peer.lib_cmd("pdControl")
-    waited(there(hand, load_posture("home", hand.spec)), "what was saved was not reached")
+    assert waited(there(hand, load_posture("home", hand.spec)), "what was saved was not reached")
     peer.lib_cmd("pinch_it")
-    waited(lambda: "pinch_index" in hand.controller, "no pinch")
+    assert waited(lambda: "pinch_index" in hand.controller, "no pinch")
     peer.lib_cmd("off")
-    waited(lambda: hand.controller == "torque", "not off")
+    assert waited(lambda: hand.controller == "torque", "not off")
 
 
 def test_joint_cmd_leads_the_hand_no_faster_than_the_speed(hand: Hand, peer: Peer, home: Vector) -> None:
@@ -181,8 +181,8 @@ def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
         ways = np.array([home, home + 0.15, home])
         rates = np.zeros_like(ways) if smooth else None
         peer.say(TRAJECTORY, trajectory(words, hand.spec, [1.5, 2.0, 2.5], ways, rates))
-        waited(there(hand, home + 0.15, 0.04), "the middle was not reached", 20.0)
-        waited(there(hand, home, 0.04), "the end was not reached", 20.0)
+        assert waited(there(hand, home + 0.15, 0.04), "the middle was not reached", 20.0)
+        assert waited(there(hand, home, 0.04), "the end was not reached", 20.0)
 
 
 def bad(words: v.Vocabulary, spec: HandSpec, home: Vector) -> dict[str, tuple[Any, str]]:

@@ -16,13 +16,14 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.followers import Follower
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.sim.drive.servos import ONE, Servos
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.posed import Posed, moved_by
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.spec import Follower, HandSpec
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand, Vector
 
 STEP = 0.001  # s, at most, of the simulation.

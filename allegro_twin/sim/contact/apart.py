@@ -102,10 +102,10 @@ class Apart:
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         found: dict[tuple[str, str], float] = {}
-        for contact in data.contact:
-            pair = self._pair(*(int(geom) for geom in contact.geom))
+        for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            pair = self._pair(*geoms)
             if pair is not None:
-                found[pair] = min(found.get(pair, np.inf), float(contact.dist))
+                found[pair] = min(found.get(pair, np.inf), distance)
         return found
 
     def _pair(self, one: int, other: int) -> tuple[str, str] | None:
