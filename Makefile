@@ -4,8 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
-# A worker a core: beside them NumPy's own threads would wait for work for 20 ms after every product of large arrays, busily.
-PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(JOBS) --dist worksteal
+PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 # What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
 unexport PYTHONDONTWRITEBYTECODE
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -93,20 +94,22 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+def statements(node: ast.AST, *, types: bool) -> Iterator[ast.AST]:
+    """Every statement in another, and those in these; or all but what only types need."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for each in getattr(node, part, ()):
+            if types or not (
+                isinstance(each, ast.If) and isinstance(each.test, ast.Name) and each.test.id == "TYPE_CHECKING"
+            ):
+                yield each
+                yield from statements(each, types=types)
+
+
 @cache
 def imports(path: Path) -> list[str]:
     """Every module imported anywhere in a file, lazily or not; what only types need is left out."""
     found = []
-    tree = parsed(path)
-    typing_only = {
-        id(inner)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        for inner in ast.walk(node)
-    }
-    for node in ast.walk(tree):
-        if id(node) in typing_only:
-            continue
+    for node in statements(parsed(path), types=False):
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -272,7 +275,7 @@ def dotted(path: Path) -> str:
 
 def referred(name: str, path: Path, known: set[str]) -> set[str]:
     found = set()
-    for node in ast.walk(parsed(path)):
+    for node in statements(parsed(path), types=True):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         if isinstance(node, ast.ImportFrom) and node.module:

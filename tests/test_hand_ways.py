@@ -72,7 +72,14 @@ def test_moves_on_which_fingers_used_to_meet_arrive(start: str, goal: str) -> No
         assert not missed(hand, goal)
 
 
-@pytest.mark.parametrize(("keys", "side"), [("g1", "right"), ("k1", "left"), ("p1", "right"), ("e2", "left")])
+@pytest.mark.parametrize(
+    ("keys", "side"),
+    [
+        ("g1", "right"),
+        ("e2", "left"),
+        *(pytest.param(*row, marks=pytest.mark.long) for row in (("k1", "left"), ("p1", "right"))),
+    ],
+)
 def test_from_a_grasp_at_the_keyboard_the_hand_gets_to_every_posture(keys: str, side: str) -> None:
     with Hand.open(config(side)) as hand:
         pressed(hand, keys[0])

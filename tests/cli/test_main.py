@@ -54,7 +54,10 @@ def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
 
 def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path, command: Run) -> None:
     text = (SUITE / "scenarios/demo/lemon.yaml").read_text()
-    (tmp_path / "bare.yaml").write_text(text.replace("friction: 0.8", "friction: 0.05") + "protocol: quick\n")
+    rules = (SUITE / "conf/protocols/table_pick.yaml").read_text().replace("4.5, shake", "0.3, shake")
+    (tmp_path / "short.yaml").write_text(rules.replace("seconds: 2.0", "seconds: 0.3"))
+    text = text.replace("friction: 0.8", "friction: 0.05") + f"protocol: {tmp_path}/short.yaml\n"
+    (tmp_path / "bare.yaml").write_text(text)
     code, shown, _ = command("run", tmp_path / "bare.yaml")
     assert code == 5
     assert "not held" in shown
