@@ -2,7 +2,8 @@
 
 Hands and motions as in `benchmarks.mirror`, amounts as `drive.AILMENTS` draws them; thresholds are learned on other
 motions of each hand. A payload sits on one of the outer three links of a finger: the first carries none of its weight.
-A fault on a joint that does not move afterwards cannot show; such draws stay in the table.
+A fingertip comes loose, no other joint. A fault on a joint that does not move afterwards cannot show; such draws stay
+in the table.
 
 A slow drift cannot show where gravity does not turn with its joint: of each it is told how fast the weight on the
 finger's joints goes wrong, rate x |column of K| (`mirror/drift.py`), and whether that is at least FAINT. FAINT was set
@@ -25,11 +26,12 @@ from allegro_twin.loop import run, until
 from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.sim.drive.backlash import able
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, hand, heard, mirror_of, moves, simulated
 
-KINDS = ("weak", "stuck", "encoder_step", "payload", "friction", "encoder_drift")
+KINDS = ("weak", "stuck", "encoder_step", "payload", "friction", "encoder_drift", "loose")
 BEGIN = 4.0  # s: when something goes wrong,
 WITHIN = {"encoder_drift": 120.0}  # s: and by when it is to be named;
 SOON = 3.0  # else.
@@ -63,10 +65,12 @@ class Called(NamedTuple):
 
 def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> Called:
     """What the mirror says of a hand with which something goes wrong."""
-    rng, backend = np.random.default_rng((seed, 6)), simulated(spec, seed)
+    tips = [finger.joints[-1] for finger in spec.fingers]
+    rng, backend = np.random.default_rng((seed, 6)), simulated(able(spec, tips) if what == "loose" else spec, seed)
     file = replace(hand(seed + 500), drive=spec.drive) if what == "wrong_file" else spec
     each = Mirror(spec, mirror_of(file).observer, np.ones(N), calm)
     joint = int(rng.integers(N)) if what != "payload" else int(4 * rng.integers(4) + 1 + rng.integers(3))
+    joint = tips[joint % len(tips)] if what == "loose" else joint
     amount = rng.uniform(*AILMENTS[cast(Ailment, what)]) if what in KINDS else 0.0
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
     done, leaned = False, []

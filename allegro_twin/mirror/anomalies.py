@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-Name: TypeAlias = Literal["weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift"]
+Name: TypeAlias = Literal[
+    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose"
+]  # fmt: skip
 NAMES: tuple[Name, ...] = (
-    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift",
+    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose",
 )  # fmt: skip
 ROW = 10
 """Periods whose means make a row of a window."""
@@ -87,6 +89,8 @@ def words(found: Anomaly, spec: HandSpec) -> str:
             return f"the motor of {joint} is at {found.amount:.0f} °C"
         case "encoder_drift":
             return f"the encoder of {joint} drifts by {60000 * found.amount:+.0f} mrad a minute"
+        case "loose":
+            return f"the link of {joint} is loose: it fell, {1000 * found.amount:.0f} mrad off what was expected"
         case "wrong_file":
             return "the file is of another hand, or of this one long ago: identify it again"
 

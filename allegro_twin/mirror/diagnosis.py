@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, MOVING, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, largest, named
 from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
+from allegro_twin.mirror.falls import Falls
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Vector
@@ -85,6 +86,7 @@ class Diagnosis:
 
     def __init__(self, spec: HandSpec, quiet: Vector, period: float) -> None:
         self._spec, self._quiet, self._drift = spec, quiet, Drift(spec, ROW * period)
+        self._falls = Falls(spec)
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
@@ -98,13 +100,16 @@ class Diagnosis:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
         are wanted in the last of ROW periods."""
         v = estimate.velocity
-        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, np.abs(off)))
+        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, off))
         if len(self._periods) < ROW or weights is None:
             return
         *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
-        self._keep((*row, away.max(axis=0), weights.pull, state.temperature))
+        self._keep((*row, np.abs(away).max(axis=0), weights.pull, state.temperature))
+        fell = self._falls.add(away)
+        if fell is not None and self.found is None:
+            self.found = Anomaly("loose", *fell)
         self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
@@ -148,6 +153,7 @@ class Diagnosis:
         )
         if self.found is None and seen is not None and self._drift.grown(seen.joint) < GREW * seen.gain:
             ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
-            self.found = seen if ready or seen.name in AT_ONCE else None
+            falling = seen.name == "encoder_step" and window.jump[-2:, seen.joint].max() > JUMP
+            self.found = seen if (ready or seen.name in AT_ONCE) and not falling else None
         if not odd:
             self._sign = -1
