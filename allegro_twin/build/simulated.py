@@ -82,18 +82,20 @@ def scenario_config(
     scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
 ) -> RunConfig:
     """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD or the firmware's
-    own loop, with the nominal hand."""
-    from allegro_twin.evaluate.scenario import load_scenario
+    own loop, with the nominal hand, in the period and with the gains that its protocol asks for."""
+    from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 
     settings, path = load_scenario(scenario)
+    rules = load_protocol(settings.protocol)
     hand = HandSettings.model_validate({"model": settings.hand, "side": side or settings.side})
     return RunConfig.model_validate(
         {
             "hand": hand.model_dump(),
             "backend": {"kind": "sim"},
             "task": {"scenario": str(path), "grasp": grasp, "object": thing},
-            "controller": following(hand),
+            "controller": following(hand, rules.gains),
         }
+        | ({} if rules.period is None else {"period": rules.period})
     )
 
 

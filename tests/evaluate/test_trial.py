@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,6 +103,19 @@ def test_no_scenario_bends_the_rules(name: str) -> None:
 def test_a_trial_repeats_bit_for_bit() -> None:
     first, second = picked("tennis_ball", "right"), pick("tennis_ball", "right")[0]
     assert first == second or repr(first) == repr(second)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "period", "gains"), [("quick", 0.004, "default"), ("tabletop", 0.004, "dexgraspbench")]
+)
+def test_a_scenario_runs_with_the_period_and_the_gains_of_its_protocol(
+    protocol: str, period: float, gains: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text((data_root() / "scenarios" / "demo" / "lemon.yaml").read_text() + f"\nprotocol: {protocol}\n")
+    config = scenario_config(file)
+    assert config.period == assemble(config).backend.period == period
+    assert config.controller.model_dump()["gains"] == gains
 
 
 def test_a_trial_that_was_cut_short_has_no_verdict() -> None:
