@@ -216,10 +216,8 @@ def _performing(scenario: Path, hand: str | None, side: str | None) -> RunConfig
         return alone
     base = load_config(hand)
     if "period" in alone.model_fields_set and alone.period != base.period:
-        raise ConfigError(
-            f"{scenario}: its protocol wants control every {alone.period} s, {hand} has it every {base.period} s: take "
-            "a protocol that leaves it to the hand, as table_pick does"
-        )
+        wanted = f"{scenario}: its protocol wants control every {alone.period} s"
+        raise ConfigError(f"{wanted}, {hand} has it every {base.period} s: take one that leaves it open, as table_pick")
     gains = base.controller.gains if isinstance(base.controller, PositionSettings) else None
     controller = following(base.hand, gains)
     task = alone.task.model_dump(exclude_unset=True, exclude_none=True)
