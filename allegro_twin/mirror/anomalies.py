@@ -19,10 +19,10 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 Name: TypeAlias = Literal[
-    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose"
+    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip"
 ]  # fmt: skip
 NAMES: tuple[Name, ...] = (
-    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose",
+    "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
 )  # fmt: skip
 ROW = 10
 """Periods whose means make a row of a window."""
@@ -30,6 +30,7 @@ MOVING = 0.03  # rad/s
 CREEP = 0.02  # rad/s over which friction turns round.
 JUMP = 0.01  # rad in a period, 3.3 rad/s out of nothing: no joint moves so.
 STILL, PUSHED = 0.003, 0.03  # rad that a stuck joint moves at most; N·m that its motor must push in the mean.
+SINGLE = 0.75  # Of a finger's squares that the joint has: what touches a finger pushes the joints before it, too.
 HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/protocol.md.
 SHARE = 0.5  # Of the squares that one shape must take away.
 LEAST = {"weak": 0.1, "friction": 0.008, "payload": 0.002}  # 1, N·m, kg: smaller ones are not named.
@@ -55,6 +56,8 @@ class Window(NamedTuple):
     """What a kilogram at each link's centre of mass would weigh on each joint, (k, links, n), N·m."""
     temperature: Array
     """(k, n), °C; NaN where it is not known."""
+    holds: NDArray[np.bool_]
+    """Fingers that rest and press on something, (k, fingers)."""
 
 
 class Anomaly(NamedTuple):
@@ -64,7 +67,7 @@ class Anomaly(NamedTuple):
     joint: int
     """Which; the first that is found where it is of the whole hand."""
     amount: float
-    """Missing share of a motor, N·m of friction, kg, rad, °C, rad/s; of a file the number of fingers."""
+    """Missing share of a motor, N·m of friction, kg, rad, °C, rad/s; of a slip a share; of a file the number of fingers."""
     margin: float = 1.0
     """By what share the next likely name explains less."""
     gain: float = np.inf
@@ -91,6 +94,8 @@ def words(found: Anomaly, spec: HandSpec) -> str:
             return f"the encoder of {joint} drifts by {60000 * found.amount:+.0f} mrad a minute"
         case "loose":
             return f"the link of {joint} is loose: it fell, {1000 * found.amount:.0f} mrad off what was expected"
+        case "slip":
+            return f"what the hand holds slips: {joint} lost {100 * found.amount:.0f} % of what pressed on it"
         case "wrong_file":
             return "the file is of another hand, or of this one long ago: identify it again"
 
@@ -115,10 +120,15 @@ def named(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
     if window.jump.max() > JUMP:
         joint = int(window.jump.max(axis=0).argmax())
         return Anomaly("encoder_step", joint, float(window.jump[:, joint].max()))
-    stuck = _stuck(window)
+    stuck = None if _holding(window) else _stuck(window, spec)
     if stuck is not None:
         return Anomaly("stuck", stuck, float(np.abs(window.disturbance[:, stuck]).max()))
-    found = gains(window, spec)
+    if _holding(window):
+        return None
+    found, alone = gains(window, spec), _alone(window, spec)
+    for finger, holds in zip(spec.fingers, window.holds.any(axis=0), strict=True):
+        if holds and alone[list(finger.joints)].max() < SINGLE:
+            found[finger.name] = []
     best = [max(found[finger.name], key=lambda each: each.gain, default=None) for finger in spec.fingers]
     odd = [each for each, above in zip(best, quiet, strict=True) if each is not None and each.gain > above]
     if len(odd) >= FINGERS and _odd_joints(found, quiet, spec) >= MANY:
@@ -174,12 +184,27 @@ def _late(rows: Array) -> Array:
     return np.asarray((2.0 * rows + np.concatenate([rows[:1], rows[:-1]])) / 3.0)
 
 
-def _stuck(window: Window) -> int | None:
+def _holding(window: Window) -> bool:
+    """Whether several fingers pressed on something at once: no single joint's fault does that, and of a finger that
+    something touches nobody knows what is its own."""
+    return bool((window.holds.sum(axis=1) > 1).any())
+
+
+def _alone(window: Window, spec: HandSpec) -> Vector:
+    """Each joint's share of the squares of its finger's disturbances, (n,)."""
+    square, share = np.square(window.disturbance).sum(axis=0), np.zeros(spec.n_joints)
+    for finger in spec.fingers:
+        own = list(finger.joints)
+        share[own] = square[own] / max(float(square[own].sum()), 1e-12)
+    return share
+
+
+def _stuck(window: Window, spec: HandSpec) -> int | None:
     still = np.ptp(window.position, axis=0) < STILL
     push = np.abs(window.disturbance)
     held: NDArray[np.bool_] = still & (push.mean(axis=0) > PUSHED) & (np.ptp(window.torque, axis=0) > PUSHED)
     against = (window.disturbance * window.torque).sum(axis=0) < 0.0
-    found = np.flatnonzero(held & against)
+    found = np.flatnonzero(held & against & (_alone(window, spec) > SINGLE))
     return int(found[push[:, found].mean(axis=0).argmax()]) if len(found) else None
 
 

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, FINGERS, JUMP, MOVING, ROW, Anomaly, Window, largest, named
 from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
 from allegro_twin.mirror.falls import Falls
+from allegro_twin.mirror.slips import Slips
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Vector
@@ -26,7 +27,9 @@ LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
 GREW = 0.7
 """Of what a name takes away: where a drift that began earlier takes away more, one waits what that becomes."""
-AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
+AT_ONCE = ("encoder_step", "hot", "stuck")
+FILE = 26
+"""Rows from the first sign to a name of the file: fingers that close on something rest by then."""
 CLEAR = 0.03
 """What the next likely name must lack of the squares that the likeliest takes away."""
 RARE = 3e5
@@ -46,6 +49,8 @@ class Weights(NamedTuple):
     """How the torques of gravity turn with the joints, (n, n), N·m/rad; None: not known of this hand."""
     free: NDArray[np.bool_]
     """Joints of fingers that nothing touches, (n,)."""
+    down: Vector
+    """Gravity in the palm frame, (3,), m/s²."""
 
 
 class Calm(NamedTuple):
@@ -82,17 +87,18 @@ class Calm(NamedTuple):
 
 
 class Diagnosis:
-    """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,); `period`: s."""
+    """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
 
-    def __init__(self, spec: HandSpec, quiet: Vector, period: float) -> None:
-        self._spec, self._quiet, self._drift = spec, quiet, Drift(spec, ROW * period)
-        self._falls = Falls(spec)
+    def __init__(self, spec: HandSpec, calm: Calm, period: float) -> None:
+        self._spec, self._quiet, self._drift = spec, calm.gains, Drift(spec, ROW * period)
+        self._falls, self._slips = Falls(spec), Slips(spec, ROW * period, calm.above[0])
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
         self._rows: list[Array] = []
         """By column, the last LONGEST rows twice, so that any of them are one slice."""
         self._count, self._sign = 0, -1
+        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
 
@@ -106,10 +112,14 @@ class Diagnosis:
         *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
-        self._keep((*row, np.abs(away).max(axis=0), weights.pull, state.temperature))
+        d, made, _, _, position = row
+        slid = self._slips.add(d, made, position, weights.down, jumped=bool(np.abs(away).max() > JUMP))
+        self._keep((*row, np.abs(away).max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away)
-        if fell is not None and self.found is None:
+        if fell is not None and self.found is None and not self._last(min(self._count, ROWS)).holds.any():
             self.found = Anomaly("loose", *fell)
+        if slid is not None and self.found is None:
+            self.found = Anomaly("slip", *slid)
         self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
@@ -144,6 +154,7 @@ class Diagnosis:
     def _look(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest(window, self._spec))
+        self._right |= (self.gains[-1] <= self._quiet) & (self._of(window) > ROWS / 2)
         odd = named(window, self._quiet, self._spec) is not None or bool((self.gains[-1] > self._quiet).any())
         if self._sign < 0 and odd:
             self._sign = self._count
@@ -152,8 +163,15 @@ class Diagnosis:
             self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
         )
         if self.found is None and seen is not None and self._drift.grown(seen.joint) < GREW * seen.gain:
-            ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
+            ready = waited >= (FILE if seen.name == "wrong_file" else WAIT if seen.margin > CLEAR else LONGEST)
             falling = seen.name == "encoder_step" and window.jump[-2:, seen.joint].max() > JUMP
             self.found = seen if (ready or seen.name in AT_ONCE) and not falling else None
+            if seen.name == "wrong_file" and np.count_nonzero(~self._right) < FINGERS:
+                self.found = None
         if not odd:
             self._sign = -1
+
+    def _of(self, window: Window) -> Vector:
+        """In how many rows each finger's second busiest joint moves, (fingers,)."""
+        moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
+        return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])

@@ -43,7 +43,7 @@ class Mirror:
         self._begun: float | None = None
         self._over = np.zeros(len(spec.fingers), dtype=int)
         self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
-        self._diagnosis = Diagnosis(spec, self._calm.gains, observer.period)
+        self._diagnosis = Diagnosis(spec, self._calm, observer.period)
 
     @property
     def spec(self) -> HandSpec:
@@ -132,18 +132,18 @@ class Mirror:
         self._begun = state.t
         self._observer.reset(state.position)
 
-    def _weights(self) -> Weights:
+    def _weights(self, down: Vector) -> Weights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, over in zip(self._spec.fingers, self._over, strict=True):
             free[list(finger.joints)] = over < PERIODS
-        return Weights(observer.pull(), observer.lean() if isinstance(observer, Observer) else None, free)
+        return Weights(observer.pull(), observer.lean() if isinstance(observer, Observer) else None, free, down)
 
     def _judge(self, state: HandState, estimate: Estimate, torque: Vector) -> None:
         over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
         off = state.position - estimate.predicted
-        diagnosis.add(state, estimate, torque, off, self._weights() if diagnosis.due else None)
+        diagnosis.add(state, estimate, torque, off, self._weights(self._down(state)) if diagnosis.due else None)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
             raise HandFault(

@@ -47,6 +47,7 @@ def window(**changed: Any) -> Window:
         "jump": np.full((K, N), 1e-4),
         "pull": PULL,
         "temperature": np.full((K, N), np.nan),
+        "holds": np.zeros((K, 4), dtype=bool),
     }
     return Window(**values | changed)
 
@@ -104,6 +105,28 @@ def test_a_joint_at_rest_says_nothing(spec: HandSpec) -> None:
     assert not gains(free._replace(velocity=still, disturbance=pushed), spec)["index"]
 
 
+def test_fingers_that_hold_something_have_no_shape_and_no_stuck_joint(spec: HandSpec) -> None:
+    free, both = window(), np.tile([True, False, False, True], (K, 1))
+    weak = np.where(np.arange(N) == 2, -0.5 * late(free.torque), free.disturbance)
+    assert named(free._replace(disturbance=weak), QUIET, spec) is not None
+    assert named(free._replace(disturbance=weak, holds=both), QUIET, spec) is None
+    still = np.where(np.arange(N) == 2, 0.0, free.position)
+    stuck = free._replace(disturbance=np.where(np.arange(N) == 2, -free.torque, free.disturbance), position=still)
+    found = named(stuck, QUIET, spec)
+    assert found is not None
+    assert found.name == "stuck"
+    assert named(stuck._replace(holds=both), QUIET, spec) is None
+
+
+def test_a_joint_is_not_stuck_where_others_of_its_finger_are_pushed_as_well(spec: HandSpec) -> None:
+    free = window()
+    three = np.isin(np.arange(N), (1, 2, 3))
+    pressed = free._replace(
+        disturbance=np.where(three, -free.torque, free.disturbance), position=np.where(three, 0.0, free.position)
+    )
+    assert named(pressed, np.full(4, np.inf), spec) is None
+
+
 def test_every_name_has_words(spec: HandSpec) -> None:
     said = {words(Anomaly(name, 5, 0.02), spec) for name in NAMES}
     assert len(said) == len(NAMES)
@@ -119,8 +142,8 @@ def states(spec: HandSpec) -> Iterator[HandState]:
 
 
 def test_the_name_waits_until_the_whole_window_is_of_the_fault(spec: HandSpec) -> None:
-    each, sign = Diagnosis(spec, QUIET, 0.003), 3 * ROWS * ROW
-    weights = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool))
+    each, sign = Diagnosis(spec, Calm(np.full((2, N), 0.02), QUIET), 0.003), 3 * ROWS * ROW
+    weights = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3))
     named_at = None
     for tick, state in enumerate(states(spec)):
         wrong = tick > sign

@@ -8,7 +8,7 @@ import pytest
 
 from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.mirror.anomalies import ROW as ROW_PERIODS
-from allegro_twin.mirror.diagnosis import EVERY, ROWS, WAIT, Diagnosis, Weights
+from allegro_twin.mirror.diagnosis import EVERY, ROWS, WAIT, Calm, Diagnosis, Weights
 from allegro_twin.mirror.drift import BLOCK, SPANS, Drift
 from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
@@ -99,14 +99,14 @@ def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypat
     found = []
     for grown in (0.0, 1.0):
         monkeypatch.setattr(Drift, "grown", lambda self, joint, much=grown: much)
-        each = Diagnosis(spec, np.full(4, 1e-4), 0.003)
+        each = Diagnosis(spec, Calm(np.full((2, N), 0.02), np.full(4, 1e-4)), 0.003)
         for tick in range(periods):
             t = 0.003 * tick
             torque, speed = 0.1 * np.sin(7.0 * t + np.arange(N)), 0.9 * np.cos(3.0 * t + np.arange(N))
             state = HandState(t, tick, 0.3 * np.sin(3.0 * t + np.arange(N)), speed, torque, np.full(N, np.nan), DOWN)
             push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0)
             estimate = Estimate(state.position, state.position, push, speed)
-            weights = Weights(np.zeros((N, N)), None, ALL) if each.due else None
+            weights = Weights(np.zeros((N, N)), None, ALL, DOWN) if each.due else None
             each.add(state, estimate, torque, np.zeros(N), weights)
         found.append(None if each.found is None else each.found.name)
     assert found == ["weak", None]

@@ -1,0 +1,131 @@
+"""Whether what a hand holds slips.
+
+Fingers that rest and press on something are pushed back by d₀. When what they press on gives way, less pushes back and
+they follow it, by the motors' own torque and against d₀:
+
+    let go  1 − d·d₀ / |d₀|²,    inward  −(q − q₀)·d₀ / |d₀|
+
+A hand that was told to move does the same, but its motors say so: a position loop pushes less on a finger that went
+inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that went in
+or did not move, or falls on one that went out, somebody told it. While the palm turns, weight goes from one finger to
+another; there, and of one finger alone, nothing counts but a finger that lets go altogether.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+RESTED, SINCE = 0.24, 0.12
+"""s: how long a hand must have rested, and how long ago that may have ended."""
+STILL = 0.008
+"""rad that a joint moves at most in a hand that rests."""
+PRESSED, GRIP = 0.1, 0.3
+"""Of a motor's limit: a finger that is pushed back by less does not hold, nor a hand none of whose fingers is pushed
+back by more: friction that the file does not know of holds up to 0.08 N·m in a finger at rest."""
+BACK = 0.5
+"""Of what pushes a finger back, what its motors push at least: all of it but for its weight."""
+LET_GO, INWARD = 0.2, 0.004
+"""Of the push of one of several fingers; rad."""
+ALTOGETHER, ALONE = 0.7, 0.02
+"""The same while the palm turns, and of one finger alone; rad, of one finger alone."""
+TURNS = 0.05
+"""rad that the palm turns in the meantime."""
+TOLD, MOVED, HELD = 0.1, 0.003, 0.0005
+"""Share of the push by which motors rise or fall, and rad, in and out, and of a finger that did not move."""
+STARTS = 0.15
+"""The share for a finger that did not move."""
+AFTER = 0.7
+"""s after a command in which nothing is a slip."""
+
+
+class Slip(NamedTuple):
+    """What the finger that let go most says."""
+
+    joint: int
+    """Its joint that was pushed most."""
+    amount: float
+    """The share of its push that is gone."""
+
+
+class _Row(NamedTuple):
+    d: Vector
+    torque: Vector
+    position: Vector
+    down: Vector
+
+
+class Slips:
+    """Keeps rows of a mirror. `row`: s; `above`: what is no touch of a joint at rest, (n,), N·m."""
+
+    def __init__(self, spec: HandSpec, row: float, above: Vector) -> None:
+        self._of = np.zeros((len(spec.fingers), spec.n_joints))
+        for number, finger in enumerate(spec.fingers):
+            self._of[number, list(finger.joints)] = 1.0
+        self._above, self._before, self._since = above, max(round(RESTED / row), 2), max(round(SINCE / row), 1)
+        self._rows: deque[_Row] = deque(maxlen=self._before + self._since)
+        self._calm, self._wait = 0, round(AFTER / row)
+        limit = self._of @ spec.actuation.torque_limit / self._of.sum(axis=1)
+        self._pressed, self._grip = np.square(PRESSED * limit), np.square(GRIP * limit)
+        self.holds = np.zeros(len(spec.fingers), dtype=bool)
+        """Fingers that rest now and press on something, (fingers,)."""
+
+    def add(self, d: Vector, torque: Vector, position: Vector, down: Vector, *, jumped: bool = False) -> Slip | None:
+        """A row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame, (3,).
+        `jumped`: an encoder may have. What slips as this row ends, or None."""
+        now, self._calm = _Row(d, torque, position, down), self._calm - 1
+        found = self._seen(now) if len(self._rows) == self._rows.maxlen else None
+        self._calm = self._wait if jumped else self._calm
+        self._rows.append(now)
+        self.holds = self._holds(list(self._rows)[-self._since :])
+        return found if self._calm <= 0 else None
+
+    def _holds(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
+        d, torque, position, _ = (np.array(each) for each in zip(*rows, strict=True))
+        still = np.ptp(position, axis=0) < STILL * self._since / self._before
+        return self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0)
+
+    def _held(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
+        """Fingers that motors press on something."""
+        square, of = self._of @ np.square(d), self._of
+        held = (square > self._pressed) & (of @ np.square(d / self._above) > 1.0) & (of @ (torque * d) < -BACK * square)
+        return np.asarray(held & (held & (square > self._grip)).any())
+
+    def _seen(self, now: _Row) -> Slip | None:
+        d, torque, position, down = (np.array(each) for each in list(zip(*self._rows, strict=True)))
+        first = slice(self._before)
+        travel = np.ptp(position[first], axis=0)
+        if travel.max() > STILL:
+            return None
+        d0, torque0 = d[first].mean(axis=0), torque[first].mean(axis=0)
+        of, square, held = self._of, self._of @ np.square(d0), self._held(d0, torque0)
+        if not held.any():
+            return None
+        square = np.where(held, square, np.inf)
+        gone = 1.0 - of @ (now.d * d0) / square
+        inward = -(of @ ((now.position - position[first].mean(axis=0)) * d0)) / np.sqrt(square)
+        rise = -(of @ ((now.torque - torque0) * d0)) / square
+        if (held & _told(inward, rise)).any():
+            self._calm = self._wait
+        several = np.count_nonzero(held) > 1
+        turned = np.linalg.norm(now.down - down[0]) > TURNS * np.linalg.norm(down[0])
+        whole = not several or turned
+        far = np.maximum(INWARD if several else ALONE, 2.0 * (of * travel).max(axis=1))
+        slipped = held & (gone > (ALTOGETHER if whole else LET_GO)) & (inward > far)
+        if not slipped.any():
+            return None
+        finger = int(np.where(slipped, gone, -np.inf).argmax())
+        return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
+
+
+def _told(inward: Vector, rise: Vector) -> Array:
+    """Of each finger, whether its motors changed by themselves."""
+    out, into, not_at_all = inward < -MOVED, inward > MOVED, np.abs(inward) < HELD
+    return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (not_at_all & (rise > STARTS)))
