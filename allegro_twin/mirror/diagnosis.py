@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, direct, largest, shaped, still
 from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
 from allegro_twin.mirror.falls import Falls
@@ -20,15 +20,15 @@ ROWS = 50
 """Of a window: 1.5 s at 3 ms."""
 EVERY = 8
 """Rows between two looks: 0.24 s."""
-WAIT = ROWS
-"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before."""
+WAIT = 40
+"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
+joint that stays has ROWS: it may be stuck."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
-GREW = 0.7
-"""Of what a name takes away: where a drift that began earlier takes away more, one waits what that becomes."""
-AT_ONCE = ("encoder_step", "hot", "stuck", "wrong_file")
-CLEAR = 0.03
-"""What the next likely name must lack of the squares that the likeliest takes away."""
+SOONEST = 24
+"""Rows that shapes are told from at least."""
+CLEAR = 20.0
+"""What is clear is e¹⁰ times likelier than what is next likely: half of `Anomaly.lead` is the logarithm."""
 RARE = 3e5
 """Looks in which a free finger reaches its threshold once: 20 hours."""
 DEFAULT, PART = 0.02, 0.03
@@ -54,7 +54,7 @@ class Calm(NamedTuple):
     above: Array
     """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
-    """Of shapes, as `anomalies.named` wants it, (fingers,); infinite where no free motion tells."""
+    """Of shapes, as `anomalies.shaped` wants it, (fingers,); infinite where no free motion tells."""
 
     @staticmethod
     def usual(spec: HandSpec) -> Calm:
@@ -82,7 +82,7 @@ class Calm(NamedTuple):
 
 
 class Diagnosis:
-    """Keeps up with a mirror. `quiet`: as `anomalies.named` wants it, (fingers,); `period`: s."""
+    """Keeps up with a mirror. `quiet`: as `anomalies.shaped` wants it, (fingers,); `period`: s."""
 
     def __init__(self, spec: HandSpec, quiet: Vector, period: float) -> None:
         self._spec, self._quiet, self._drift = spec, quiet, Drift(spec, ROW * period)
@@ -120,7 +120,7 @@ class Diagnosis:
         if weights.lean is None:
             return
         tells = (np.abs(velocity) > MOVING) & weights.free
-        self._drift.add(d, np.stack([torque, side]), tells, weights.lean)
+        self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
         if self.found is None and self._count % EVERY == EVERY // 2:
             drifts = self._drift.look()
             self.found = None if drifts is None else Anomaly("encoder_drift", *drifts)
@@ -144,16 +144,28 @@ class Diagnosis:
     def _look(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest(window, self._spec))
-        odd = named(window, self._quiet, self._spec) is not None or bool((self.gains[-1] > self._quiet).any())
-        if self._sign < 0 and odd:
-            self._sign = self._count
-        waited = self._count - self._sign
-        seen = named(
-            self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
-        )
-        if self.found is None and seen is not None and self._drift.grown(seen.joint) < GREW * seen.gain:
-            ready = waited >= (WAIT if seen.margin > CLEAR else LONGEST)
-            falling = seen.name == "encoder_step" and window.jump[-2:, seen.joint].max() > JUMP
-            self.found = seen if (ready or seen.name in AT_ONCE) and not falling else None
-        if not odd:
+        at_once = direct(window)
+        if at_once is None and not (self.gains[-1] > self._quiet).any():
             self._sign = -1
+            return
+        if self._sign < 0:
+            self._sign = self._count
+        if self.found is None:
+            self.found = self._shaped() if at_once is None else at_once if not _falling(at_once, window) else None
+
+    def _shaped(self) -> Anomaly | None:
+        """From what was seen since the first sign."""
+        waited = self._count - self._sign
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        seen = shaped(window, self._quiet, self._spec)
+        if seen is None or seen.name == "wrong_file":
+            return seen
+        wait = LONGEST if seen.lead < CLEAR else ROWS if still(window)[seen.joint] else WAIT
+        if waited < wait:
+            return None
+        return None if self._drift.grew(seen.name, seen.joint, seen.gain) else seen
+
+
+def _falling(seen: Anomaly, window: Window) -> bool:
+    """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
+    return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)
