@@ -100,8 +100,8 @@ def grasped(spec: HandSpec, calm: Calm, name: str, seed: int, *, slippery: bool)
             suffered, touched = t, int((seen["contact_force"] > 0.05).sum())
         if each.anomaly is not None and found is None:
             found, when = each.anomaly, t
-    t, place = zip(*rows, strict=True)
-    return Said(found, when, np.array(t), np.array(place), suffered, touched)
+    times, places = zip(*rows, strict=True)
+    return Said(found, when, np.array(times), np.array(places), suffered, touched)
 
 
 def _hold(trial: Trial) -> float:
@@ -134,7 +134,7 @@ def _slips(all_said: list[tuple[int, Said]]) -> None:
         if not said.touched or not np.isfinite(said.slipped()):
             continue
         count += 1
-        name = "nothing" if said.found is None else said.found.name
+        name: str = "nothing" if said.found is None else said.found.name
         after, right = said.at - said.slipped(), name == "slip" and said.at >= said.slippery
         name = name if right or name != "slip" else "slip before"
         told[name] += 1
@@ -161,9 +161,8 @@ def _calm(all_said: list[tuple[int, Said]]) -> None:
             true += 1
             continue
         wrong[said.found.name] += 1
-        print(
-            f"  {k} {OBJECTS[k % len(OBJECTS)]}: {said.found.name} of {said.found.joint} at {said.at:.2f} s, {1000 * far:.1f} mm"
-        )
+        what = f"{said.found.name} of {said.found.joint} at {said.at:.2f} s"
+        print(f"  {k} {OBJECTS[k % len(OBJECTS)]}: {what}, {1000 * far:.1f} mm", flush=True)
     print(
         f"{len(all_said)} grasps with nothing wrong, {minutes:.0f} minutes: {sum(wrong.values())} false names "
         f"{dict(wrong)}; {true} times the object did move in the hand", flush=True,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, FINGERS, JUMP, MOVING, ROW, Anomaly, Window, largest, named
+from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, direct, still
 from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
 from allegro_twin.mirror.falls import Falls
+from allegro_twin.mirror.shapes import FINGERS, largest, shaped
 from allegro_twin.mirror.slips import Slips
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
@@ -21,17 +22,17 @@ ROWS = 50
 """Of a window: 1.5 s at 3 ms."""
 EVERY = 8
 """Rows between two looks: 0.24 s."""
-WAIT = ROWS
-"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before."""
+WAIT = 40
+"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
+joint that stays has ROWS: it may be stuck."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
-GREW = 0.7
-"""Of what a name takes away: where a drift that began earlier takes away more, one waits what that becomes."""
-AT_ONCE = ("encoder_step", "hot", "stuck")
 FILE = 26
 """Rows from the first sign to a name of the file: fingers that close on something rest by then."""
-CLEAR = 0.03
-"""What the next likely name must lack of the squares that the likeliest takes away."""
+SOONEST = 24
+"""Rows that shapes are told from at least."""
+CLEAR = 20.0
+"""What is clear is e¹⁰ times likelier than what is next likely: half of `Anomaly.lead` is the logarithm."""
 RARE = 3e5
 """Looks in which a free finger reaches its threshold once: 20 hours."""
 DEFAULT, PART = 0.02, 0.03
@@ -59,7 +60,7 @@ class Calm(NamedTuple):
     above: Array
     """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
-    """Of shapes, as `anomalies.named` wants it, (fingers,); infinite where no free motion tells."""
+    """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
 
     @staticmethod
     def usual(spec: HandSpec) -> Calm:
@@ -95,7 +96,7 @@ class Diagnosis:
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]] = []
-        self._rows: list[Array] = []
+        self._rows: list[NDArray[Any]] = []
         """By column, the last LONGEST rows twice, so that any of them are one slice."""
         self._count, self._sign = 0, -1
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
@@ -130,7 +131,7 @@ class Diagnosis:
         if weights.lean is None:
             return
         tells = (np.abs(velocity) > MOVING) & weights.free
-        self._drift.add(d, np.stack([torque, side]), tells, weights.lean)
+        self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
         if self.found is None and self._count % EVERY == EVERY // 2:
             drifts = self._drift.look()
             self.found = None if drifts is None else Anomaly("encoder_drift", *drifts)
@@ -140,9 +141,9 @@ class Diagnosis:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
-    def _keep(self, row: Sequence[Array]) -> None:
+    def _keep(self, row: Sequence[NDArray[Any]]) -> None:
         if not self._rows:
-            self._rows = [np.zeros((2 * LONGEST, *each.shape)) for each in row]
+            self._rows = [np.zeros((2 * LONGEST, *each.shape), each.dtype) for each in row]
         for column, each in zip(self._rows, row, strict=True):
             column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
         self._count += 1
@@ -154,24 +155,36 @@ class Diagnosis:
     def _look(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest(window, self._spec))
-        self._right |= (self.gains[-1] <= self._quiet) & (self._of(window) > ROWS / 2)
-        odd = named(window, self._quiet, self._spec) is not None or bool((self.gains[-1] > self._quiet).any())
-        if self._sign < 0 and odd:
-            self._sign = self._count
-        waited = self._count - self._sign
-        seen = named(
-            self._last(min(max(ROWS, waited), LONGEST, self._count)) if odd else window, self._quiet, self._spec
-        )
-        if self.found is None and seen is not None and self._drift.grown(seen.joint) < GREW * seen.gain:
-            ready = waited >= (FILE if seen.name == "wrong_file" else WAIT if seen.margin > CLEAR else LONGEST)
-            falling = seen.name == "encoder_step" and window.jump[-2:, seen.joint].max() > JUMP
-            self.found = seen if (ready or seen.name in AT_ONCE) and not falling else None
-            if seen.name == "wrong_file" and np.count_nonzero(~self._right) < FINGERS:
-                self.found = None
-        if not odd:
+        self._right |= (self.gains[-1] <= self._quiet) & (self._travelled(window) > ROWS / 2)
+        at_once = direct(window, self._spec)
+        if at_once is None and not (self.gains[-1] > self._quiet).any():
             self._sign = -1
+            return
+        if self._sign < 0:
+            self._sign = self._count
+        if self.found is None:
+            self.found = self._shaped() if at_once is None else at_once if not _falling(at_once, window) else None
 
-    def _of(self, window: Window) -> Vector:
+    def _shaped(self) -> Anomaly | None:
+        """From what was seen since the first sign."""
+        waited = self._count - self._sign
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        seen = shaped(window, self._quiet, self._spec)
+        if seen is None:
+            return None
+        if seen.name == "wrong_file":
+            return seen if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS else None
+        wait = LONGEST if seen.lead < CLEAR else ROWS if still(window)[seen.joint] else WAIT
+        if waited < wait:
+            return None
+        return None if self._drift.grew(seen.name, seen.joint, seen.gain) else seen
+
+    def _travelled(self, window: Window) -> Vector:
         """In how many rows each finger's second busiest joint moves, (fingers,)."""
         moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
         return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
+
+
+def _falling(seen: Anomaly, window: Window) -> bool:
+    """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
+    return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

@@ -36,6 +36,8 @@ HALVES = 2.0
 """By how much the halves of a span may differ in their rates."""
 CLEAR = 0.1
 """What the next likely joint or fading motor must lack of the squares that the likeliest takes away."""
+PART = 0.5
+"""Of a name's gain, without which no drift is in its way: blocks leave out fingers that something touches."""
 _TINY = 1e-12
 
 
@@ -50,6 +52,17 @@ class Ramp(NamedTuple):
     """Standard deviations from none."""
 
 
+class Block(NamedTuple):
+    """What is left of a block without what dry friction explains: products of shapes x with one another and with d."""
+
+    squares: Array
+    """Of encoders' and motors' shapes, (2n, 2n)."""
+    along: Vector
+    """(2n,)"""
+    heavy: Array
+    """Of payloads' shapes: with themselves, and with d, (2, n)."""
+
+
 class Drift:
     """Keeps blocks of what a mirror saw. `period`: of a row, s."""
 
@@ -59,13 +72,13 @@ class Drift:
         self._period, self._n = period, spec.n_joints
         self._turns = cycle([(finger, span) for finger in range(len(spec.fingers)) for span in SPANS])
         self._before = np.zeros((2, spec.n_joints))
-        self._blocks: deque[tuple[Array, Vector]] = deque(maxlen=SPANS[-1])
+        self._blocks: deque[Block] = deque(maxlen=SPANS[-1])
         self._clear()
 
-    def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array) -> None:
+    def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array, pull: Array) -> None:
         """A row: disturbances, (n,), N·m; the motors' torques and the sides of friction, (2, n); which joints tell
         something, for they move and nothing touches their finger; `lean`: how the torques of gravity turn with the
-        joints, (n, n), N·m/rad."""
+        joints, (n, n), N·m/rad; `pull`: what a kilogram at each link weighs on each joint, (n, n), N·m."""
         torque, side = np.where(tells, (2.0 * made + self._before) / 3.0, 0.0)  # A disturbance follows what makes it.
         self._before = made
         shapes = np.concatenate([-lean * tells[:, None], np.diag(-torque)], axis=1)
@@ -74,6 +87,9 @@ class Drift:
         self._rubbed += side[:, None] * shapes
         self._rub += side * side
         self._rub_along += side * d
+        carried = pull * tells
+        self._heavy += np.square(carried).sum(axis=1), carried @ d
+        self._heavy_rubbed += carried * side
         self._rows += 1
         if self._rows == BLOCK:
             self._blocks.append(self._reduced())
@@ -87,7 +103,8 @@ class Drift:
             return None
         own, columns, blocks = self._fingers[finger], self._columns[finger], list(self._blocks)[-span:]
         cut = np.ix_(columns, columns)
-        squares, along = np.array([s[cut] for s, _ in blocks]), np.array([a[columns] for _, a in blocks])
+        squares = np.array([each.squares[cut] for each in blocks])
+        along = np.array([each.along[columns] for each in blocks])
         ramp, m = self._ramp(squares, along), len(own)
         slow = np.abs(ramp.rate[:m])
         can = np.concatenate([(slow > SLOW[0]) & (slow < SLOW[1]), np.ones(m, dtype=bool)])
@@ -100,19 +117,24 @@ class Drift:
         steady = min(shares) > 1.0 / HALVES and max(shares) < HALVES
         return (own[first], float(ramp.rate[first])) if steady else None
 
-    def grown(self, joint: int) -> float:
-        """What the likeliest drift of this joint's finger, begun at any time, takes away of all that was seen until
-        now, N²m²."""
-        finger = next(f for f, own in enumerate(self._fingers) if joint in own)
-        own = self._fingers[finger]
-        blocks = [*self._blocks, self._reduced()]
-        squares = np.array([each[own, own] for each, _ in blocks])  # (b, m)
-        along = np.array([each[own] for _, each in blocks])
+    def grew(self, name: str, joint: int, gain: float) -> bool:
+        """Whether a drift of an encoder of this joint's finger, begun at any time, explains more of all that was seen
+        until now than a fault of this name, come at any time, and a good part of its gain, N²m², in the last seconds.
+        What friction explains is in no block: of that the gain alone counts."""
+        blocks, n = [*self._blocks, self._reduced()], self._n
+        own = next(own for own in self._fingers if joint in own)
         ages = np.arange(len(blocks))
-        since = np.maximum(ages[None, :] - ages[:, None] + 0.5, 0.0) * BLOCK * self._period  # (begun, b)
-        size = np.maximum(np.square(since) @ squares, _TINY)
-        rate = np.clip((since @ along) / size, -SLOW[1], SLOW[1])
-        return float((rate * (2.0 * (since @ along) - rate * size)).max())
+        since = np.maximum(ages[None, :] - ages[:, None] + 0.5, 0.0)  # (begun, b), blocks
+        squares = np.array([each.squares[own, own] for each in blocks])  # (b, m)
+        along = np.array([each.along[own] for each in blocks])
+        drifts = _explained(since * BLOCK * self._period, squares, along, SLOW[1])
+        if name == "friction" or drifts < PART * gain:
+            return drifts > gain
+        came = np.array([each.heavy[:, joint] for each in blocks])
+        if name == "weak":
+            came = np.array([(each.squares[n + joint, n + joint], each.along[n + joint]) for each in blocks])
+        steps = np.concatenate([np.minimum(since, 1.0), np.sign(since)])
+        return drifts > _explained(steps, came[:, :1], came[:, 1:], np.inf)
 
     def _ramp(self, squares: Array, along: Array) -> Ramp:
         """Of blocks (b, 2m, 2m) and (b, 2m): o₀ free in all, r in one at a time."""
@@ -130,13 +152,23 @@ class Drift:
         spread = np.sqrt(np.square(scores).sum(axis=0) * b / (b - along.shape[1] / 2.0 - 1.0))
         return Ramp(rate, np.square(rate) * size, np.abs(rate) * size / np.maximum(spread, _TINY))
 
-    def _reduced(self) -> tuple[Array, Vector]:
+    def _reduced(self) -> Block:
         """The block that is being filled, without what dry friction explains."""
         rub = np.maximum(self._rub, _TINY)
         squares = self._squares - self._rubbed.T @ (self._rubbed / rub[:, None])
-        return squares, self._along - (self._rub_along / rub) @ self._rubbed
+        sides = np.stack([self._heavy_rubbed, np.broadcast_to(self._rub_along, self._heavy_rubbed.shape)])
+        heavy = self._heavy - (sides * self._heavy_rubbed / rub).sum(axis=2)
+        return Block(squares, self._along - (self._rub_along / rub) @ self._rubbed, heavy)
 
     def _clear(self) -> None:
         n = self._n
         self._rows, self._squares, self._along = 0, np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
         self._rubbed, self._rub, self._rub_along = np.zeros((n, 2 * n)), np.zeros(n), np.zeros(n)
+        self._heavy, self._heavy_rubbed = np.zeros((2, n)), np.zeros((n, n))
+
+
+def _explained(course: Array, squares: Array, along: Array, most: float) -> float:
+    """What the best of some courses (c, b) takes away of blocks (b, m), times an amount of at most `most`, N²m²."""
+    size = np.maximum(np.square(course) @ squares, _TINY)
+    amount = np.clip((course @ along) / size, -most, most)
+    return float((amount * (2.0 * (course @ along) - amount * size)).max())

@@ -90,7 +90,7 @@ class Slips:
     def _holds(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
         d, torque, position, _ = (np.array(each) for each in zip(*rows, strict=True))
         still = np.ptp(position, axis=0) < STILL * self._since / self._before
-        return self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0)
+        return np.asarray(self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
 
     def _held(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
         """Fingers that motors press on something."""
@@ -125,7 +125,7 @@ class Slips:
         return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
 
 
-def _told(inward: Vector, rise: Vector) -> Array:
+def _told(inward: Vector, rise: Vector) -> NDArray[np.bool_]:
     """Of each finger, whether its motors changed by themselves."""
     out, into, not_at_all = inward < -MOVED, inward > MOVED, np.abs(inward) < HELD
     return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (not_at_all & (rise > STARTS)))

@@ -17,6 +17,8 @@ from allegro_twin.types import HandState, Vector
 N, ROW = 16, 0.03
 DOWN = np.array([6.0, 0.0, -7.7])
 ALL = np.ones(N, dtype=bool)
+OWN = np.kron(np.eye(4), np.ones((4, 4)))
+PULL = np.random.default_rng(4).uniform(-1.0, 1.0, (N, N)) * OWN  # Any will do.
 
 
 def test_how_gravity_turns_with_the_joints_is_what_differences_of_its_torques_say(spec: HandSpec) -> None:
@@ -44,21 +46,22 @@ def seen(spec: HandSpec, seconds: float, wrong: str, at: float = 0.4) -> tuple[D
     each, said = Drift(spec, ROW), []
     rng = np.random.default_rng(2)
     usual = rng.uniform(-1.5, 1.5, (N, N))
-    own = np.kron(np.eye(4), np.ones((4, 4)))
     pace, phase = rng.uniform(2.0, 6.0, N), rng.uniform(0.0, 6.0, (2, N, N))
     for row in range(round(seconds / ROW)):
         t = row * ROW
         angle = np.sin(pace * t + phase[0]) + usual
-        lean = 0.02 * own * (angle + angle.T)
+        lean = 0.02 * OWN * (angle + angle.T)
         torque, side = 0.1 * np.sin(2.3 * pace * t + phase[1][0]), np.sign(np.cos(pace * t + phase[1][1]))
         pushes: dict[str, Vector] = {
             "nothing": np.zeros(N),
             "drift": -lean[:, 6] * 1e-3 * t,
             "step": -lean[:, 6] * 0.1 * (t > at * seconds),
+            "payload": 0.01 * PULL[6] * (t > at * seconds),
+            "weak": -torque * (np.arange(N) == 6) * 0.2 * (t > at * seconds),
             "fading": -torque * (np.arange(N) == 6) * 2e-3 * t,
         }
         d = 5e-4 * rng.standard_normal(N) + pushes[wrong]
-        each.add(d, np.array([torque, side]), ALL, lean)
+        each.add(d, np.array([torque, side]), ALL, lean, PULL)
         said += [each.look()] if row % EVERY == 0 else []
     return each, said
 
@@ -84,21 +87,29 @@ def test_what_touches_a_finger_is_no_drift_of_its_encoders(spec: HandSpec) -> No
     lean = np.asarray(0.03 * np.kron(np.eye(4), np.ones((4, 4))), dtype=np.float64)
     for row in range(SPANS[0] * BLOCK):
         free = np.arange(N) // 4 != 1
-        each.add(-lean[:, 6] * 1e-3 * row * ROW, np.zeros((2, N)), free, lean)
-    assert each.grown(6) == 0.0
+        each.add(-lean[:, 6] * 1e-3 * row * ROW, np.zeros((2, N)), free, lean, PULL)
+    assert not each.grew("payload", 6, 1e-9)
     assert [each.look() for _ in range(4 * len(SPANS))] == [None] * 4 * len(SPANS)
 
 
-def test_what_came_lately_is_not_taken_for_something_that_grew(spec: HandSpec) -> None:
-    grew, came = (seen(spec, 40.5, wrong, 0.94)[0].grown(6) for wrong in ("drift", "step"))
-    assert came < 0.5 * grew  # Though what came has as many squares as what grew.
+def test_what_came_at_once_is_not_taken_for_something_that_grew(spec: HandSpec) -> None:
+    came = {name: seen(spec, 40.5, name, 0.94)[0] for name in ("payload", "weak")}
+    grew = seen(spec, 40.5, "drift")[0]
+    for name, each in came.items():
+        assert not each.grew(name, 6, 1e-6)
+        assert grew.grew(name, 6, 1e-6)
+
+
+def test_a_drift_that_is_little_beside_what_a_name_explains_is_not_in_its_way(spec: HandSpec) -> None:
+    grew = seen(spec, 40.5, "drift")[0]
+    assert [grew.grew("weak", 6, gain) for gain in (1e-6, 1.0)] == [True, False]
 
 
 def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     periods = ROW_PERIODS * (ROWS + WAIT + 3 * EVERY)
     found = []
-    for grown in (0.0, 1.0):
-        monkeypatch.setattr(Drift, "grown", lambda self, joint, much=grown: much)
+    for grew in (False, True):
+        monkeypatch.setattr(Drift, "grew", lambda self, name, joint, gain, much=grew: much)
         each = Diagnosis(spec, Calm(np.full((2, N), 0.02), np.full(4, 1e-4)), 0.003)
         for tick in range(periods):
             t = 0.003 * tick
