@@ -21,6 +21,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import PD
 from allegro_twin.drive import AILMENTS, Ailment
+from allegro_twin.identify.results.gap import breaks_away
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.diagnosis import Calm
@@ -67,7 +68,8 @@ def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: flo
     """What the mirror says of a hand with which something goes wrong."""
     tips = [finger.joints[-1] for finger in spec.fingers]
     rng, backend = np.random.default_rng((seed, 6)), simulated(able(spec, tips) if what == "loose" else spec, seed)
-    file = replace(hand(seed + 500), drive=spec.drive) if what == "wrong_file" else spec
+    another = hand(seed + 500, mismatched=breaks_away(spec.drive))
+    file = replace(another, drive=spec.drive) if what == "wrong_file" else spec
     each = Mirror(spec, mirror_of(file).observer, np.ones(N), calm)
     joint = int(rng.integers(N)) if what != "payload" else int(4 * rng.integers(4) + 1 + rng.integers(3))
     joint = tips[joint % len(tips)] if what == "loose" else joint
@@ -93,20 +95,21 @@ def main() -> None:
     options.add_argument("--injections", type=int, default=20, help="of each kind")
     options.add_argument("--hands", type=int, default=5)
     options.add_argument("--first", type=int, default=30, help="seed of the first hand")
+    options.add_argument("--mismatched", action="store_true", help="friction that breaks away, in hands and mirrors")
     options.add_argument("--minutes", type=float, default=60.0, help="of free motion for false names, in all")
     options.add_argument("--learn", type=float, default=120.0, help="s of free motion for thresholds, each hand")
     options.add_argument("--kinds", nargs="*", choices=(*KINDS, "wrong_file"), default=(*KINDS, "wrong_file"))
     chosen = options.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.hands)
-    specs = [hand(seed) for seed in seeds]
+    specs = [hand(seed, mismatched=chosen.mismatched) for seed in seeds]
     calms = [learned(3000 + seed, spec, chosen.learn) for seed, spec in zip(seeds, specs, strict=True)]
     for what in chosen.kinds:
         told, right, late, within = Counter[str](), 0, 0, WITHIN.get(what, SOON)
         for k in range(chosen.injections):
             which = k % len(specs)
             said = called(specs[which], calms[which], 100 * chosen.first + k, what, BEGIN + max(8.0, within))
-            told[said.name] += 1
             same = said.name == what and (said.joint == said.true or what == "wrong_file")
+            told[said.name if same or said.name != what else f"{what} of another joint"] += 1
             right += int(same and said.after <= within)
             late += int(same and said.after > within)
             if what == "encoder_drift":
