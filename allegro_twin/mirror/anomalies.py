@@ -60,8 +60,8 @@ class Anomaly(NamedTuple):
     joint: int
     """Which; the first that is found where it is of the whole hand."""
     amount: float
-    """Missing share of a motor, N·m of friction, kg, rad, °C, rad/s; of a slip what share of a push is gone; of a file how
-    many fingers."""
+    """Missing share of a motor, N·m of friction, kg, rad, °C, rad/s; of a slip what share of a push is gone; of a file
+    how many fingers."""
     lead: float = np.inf
     """By how many squares of what is left over in a row the next likely explanation falls short: of fault and joint."""
     gain: float = np.inf

@@ -117,13 +117,18 @@ class Diagnosis:
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(np.abs(away).max() > JUMP))
         self._keep((*row, np.abs(away).max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away)
-        if fell is not None and self.found is None and not self._last(min(self._count, ROWS)).holds.any():
+        if self.found is None and fell is not None and self._untouched(fell[0], weights.free):
             self.found = Anomaly("loose", *fell)
-        if slid is not None and self.found is None:
+        if self.found is None and slid is not None:
             self.found = Anomaly("slip", *slid)
         self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
+
+    def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
+        """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
+        own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
+        return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
     def _creep(self, row: Sequence[Vector], weights: Weights) -> None:
         """What takes longer than a window."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, Vector
+from allegro_twin.types import Vector
 
 RESTED, SINCE = 0.24, 0.12
 """s: how long a hand must have rested, and how long ago that may have ended."""

@@ -12,12 +12,13 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm
+from allegro_twin.mirror.diagnosis import Calm, Diagnosis, Weights
+from allegro_twin.mirror.falls import Falls
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.mirror.slips import Slip, Slips
-from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import HandState, Vector
 
 N, ROW = 16, 0.03
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -131,3 +132,19 @@ def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippe
     else:
         play()
         assert each.anomaly is None
+
+
+def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
+    spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Falls, "add", lambda self, off: (7, 0.006))
+    rest, middle = np.zeros(N), np.isin(np.arange(N), (4, 5, 6, 7))
+    for push, free, name in ((rest, np.ones(N, bool), "loose"), (PUSH, np.ones(N, bool), None), (rest, middle, None)):
+        each = Diagnosis(spec, Calm.usual(spec), 0.003)
+        for tick in range(600):
+            state = HandState(0.003 * tick, tick, rest, rest, -push, np.full(N, np.nan), DOWN)
+            weights = Weights(np.zeros((N, N)), None, free, DOWN) if each.due else None
+            each.add(state, Estimate(rest, rest, push, rest), -push, rest, weights)
+            if name is None and tick < 200:  # Until it is known to hold.
+                each.found = None
+        assert (None if each.found is None else each.found.name) == name
