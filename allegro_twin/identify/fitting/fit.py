@@ -9,7 +9,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from allegro_twin.identify.fitting.descent import descend, standing
-from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
+from allegro_twin.identify.fitting.problem import Masses, Problem, at_model
+from allegro_twin.identify.fitting.scaled import index
 from allegro_twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.identify.motions.motion import Motion, noise_floor

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.problem import PLAY, SHAPE
 from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.scaled import PLAY, SHAPE
 from allegro_twin.identify.fitting.spread import Spread
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.beside.windows import Player
