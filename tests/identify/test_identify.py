@@ -111,7 +111,7 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     result, file = hidden.found(), tmp_path / "mine.yaml"
     reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
     play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
-    loose = replace(result.fit, loose=True)
+    loose = replace(result.fit, loose=True, drive=replace(result.fit.drive, backlash=play.value))
     stored.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8

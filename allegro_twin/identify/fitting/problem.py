@@ -58,7 +58,7 @@ class Problem:
     def jacobian(self, x: Vector) -> Array:
         """The derivatives of `residuals`; those by masses that do not move are left zero."""
         drive = unscaled(x)
-        base = self.shooting.base(drive)
+        base = self.shooting.raw(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
         for name in ALL:
             if self._moves(name):

@@ -92,25 +92,20 @@ class Shooting:
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
         self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
         self._bases: list[Array] = []
-        self._coarse = player.coarser()
         self._answers = Answers(self._fingers)
 
     def raw(self, drive: Parameters, player: Player | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
-    def base(self, drive: Parameters) -> Array:
-        """`raw`, as the derivatives are found: in longer time steps."""
-        return self.raw(drive, self._coarse)
-
     def prepare(self, drive: Parameters) -> None:
         """Find out what the starts do, near `drive`."""
-        base = self.base(drive)
+        base = self.raw(drive)
 
         def nudged(which: int, joints: list[int]) -> Array:
             off, name = self._off.copy(), self._states[which]
             off[which][:, joints] += NUDGE[name]
-            change = self._means(self._play(drive, off, self._coarse) - self._cuts.measured) - base
+            change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
             return np.asarray(change / NUDGE[name] * START[name])
 
         each = [self._answers.of(name, partial(nudged, which)) for which, name in enumerate(self._states)]
@@ -170,12 +165,12 @@ class Shooting:
         """By one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the second, …; by
         `torque_constant` with armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it
         is. `base`: of the same drive."""
-        return self._answers.of(name, lambda joints: (self.base(_nudged(drive, name, joints)) - base) / NUDGE[name])
+        return self._answers.of(name, lambda joints: (self.raw(_nudged(drive, name, joints)) - base) / NUDGE[name])
 
     def late(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
-        return (self.base(everywhere) - base) / NUDGE["delay"]
+        return (self.raw(everywhere) - base) / NUDGE["delay"]
 
     def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
         cuts = self._cuts

@@ -50,6 +50,8 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
     by = slope(drive)
+    still = np.setdiff1d(np.arange(len(by)), problem.active)
+    by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
     raw = problem.shooting.raw(drive)
     fine = problem.shooting.raw(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
@@ -62,7 +64,7 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
         step=by @ step,
         path=by @ (scaled(drive) - scaled(rough)),
         rest=-by @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
-        mass=_mass_effect(problem, last, inverse) if masses == "assumed" else np.zeros((len(by), problem.n)),
+        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(by), problem.n)),
         correlation=inverse / np.outer(sd, sd),
         residual=_rms(problem, last.residuals),
     )
@@ -88,11 +90,11 @@ def _without(problem: Problem, J: Array, r: Vector, information: Array, number: 
     return np.asarray(np.linalg.solve(left, gradient))
 
 
-def _mass_effect(problem: Problem, last: Descended, inverse: Array) -> Array:
+def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) -> Array:
     """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
     data = len(last.residuals) - len(problem.prior)
     J, by_mass = last.jacobian[:data], np.zeros((data, len(inverse)))
-    problem.by(last.drive, problem.shooting.base(last.drive), "mass_scale", by_mass)
+    problem.by(last.drive, raw, "mass_scale", by_mass)
     by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]

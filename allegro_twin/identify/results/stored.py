@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.description.hands import load_actuation
@@ -98,7 +99,7 @@ def _held(values: Mapping[str, Value]) -> Held:
     if "backlash" in values:
         held["backlash"] |= values["backlash"].value <= values["backlash"].half
     if "stiction" in values:
-        any_of = np.logical_or.reduce([held[name] for name in _TOGETHER])
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([held[name] for name in _TOGETHER])
         held |= dict.fromkeys(_TOGETHER, any_of)
     return held
 

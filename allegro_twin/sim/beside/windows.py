@@ -68,14 +68,7 @@ class Player:
 
     def finer(self) -> Player:
         """The same at half the time step."""
-        return self._at(self.timestep / 2.0)
-
-    def coarser(self) -> Player:
-        """The same at the time step of Coulomb's friction, which is long enough for derivatives."""
-        return self if self.timestep >= STEP[False] else self._at(STEP[False])
-
-    def _at(self, timestep: float) -> Player:
-        return Player(self.spec, self._period, timestep, bristly=self.bristly, loose=self.loose)
+        return Player(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
 
     def links(self, qpos: Array) -> Array:
         """Where the links are, (…, n), rad: their motors, and how far they lie from these."""
