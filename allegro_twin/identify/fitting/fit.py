@@ -52,17 +52,14 @@ class Kind(NamedTuple):
 
 
 COULOMB = Kind(bristly=False, loose=False)
-_LOOSE = (Stage(4, SHORT, STEP[True], 1, 0.1), Stage(2, LONG, STEP[True], 1, 0.05), Stage(1, LONG, STEP[True], 1, 0.05))
-"""Loose links take 2.3 times the time a step, but with half of the pieces three hands were two times as far off in the
-open loop: half of them bring a drive near, and all of them to its end."""
 FINE = {
-    COULOMB: (Stage(1, LONG, STEP[False], 1, 0.05),),
-    Kind(True, False): (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
-    Kind(False, True): _LOOSE,
-    Kind(True, True): _LOOSE,
+    False: (Stage(1, LONG, STEP[False], 1, 0.05),),
+    True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
 }
-"""Then. Coulomb's rough solution is near enough for a round. Where friction breaks away long pieces tell most, but only
-of a joint that is nearly right: another slips in them where it should stick, and no derivative knows that."""
+"""Then, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for a round. Where
+friction breaks away long pieces tell most, but only of a joint that is nearly right: another slips in them where it
+should stick, and no derivative knows that. Loose links take 2.3 times the time a step, but of half the pieces three
+hands were two times as far off in the open loop."""
 PLAIN = 1.3
 """Times the noise: with so much left over nothing more is to be explained."""
 SUSPICIOUS = 3.0
@@ -84,7 +81,7 @@ class Fit:
     """Of the regression."""
     spread: Spread
     shorter: Spread | None
-    """Of a stage before, on shorter pieces, which tell less and are misled less; where there was one."""
+    """Of the stage before the last, on shorter pieces, which tell less and are misled less; where there was one."""
     covariance: Array
     """(p, p), in the order of `index`; that of masses which were only assumed is in it."""
     floor: Vector
@@ -124,17 +121,16 @@ def fit(
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
     drive, kind = _roughly(problem, start, slow, friction)
-    stages, shorter = FINE[kind], None
-    for stage in stages:
-        own = problem(kind, stage)
-        last = descend(own, drive, stage.rounds, stage.enough)
-        if stage.length == SHORT:
-            shorter = spread(own, last, drive, masses)
-        elif stage == stages[-1]:
-            found = spread(own, last, drive, masses)
+    spreads = []
+    for stage in FINE[kind.bristly or kind.loose]:
+        whole = problem(kind, stage)
+        # What a joint takes from others changes with the teeth that touch.
+        last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
+        spreads.append(spread(whole, last, drive, masses))
         drive = last.drive
-    covariance = found.covariance + mass_variance(own, found)
-    return Fit(drive, start, found, shorter, covariance, floor, masses, len(own.cuts.recording), *kind)
+    covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
+    shorter = spreads[-2] if len(spreads) > 1 else None
+    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
 
 
 Problems: TypeAlias = Callable[[Kind, Stage], Problem]

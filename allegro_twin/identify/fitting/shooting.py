@@ -119,6 +119,10 @@ class Shooting:
             self._bases.append(Q)
             self._solvers.append(np.linalg.inv(R))
 
+    def forget(self) -> None:
+        """Derivatives are to be found by one joint of a finger after the other again."""
+        self._answers = Answers(self._fingers)
+
     def better_starts(self, drive: Parameters) -> None:
         """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
         residual, before = self.raw(drive), self._off.copy()
