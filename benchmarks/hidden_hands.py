@@ -15,7 +15,7 @@ import yaml
 from allegro_twin.build.exciting import laid, play, task_of
 from allegro_twin.config import RunConfig
 from allegro_twin.description.hands import load_spec
-from allegro_twin.identify.fitting.problem import PLAY, SHAPE
+from allegro_twin.identify.fitting.scaled import PLAY, SHAPE
 from allegro_twin.identify.motions.motion import Motion, read_motion
 from allegro_twin.identify.results.gap import SMALLEST, Gap, side_of
 from allegro_twin.identify.results.method import Identified, gaps, identify

@@ -31,9 +31,13 @@ class Toy:
         self._a, self._b = 1.0 + rng.uniform(0.0, 1.0, (2, W * ROWS)), rng.uniform(-1.0, 1.0, (2, W * ROWS))
         self._a[0][3 * ROWS : 4 * ROWS] *= lever
         self._mad, self._odd, self.least = mad, odd, np.full(3, least)
+        self.forgot = 0
         self.shooting = SimpleNamespace(
-            prepare=lambda drive: None, better_starts=lambda drive: None, rows=lambda finger: ROWS
+            prepare=lambda drive: None, better_starts=lambda drive: None, rows=lambda finger: ROWS, forget=self._forget
         )
+
+    def _forget(self) -> None:
+        self.forgot += 1
 
     def x_of(self, drive: Vector) -> Vector:
         return drive
@@ -62,8 +66,8 @@ class Toy:
         return found
 
 
-def found(toy: Toy) -> tuple[Vector, Descended]:
-    last = descend(cast(Problem, toy), cast(Any, np.zeros(3)), 4, 0.01)
+def found(toy: Toy, *, anew: bool = False) -> tuple[Vector, Descended]:
+    last = descend(cast(Problem, toy), cast(Any, np.zeros(3)), 4, 0.01, anew=anew)
     return cast(Vector, last.drive), last
 
 
@@ -111,3 +115,11 @@ def test_what_would_leave_its_range_ends_at_its_end() -> None:
     assert drive[0] == 1.0
     assert drive[2] == 1.0
     assert drive[1] > 1.0
+
+
+def test_derivatives_of_single_joints_are_found_anew_in_every_round_only_where_that_is_asked_for() -> None:
+    plain, anew = Toy(), Toy()
+    found(plain)
+    found(anew, anew=True)
+    assert plain.forgot == 0
+    assert 2 <= anew.forgot <= 4

@@ -17,7 +17,7 @@ from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.identify.motions.motion import Motion, noise_floor, read_motion
 from allegro_twin.identify.results import method, stored
-from allegro_twin.identify.results.doubt import Value, seen, values
+from allegro_twin.identify.results.doubt import SOLVED, Value, seen, values
 from allegro_twin.identify.results.method import gaps, identify
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.replay.recording import load
@@ -60,6 +60,12 @@ def test_intervals_hold_what_is_hidden() -> None:
     for name, true in truth.items():
         value = hidden.found().values[name]
         assert (np.abs(value.value - true) <= value.half).mean() >= 0.9, name
+
+
+def test_friction_that_is_not_in_the_model_makes_no_torque_constant_doubtful() -> None:
+    constant, damping = (hidden.found().values[name] for name in ("torque_constant", "damping"))
+    assert np.median(constant.half / constant.value) < 0.01
+    assert (damping.half > SOLVED["damping"][0] * damping.value).all()
 
 
 def test_what_is_left_is_the_noise_of_the_encoders() -> None:
@@ -111,7 +117,7 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     result, file = hidden.found(), tmp_path / "mine.yaml"
     reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
     play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
-    loose = replace(result.fit, loose=True)
+    loose = replace(result.fit, loose=True, drive=replace(result.fit.drive, backlash=play.value))
     stored.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8

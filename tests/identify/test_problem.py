@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.identify.fitting.problem import Problem, at_model, index
+from allegro_twin.identify.fitting.problem import Problem, at_model
 from allegro_twin.identify.fitting.regress import breaking, regress
+from allegro_twin.identify.fitting.scaled import index, scaled, slope, unscaled
 from allegro_twin.identify.fitting.shooting import SHORT
 from allegro_twin.identify.motions.motion import read_motion
 from allegro_twin.sim.beside.pieces import Parameters
@@ -31,33 +32,33 @@ def made() -> tuple[Problem, Parameters]:
 
 def values(problem: Problem, x: Vector) -> Vector:
     """Of a drive, in the order of `index`."""
-    drive = problem.drive_of(x)
+    drive = unscaled(x)
     names = ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     return np.concatenate([getattr(drive, name) for name in names])
 
 
 def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
-    problem, drive = made
-    back = problem.drive_of(problem.x_of(drive))
+    _, drive = made
+    back = unscaled(scaled(drive))
     for name in ("torque_constant", "armature", "damping", "frictionloss", "load_friction", "delay"):
         np.testing.assert_allclose(getattr(back, name), getattr(drive, name), rtol=1e-12)
 
 
 def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]) -> None:
     problem, drive = made
-    x, names = problem.x_of(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
+    x, names = scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     rows = np.concatenate([np.arange(len(x))[index(name, 16)] for name in names])
     for name in names:
         column = index(name, 16).start + JOINT
         by = 1e-6 * np.eye(len(x))[column]
         change = (values(problem, x + by) - values(problem, x - by)) / 2e-6
-        np.testing.assert_allclose(problem.slope(drive)[rows, column], change, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(slope(drive)[rows, column], change, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["torque_constant", "damping", "frictionloss", "load_friction"])
 def test_the_residuals_follow_the_derivatives(made: tuple[Problem, Parameters], name: str) -> None:
     problem, drive = made
-    x = problem.x_of(drive)
+    x = scaled(drive)
     column = index(name, 16).start + JOINT
     step = 0.05 * np.eye(len(x))[column]
     change = (problem.residuals(x + step) - problem.residuals(x - step)) / 0.1

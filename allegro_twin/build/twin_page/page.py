@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.build.twin_page.lines import Line, card, chart
 from allegro_twin.evaluate.page.style import STYLE
-from allegro_twin.identify.fitting.problem import NAMES
 from allegro_twin.identify.fitting.regress import smoothed
+from allegro_twin.identify.fitting.scaled import NAMES
 from allegro_twin.identify.fitting.shooting import cut
 from allegro_twin.identify.results.doubt import PER_PWM, VALUES
 from allegro_twin.identify.results.method import Identified

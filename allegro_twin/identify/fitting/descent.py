@@ -69,11 +69,13 @@ class _Costs:
         return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
 
 
-def descend(problem: Problem, drive: Parameters, rounds: int, enough: float) -> Descended:
+def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
     """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
-    share `enough` of its cost."""
+    share `enough` of its cost. `anew`: derivatives by one joint of a finger after the other in every round."""
     damping = np.full(len(problem.fingers), _FIRST)
     for number in range(rounds):
+        if anew:
+            problem.shooting.forget()
         problem.shooting.prepare(drive)
         problem.shooting.better_starts(drive)
         x = problem.x_of(drive)

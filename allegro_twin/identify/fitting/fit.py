@@ -9,7 +9,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from allegro_twin.identify.fitting.descent import descend, standing
-from allegro_twin.identify.fitting.problem import Masses, Problem, at_model, index
+from allegro_twin.identify.fitting.problem import Masses, Problem, at_model
+from allegro_twin.identify.fitting.scaled import index
 from allegro_twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.identify.fitting.spread import Spread, mass_variance, spread
 from allegro_twin.identify.motions.motion import Motion, noise_floor
@@ -39,6 +40,18 @@ class Stage(NamedTuple):
 
 ROUGH = {False: Stage(0, LONG, STEP[False], 2, 0.1), True: Stage(0, SHORT, 0.00075, 6, 0.1)}
 """By whether friction breaks away or links are loose."""
+
+
+class Kind(NamedTuple):
+    """Of a model."""
+
+    bristly: bool
+    """Friction breaks away; otherwise it is Coulomb's."""
+    loose: bool
+    """There is backlash."""
+
+
+COULOMB = Kind(bristly=False, loose=False)
 FINE = {
     False: (Stage(1, LONG, STEP[False], 1, 0.05),),
     True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
@@ -57,18 +70,6 @@ PLAYS = (0.001, 0.004)
 """rad, tried in all joints at once: half of the first is the least that is seen."""
 GAIN = 0.1
 """The share of the cost that backlash must take away before it is descended to. Ours."""
-
-
-class Kind(NamedTuple):
-    """Of a model."""
-
-    bristly: bool
-    """Friction breaks away; otherwise it is Coulomb's."""
-    loose: bool
-    """There is backlash."""
-
-
-COULOMB = Kind(bristly=False, loose=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +124,8 @@ def fit(
     spreads = []
     for stage in FINE[kind.bristly or kind.loose]:
         whole = problem(kind, stage)
-        last = descend(whole, drive, stage.rounds, stage.enough)
+        # What a joint takes from others changes with the teeth that touch.
+        last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
         spreads.append(spread(whole, last, drive, masses))
         drive = last.drive
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])

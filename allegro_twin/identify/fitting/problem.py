@@ -1,10 +1,4 @@
-"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them.
-
-In the place of k, the torque constant, stands K = k (1 − μ), μ: what a motor's torque adds to friction; in those of
-armature, damping and friction stand A / K, B / K, F / K. A joint whose motor drives and hardly ever brakes tells K and
-not μ; one whose link weighs little tells what is divided by K and not K. A descent by k, A, B and F would have to
-follow a narrow curved valley.
-"""
+"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
 
 from __future__ import annotations
 
@@ -16,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.identify.fitting.regress import LOAD
+from allegro_twin.identify.fitting.scaled import ALL, PLAY, PULLED, SHAPE, index, least, scaled, units, unscaled
 from allegro_twin.identify.fitting.shooting import LONG, Shooting, cut
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.beside.pieces import Parameters
 from allegro_twin.sim.beside.windows import Player
-from allegro_twin.sim.drive.backlash import SMALLEST
 from allegro_twin.types import Array, Vector
 
 Masses: TypeAlias = Literal["known", "assumed", "weighed"]
@@ -28,45 +22,20 @@ Masses: TypeAlias = Literal["known", "assumed", "weighed"]
 MASS_SPREAD, MASS_SCALE = 0.06, 0.16
 """Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
 for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
-NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
-PULLED = NAMES[1:4]
-"""Of which a recording tells what they are per torque constant."""
-SHAPE = ("stiction", "stribeck_speed", "bristle", "load_friction")
-"""Of friction that breaks away and grows with the motor's torque."""
-PLAY = ("backlash",)
-"""Of links that are loose."""
-ALL = (*NAMES, *SHAPE, *PLAY)
-"""Of every joint."""
-_UNITS = {
-    "torque_constant": 0.1, "armature": 3e-4, "damping": 5e-3, "frictionloss": 5e-3, "offset": 0.01, "mass_scale": 0.05,
-    "delay": 1e-3, "stiction": 0.1, "stribeck_speed": 0.02, "bristle": 2e-4,
-    "load_friction": 0.02, "backlash": 5e-4,
-}  # fmt: skip
-"""About how far each may change: N·m, kg·m², N·m·s/rad, N·m, rad, 1, s, 1, rad/s, rad, 1, rad."""
 PRIOR = {
     "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
     "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
     "load_friction": LOAD[1], "backlash": 5e-3,
 }  # fmt: skip
 """Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
-_LEAST = {
-    "torque_constant": 0.05, "armature": 1e-5, "damping": 0.0, "frictionloss": 0.0, "offset": -0.5, "mass_scale": 0.3,
-    "stiction": 1.0, "stribeck_speed": 0.02, "bristle": 2e-4, "load_friction": 0.0,
-    "backlash": SMALLEST,
-}  # fmt: skip
 _KNOWN = 1e-4  # Of masses that do not move.
-
-
-def index(name: str, n: int) -> slice:
-    """Where one kind of parameter stands: n values each, the delay last."""
-    if name == "delay":
-        return slice(len(ALL) * n, len(ALL) * n + 1)
-    first = ALL.index(name) * n
-    return slice(first, first + n)
 
 
 class Problem:
     """Of some motions, of which every `every`-th piece of `length` periods is used."""
+
+    x_of, drive_of = staticmethod(scaled), staticmethod(unscaled)
+    """The descent's numbers of a drive, and back."""
 
     def __init__(
         self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
@@ -76,49 +45,19 @@ class Problem:
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
         self.cuts = cut(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit = np.concatenate([np.full(self.n, _UNITS[name]) for name in ALL] + [[_UNITS["delay"]]])
-        self.least = np.concatenate([np.full(self.n, _LEAST[name]) for name in ALL] + [[0.0]]) / self.unit
+        self.unit, self.least = units(self.n), least(self.n)
         moving = [name for name in ALL if self._moves(name)] + ["delay"]
         self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
         """Parameters that move."""
-        self._center = self.x_of(nominal)
+        self._center = scaled(nominal)
         self.prior = self._prior_rows()
 
-    def x_of(self, drive: Parameters) -> Vector:
-        values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
-        values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
-        values[1:4] = [value / pulls for value in values[1:4]]
-        return np.asarray(np.concatenate(values) / self.unit)
-
-    def drive_of(self, x: Vector) -> Parameters:
-        values = x * self.unit
-        rows = {name: values[index(name, self.n)] for name in ALL}
-        pulls = rows["torque_constant"]
-        rows |= {name: rows[name] * pulls for name in PULLED}
-        rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
-        return Parameters(**rows, delay=np.full(self.n, values[-1]))
-
-    def slope(self, drive: Parameters) -> Array:
-        """The derivative of a drive's values, in the order of `index`, by the scaled parameters, (p, p)."""
-        found = np.diag(self.unit)
-        k, load = index("torque_constant", self.n), index("load_friction", self.n)
-        found[k, k] /= 1.0 - drive.load_friction[:, None]
-        found[k, load] = np.diag(self.unit[load] * drive.torque_constant / (1.0 - drive.load_friction))
-        pulls = drive.torque_constant * (1.0 - drive.load_friction)
-        for name in PULLED:
-            part = index(name, self.n)
-            found[part, part] *= pulls
-            found[part, k] = np.diag(self.unit[k] * getattr(drive, name) / pulls)
-        return found
-
     def residuals(self, x: Vector) -> Vector:
-        return np.concatenate(
-            [self.flat(self.shooting.raw(self.drive_of(x)), start=True), self.prior @ (x - self._center)]
-        )
+        return np.concatenate([self.flat(self.shooting.raw(unscaled(x)), start=True), self.prior @ (x - self._center)])
 
     def jacobian(self, x: Vector) -> Array:
         """The derivatives of `residuals`; those by masses that do not move are left zero."""
-        drive = self.drive_of(x)
+        drive = unscaled(x)
         base = self.shooting.raw(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
         for name in ALL:
@@ -141,8 +80,7 @@ class Problem:
 
     def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
-        for place in range(max(map(len, self.fingers))):
-            change = self.shooting.derivative(drive, base, name, place)
+        for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
             for finger, rows in self.parts():
                 if place < len(self.fingers[finger]):
                     column = index(name, self.n).start + self.fingers[finger][place]

@@ -7,10 +7,13 @@ Q from [S; Λ] = QR takes away what a better start would explain, r ← r − QQ
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from allegro_twin.identify.fitting.answers import Answers
 from allegro_twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.sim.beside.pieces import BEFORE, Parameters, Pieces
@@ -89,6 +92,7 @@ class Shooting:
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
         self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
         self._bases: list[Array] = []
+        self._answers = Answers(self._fingers)
 
     def raw(self, drive: Parameters, player: Player | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
@@ -96,14 +100,16 @@ class Shooting:
 
     def prepare(self, drive: Parameters) -> None:
         """Find out what the starts do, near `drive`."""
-        base, starts = self.raw(drive), []
-        for place in range(max(map(len, self._fingers))):
-            for which, name in enumerate(self._states):
-                off = self._off.copy()
-                joints = [finger[place] for finger in self._fingers if place < len(finger)]
-                off[which][:, joints] += NUDGE[name]
-                change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
-                starts.append(change / NUDGE[name] * START[name])
+        base = self.raw(drive)
+
+        def nudged(which: int, joints: list[int]) -> Array:
+            off, name = self._off.copy(), self._states[which]
+            off[which][:, joints] += NUDGE[name]
+            change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
+            return np.asarray(change / NUDGE[name] * START[name])
+
+        each = [self._answers.of(name, partial(nudged, which)) for which, name in enumerate(self._states)]
+        starts = [answer for place in zip(*each, strict=True) for answer in place]
         self._bases, self._solvers = [], []
         for finger in self._fingers:
             S = np.stack([each[:, :, finger] for each in starts[: len(self._states) * len(finger)]], axis=-1)
@@ -112,6 +118,10 @@ class Shooting:
             Q, R = np.linalg.qr(np.concatenate([S, prior], axis=1))
             self._bases.append(Q)
             self._solvers.append(np.linalg.inv(R))
+
+    def forget(self) -> None:
+        """Derivatives are to be found by one joint of a finger after the other again."""
+        self._answers = Answers(self._fingers)
 
     def better_starts(self, drive: Parameters) -> None:
         """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
@@ -155,20 +165,11 @@ class Shooting:
         """Of a finger's residuals in one piece."""
         return (self.moments + len(self._states)) * len(finger)
 
-    def derivative(self, drive: Parameters, base: Array, name: str, place: int) -> Array:
-        """By one parameter, of one joint of every finger at once, (w, rows, n), per unit; by `torque_constant` with
-        armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it is."""
-        joints = [finger[place] for finger in self._fingers if place < len(finger)]
-        nudged = drive.changed(name, joints, NUDGE[name])
-        if name == "torque_constant":
-            by = nudged.torque_constant / drive.torque_constant
-            nudged = replace(
-                nudged, armature=by * drive.armature, damping=by * drive.damping, frictionloss=by * drive.frictionloss
-            )
-        if name == "load_friction":
-            pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
-            nudged = replace(nudged, torque_constant=pulls)
-        return (self.raw(nudged) - base) / NUDGE[name]
+    def derivatives(self, drive: Parameters, base: Array, name: str) -> Iterator[Array]:
+        """By one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the second, …; by
+        `torque_constant` with armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it
+        is. `base`: of the same drive."""
+        return self._answers.of(name, lambda joints: (self.raw(_nudged(drive, name, joints)) - base) / NUDGE[name])
 
     def late(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""
@@ -196,6 +197,19 @@ class Shooting:
                 for which, name in enumerate(self._states):
                     off[:, len(self._states) * place + which] = self._off[which][:, joint] / START[name]
         return np.concatenate([own, off], axis=1)
+
+
+def _nudged(drive: Parameters, name: str, joints: list[int]) -> Parameters:
+    nudged = drive.changed(name, joints, NUDGE[name])
+    if name == "torque_constant":
+        by = nudged.torque_constant / drive.torque_constant
+        return replace(
+            nudged, armature=by * drive.armature, damping=by * drive.damping, frictionloss=by * drive.frictionloss
+        )
+    if name == "load_friction":
+        pulls = drive.torque_constant * (1.0 - drive.load_friction) / (1.0 - nudged.load_friction)
+        return replace(nudged, torque_constant=pulls)
+    return nudged
 
 
 def _within(Q: Array, r: Array) -> Array:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.identify.fitting.descent import Descended
-from allegro_twin.identify.fitting.problem import Masses, Problem, index, mass_covariance
+from allegro_twin.identify.fitting.problem import Masses, Problem, mass_covariance
+from allegro_twin.identify.fitting.scaled import index, scaled, slope
 from allegro_twin.sim.beside.pieces import Parameters
 from allegro_twin.types import Array, Vector
 
@@ -48,7 +49,9 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    slope = problem.slope(drive)
+    by = slope(drive)
+    still = np.setdiff1d(np.arange(len(by)), problem.active)
+    by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
     raw = problem.shooting.raw(drive)
     fine = problem.shooting.raw(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
@@ -56,12 +59,12 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
     sd = np.sqrt(np.diag(inverse))
     return Spread(
-        covariance=slope @ (by_noise * np.outer(larger, larger)) @ slope.T,
-        by_recording=without @ slope.T,
-        step=slope @ step,
-        path=slope @ (problem.x_of(drive) - problem.x_of(rough)),
-        rest=-slope @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
-        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(slope), problem.n)),
+        covariance=by @ (by_noise * np.outer(larger, larger)) @ by.T,
+        by_recording=without @ by.T,
+        step=by @ step,
+        path=by @ (scaled(drive) - scaled(rough)),
+        rest=-by @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
+        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(by), problem.n)),
         correlation=inverse / np.outer(sd, sd),
         residual=_rms(problem, last.residuals),
     )
@@ -95,7 +98,7 @@ def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) 
     by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
-    return np.asarray(problem.slope(last.drive) @ effect)
+    return np.asarray(slope(last.drive) @ effect)
 
 
 def mass_variance(problem: Problem, found: Spread) -> Array:

@@ -23,6 +23,8 @@ STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
 SMALLEST = 2e-4
 """rad, of bristles that can be simulated at 1 ms: a hand of which some joints have none gets these."""
+SHORTEST = {"bristle": SMALLEST, "backlash": LEAST_PLAY}
+"""What a joint has in a model in which others have more."""
 _CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
 
 

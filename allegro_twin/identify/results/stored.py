@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.description.hands import load_actuation
@@ -16,9 +17,12 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
 from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.problem import PLAY, SHAPE
+from allegro_twin.identify.fitting.scaled import PLAY, SHAPE
 from allegro_twin.identify.motions.motion import Motion
 from allegro_twin.identify.results.doubt import PER_PWM, Value
+from allegro_twin.identify.results.gap import SHORTEST
+from allegro_twin.identify.results.settled import Held, settled
+from allegro_twin.sim.beside.pieces import Parameters
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
@@ -30,8 +34,10 @@ SCALE = {
     "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
     "weighed": "a known weight at a fingertip",
 }
-_NEUTRAL = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0}
-"""Of friction that does not break away: all three are found, or none is written."""
+_NONE = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0, "load_friction": 0.0, "backlash": 0.0}
+"""Of a joint in which none was found."""
+_TOGETHER = ("stiction", "stribeck_speed", "bristle")
+"""Friction breaks away by all three, or by none."""
 _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
@@ -68,34 +74,45 @@ def _blocks(
     content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
 ) -> dict[str, Any]:
     first = motions[0]
-    spec = first.spec
-    before = load_actuation(spec.model, spec.n_joints)
-    constant = _chosen(values["torque_constant"], first.torque_constant)
-    actuation = dict(content.get("actuation") or {})
-    for name in PER_PWM:
-        own = values[name]
-        actuation[name] = _plain(np.where(own.determined, own.value * constant, getattr(before, name)))
+    spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
+    own = settled(found, held, _before(first, float(drive.get("delay", 0.0)), found))
+    actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
-    wire["torque_constant"] = _plain(constant)
-    wire["encoder_offset"] = _offsets(first, values["offset"])
-    drive = dict(content.get("drive") or {})
-    if values["delay"].determined[0]:
-        drive["delay"] = float(f"{values['delay'].value[0]:.3g}")
-    if found.bristly:
-        breaking = np.all([values[name].determined for name in _NEUTRAL], axis=0)
-        drive |= {name: _plain(np.where(breaking, values[name].value, none)) for name, none in _NEUTRAL.items()}
-        load = values["load_friction"]
-        drive["load_friction"] = _plain(np.where(load.determined, load.value, 0.0))
-    else:
-        drive = {name: value for name, value in drive.items() if name not in SHAPE}
-    drive = {name: value for name, value in drive.items() if name not in PLAY}
-    if found.loose:
-        play = values["backlash"]
-        drive["backlash"] = _plain(np.where(play.determined & (play.value > play.half), play.value, 0.0))
+    wire["torque_constant"] = _plain(own.torque_constant)
+    wire["encoder_offset"] = _offsets(first, own.offset)
+    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
+    if not held["delay"][0]:
+        drive["delay"] = float(f"{own.delay[0]:.3g}")
+    for name, none in _NONE.items():
+        if name in held:
+            drive[name] = _plain(np.where(held[name], none, getattr(own, name)))
     if found.masses == "weighed":
-        drive["mass_scale"] = _plain(found.drive.mass_scale)
+        drive["mass_scale"] = _plain(own.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
     return blocks | {"identified": _basis(found, values, motions, spec, day)}
+
+
+def _held(values: Mapping[str, Value]) -> Held:
+    """What is not written: what is not determined; of friction that breaks away all three where one is not, and
+    backlash whose interval holds none."""
+    held = {name: ~value.determined for name, value in values.items()}
+    if "backlash" in values:
+        held["backlash"] |= values["backlash"].value <= values["backlash"].half
+    if "stiction" in values:
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([held[name] for name in _TOGETHER])
+        held |= dict.fromkeys(_TOGETHER, any_of)
+    return held
+
+
+def _before(first: Motion, delay: float, found: Fit) -> Parameters:
+    """What stands in the place of values that are not written."""
+    n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
+    none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
+    return Parameters(
+        torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
+        frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
+        mass_scale=found.drive.mass_scale, **none,
+    )  # fmt: skip
 
 
 def _basis(
@@ -118,14 +135,11 @@ def _basis(
         "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
         "value": {name: _plain(values[name].value) for name in values if name not in PER_PWM},
         "interval": {name: _plain(value.half) for name, value in values.items()},
+        "written": "what is not determined as it was, and the other values what they must be then",
         "not_determined": {name: table for name, table in missing.items() if table},
         "residual": _plain(found.spread.residual),
         "noise": _plain(found.floor),
     }
-
-
-def _chosen(value: Value, before: Vector) -> Vector:
-    return np.where(value.determined, value.value, before)
 
 
 def doubtful(path: Path) -> str:
@@ -145,12 +159,12 @@ def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) 
     return one - other
 
 
-def _offsets(motion: Motion, offset: Value) -> list[int]:
-    """Encoder offsets, counts, with which the positions are right; as they were where nothing was determined."""
+def _offsets(motion: Motion, offset: Vector) -> list[int]:
+    """Encoder offsets, counts, with which positions are right that are too high by `offset`, rad."""
     old = motion.calibration
     # What one more count of offset does to a position, rad; each version has its own.
     step = -shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
-    counts = np.where(offset.determined, np.rint(-offset.value / step), 0.0)
+    counts = np.rint(-offset / step)
     return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
 
 
