@@ -92,7 +92,7 @@ class Observer:
             data.ctrl[player.motors] = control
             mujoco.mj_step(self._model, data)
         went = data.qpos[player.qpos] - began
-        predicted = began + went + self._offset
+        predicted = data.qpos[player.qpos] + self._offset
         error = reported - predicted
         data.qpos[player.qpos] += self._gains[0] * error
         data.qvel[player.dofs] += self._gains[1] * error
