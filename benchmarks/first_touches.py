@@ -109,9 +109,9 @@ def told(found: Sequence[Met], who: str) -> str:
     right = real & np.isfinite(said) & ~before
     late = 1e3 * np.percentile(said[right] - touched[right], [50, 90]) if right.any() else (np.nan, np.nan)
     return (
-        f"{who}: {right.sum()} of {real.sum()} touches, {late[0]:.0f} ms after in the median, {late[1]:.0f} at the 90th "
-        f"percentile; {(real & np.isinf(said)).sum()} missed; before: {(before & (said >= other)).sum()} of something "
-        f"else, {(before & (said < other)).sum()} of nothing"
+        f"{who}: {right.sum()} of {real.sum()} touches, {late[0]:.0f} ms after in the median, {late[1]:.0f} at the "
+        f"90th percentile; {(real & np.isinf(said)).sum()} missed; before: {(before & (said >= other)).sum()} of "
+        f"something else, {(before & (said < other)).sum()} of nothing"
     )
 
 

@@ -184,17 +184,25 @@ class Hand:
             self.wait()
 
     def grasp(
-        self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True
+        self,
+        name: str,
+        object_width: float | None = None,
+        force: float | None = None,
+        *,
+        wait: bool = True,
+        by_mirror: bool = False,
     ) -> Grasped:
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
-        that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp. What the hand felt
-        at its end, or, without waiting, feels now. Raises as `move_to` does, but what stops it once it closes."""
+        that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: a
+        centroid grasp presses once `mirror` says that every finger is touched, instead of once they are pushed and
+        stand still. What the hand felt at its end, or, without waiting, feels now. Raises as `move_to` does, but what
+        stops it once it closes; and ConfigError for a hand or a grasp without a mirror."""
         mover, spec, stored = self._mover, self.spec, load_grasp(name, self.spec)
         if object_width is not None:
             stored = for_width(stored, object_width, mover.model, spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
-        begin(stored, mover, spec, self.limits, force)
+        begin(stored, mover, spec, self.limits, force, self.mirror if by_mirror else None)
         if wait:
             self.wait()
         now = self.state

@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping import Timed, performer
+from allegro_twin.grasping import Timed, Touched, performer
 from allegro_twin.hand.mover import Mover
 from allegro_twin.hand.watch import Goal
 from allegro_twin.kinematics.model import HandModel
@@ -38,7 +38,14 @@ class Grasped:
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
 
 
-def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vector], force: float | None) -> None:
+def begin(
+    grasp: Grasp,
+    mover: Mover,
+    spec: HandSpec,
+    limits: tuple[Vector, Vector],
+    force: float | None,
+    touched: Touched | None = None,
+) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
     wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
@@ -47,8 +54,10 @@ def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vect
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]
     if "torque" in spec.commands:
-        controller = performer(grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
-    elif grasp.grip is not None or force is not None:
+        controller = performer(
+            grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force, touched=touched
+        )
+    elif grasp.grip is not None or force is not None or touched is not None:
         raise ConfigError(
             f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
         )
