@@ -16,6 +16,7 @@ from allegro_twin.hand.mover import Mover
 from allegro_twin.hand.watch import Goal
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
@@ -36,6 +37,12 @@ class Grasped:
     """What each of their tips presses with, estimated from the joint torques, N."""
     width: float
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
+
+
+def chosen(name: str, width: float | None, model: HandModel, spec: HandSpec) -> Grasp:
+    """A grasp of the library, for an object's width, m. Raises ConfigError."""
+    stored = load_grasp(name, spec)
+    return stored if width is None else for_width(stored, width, model, spec)
 
 
 def begin(
