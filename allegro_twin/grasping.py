@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import PD, Gains, Gravity
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
@@ -17,6 +19,15 @@ from allegro_twin.library.grip import CentroidGrip, EnvelopGrip
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
+
+
+class Touched(Protocol):
+    """Who knows what is touched: a mirror."""
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """The names of the fingers that something touches now."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +51,15 @@ def performer(
     model: HandModel,
     *,
     force: float | None = None,
+    touched: Touched | None = None,
 ) -> Controller[Any]:
     """The controller of a grasp. `force`: on the thumb of a centroid grasp, N, or the scale of an envelop grasp, in
-    place of what is stored. Raises ConfigError for a force that is not positive, that the motors do not have, or that a
-    position grasp cannot set.
+    place of what is stored; `touched`: whom a centroid grasp asks, instead of torque and stillness, which of its
+    fingers have met the object. Raises ConfigError for a force that is not positive, that the motors do not have, or
+    that a position grasp cannot set, and for a grasp that asks nobody.
     """
+    if touched is not None and not isinstance(grasp.grip, CentroidGrip):
+        raise ConfigError(f"grasp {grasp.name} asks nobody what its fingers touch; a centroid grasp does")
     if force is not None and not force > 0.0:
         raise ConfigError(f"grasp {grasp.name}: force must be positive, not {force}")
     if force is not None and grasp.grip is not None and force > (most := strongest(grasp, spec, model)):
@@ -53,7 +68,8 @@ def performer(
     reach = PD(timed.moves, gains, gravity)
     match grasp.grip:
         case CentroidGrip() as grip:
-            return _centroid(grip, reach, timed, spec, gravity, model, force)
+            asked = None if touched is None else _asking(touched, grip.fingers)
+            return _centroid(grip, reach, timed, spec, gravity, model, force, asked)
         case EnvelopGrip() as grip:
             return _envelop(grip, reach, timed, spec, gravity, force)
     if force is not None:
@@ -94,6 +110,7 @@ def _centroid(
     gravity: Gravity,
     model: HandModel,
     force: float | None,
+    felt: Callable[[], NDArray[np.bool_]] | None,
 ) -> CentroidGrasp:
     fingers = grip.fingers
     return CentroidGrasp(
@@ -108,7 +125,16 @@ def _centroid(
         grip.force if force is None else force,
         spread=grip.spread,
         stiffness=grip.stiffness,
+        felt=felt,
     )
+
+
+def _asking(touched: Touched, fingers: tuple[str, ...]) -> Callable[[], NDArray[np.bool_]]:
+    def felt() -> NDArray[np.bool_]:
+        now = touched.contacts
+        return np.array([name in now for name in fingers])
+
+    return felt
 
 
 def _envelop(

@@ -23,6 +23,7 @@ from allegro_twin.kinematics.closed_form import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
+from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.engine.guide import Guide
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, Sample, Vector
@@ -394,6 +395,28 @@ def test_the_manufacturers_grasps_close_on_a_hand_in_the_air(name: str, hand: Ha
     assert hand.controller == f"grasp {name}"
     hand.move_to("home")
     assert np.abs(hand.errors).max() < 0.03
+
+
+def test_a_force_grasp_can_ask_the_mirror_of_a_hand_on_a_bus_what_its_fingers_touch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Mirror] = []
+
+    def contacts(mirror: Mirror) -> tuple[str, ...]:
+        asked.append(mirror)
+        return ("index", "thumb")
+
+    monkeypatch.setattr(Mirror, "contacts", property(contacts))
+    with Hand.open(can_config("v4")) as hand:
+        hand.move_to("ready")
+        hand.grasp("pinch_index")
+        assert not asked
+        hand.grasp("pinch_index", by_mirror=True)
+        assert asked[0] is hand.mirror
+        with pytest.raises(ConfigError, match="grasp tip_pinch asks nobody what its fingers touch; a centroid grasp"):
+            hand.grasp("tip_pinch", by_mirror=True)
+    with Hand.open(config()) as hand, pytest.raises(ConfigError, match="a simulated hand is its own twin"):
+        hand.grasp("pinch_index", by_mirror=True)
 
 
 def test_a_position_grasp_closes_to_the_width_that_it_is_told(hand: Hand) -> None:

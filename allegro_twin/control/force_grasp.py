@@ -67,6 +67,9 @@ class CentroidGrasp:
     """Of every joint, N·m·s/rad."""
     posture_stiffness: float = 1.0
     """Of what the fingertips do not feel, N·m/rad."""
+    felt: Callable[[], NDArray[np.bool_]] | None = None
+    """Which of its fingers something touches now, (k,), as somebody else knows, a mirror; None: those that are pushed
+    and stand still."""
 
     def start(self, state: HandState) -> Gripping:
         following = self.reach.start(state)
@@ -97,7 +100,7 @@ class CentroidGrasp:
         """Notice contact: from then on the object is held where the fingertips found it."""
         stall = stalling(memory.stall, state.velocity[self.joints], push[self.joints], state.t - memory.t)
         memory = memory._replace(t=state.t, stall=stall)
-        met = touching(stall)
+        met = touching(stall) if self.felt is None else self.felt()
         if np.isnan(memory.contact) and (met.all() or since >= self.squeeze_at):
             # Without the thumb, or with nothing but it, there is no opposition to build on: all press.
             who = met if met[-1] and met.sum() > 1 else np.ones_like(met)

@@ -21,11 +21,11 @@ from allegro_twin.hand.bounds import Bounds
 from allegro_twin.hand.cartesian import agreed, straight
 from allegro_twin.hand.demonstration import Demonstration
 from allegro_twin.hand.direct import Direct
-from allegro_twin.hand.grasps import Grasped, begin, felt, for_width
+from allegro_twin.hand.grasps import Grasped, begin, chosen, felt
 from allegro_twin.hand.mover import Kind, Mover
 from allegro_twin.kinematics.model import Pose
 from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
+from allegro_twin.library.named import load_posture, load_trajectory
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Sample, Vector, frozen
 
@@ -184,21 +184,21 @@ class Hand:
             self.wait()
 
     def grasp(
-        self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True
-    ) -> Grasped:
+        self, name: str, object_width: float | None = None, force: float | None = None, *, wait: bool = True,
+        by_mirror: bool = False,
+    ) -> Grasped:  # fmt: skip
         """Perform a grasp of the library: pre-shape, close, squeeze. `object_width` (m) closes a position grasp to
-        that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp. What the hand felt
-        at its end, or, without waiting, feels now. Raises as `move_to` does, but what stops it once it closes."""
-        mover, spec, stored = self._mover, self.spec, load_grasp(name, self.spec)
-        if object_width is not None:
-            stored = for_width(stored, object_width, mover.model, spec)
+        that size; `force` is N on the thumb of a centroid grasp, or the scale of an envelop grasp; `by_mirror`: that a
+        finger has met the object a centroid grasp learns from `mirror`, not from torque and stillness. What the hand
+        felt at its end, or, without waiting, feels now. Raises as `move_to`, but what stops it once it closes."""
+        mover, stored = self._mover, chosen(name, object_width, self._mover.model, self.spec)
         for posture in (stored.preshape, stored.close, stored.squeeze):
             self._bounds.check(posture)
-        begin(stored, mover, spec, self.limits, force)
+        begin(stored, mover, self.spec, self.limits, force, self.mirror if by_mirror else None)
         if wait:
             self.wait()
         now = self.state
-        return felt(stored, now, mover.model, spec, mover.model.gravity_torque(now.position, self.gravity))
+        return felt(stored, now, mover.model, self.spec, mover.model.gravity_torque(now.position, self.gravity))
 
     def wait(self, seconds: float | None = None) -> HandState:
         """Let time pass: so many seconds of the hand's clock, or until the motion is over and the joints have settled

@@ -11,11 +11,12 @@ import numpy as np
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping import Timed, performer
+from allegro_twin.grasping import Timed, Touched, performer
 from allegro_twin.hand.mover import Mover
 from allegro_twin.hand.watch import Goal
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
@@ -38,7 +39,20 @@ class Grasped:
     """Between the thumb's pad and the other touching pads, m; NaN unless the thumb and another touch."""
 
 
-def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vector], force: float | None) -> None:
+def chosen(name: str, width: float | None, model: HandModel, spec: HandSpec) -> Grasp:
+    """A grasp of the library, for an object's width, m. Raises ConfigError."""
+    stored = load_grasp(name, spec)
+    return stored if width is None else for_width(stored, width, model, spec)
+
+
+def begin(
+    grasp: Grasp,
+    mover: Mover,
+    spec: HandSpec,
+    limits: tuple[Vector, Vector],
+    force: float | None,
+    touched: Touched | None = None,
+) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
     wish, what = grasp.waypoint("preshape"), f"grasp {grasp.name}"
@@ -47,8 +61,10 @@ def begin(grasp: Grasp, mover: Mover, spec: HandSpec, limits: tuple[Vector, Vect
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]
     if "torque" in spec.commands:
-        controller = performer(grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force)
-    elif grasp.grip is not None or force is not None:
+        controller = performer(
+            grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force, touched=touched
+        )
+    elif grasp.grip is not None or force is not None or touched is not None:
         raise ConfigError(
             f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
         )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import rerun as rr
@@ -16,6 +17,7 @@ from allegro_twin.look.still import draw_ghost
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 
+AT_ONCE = 4  # Messages: 0.5 ms of a period of 3 ms, where all 65 of a moment would take 8.
 _ARROW = 0.012  # m for each newton of contact force.
 _STATE = ("position", "velocity", "torque", "command")
 
@@ -53,10 +55,11 @@ class Rows:
         self._scene = scene
         self._wanted: Vector | None = None
         self._rows: list[Row] = []
+        self._sending: Iterator[None] = iter(())
 
     @property
     def begin(self) -> float:
-        """Of what waits to be sent, s."""
+        """Of what was collected, s."""
         return self._rows[0].t
 
     def add(self, row: Row) -> None:
@@ -64,29 +67,46 @@ class Rows:
 
     def send(self) -> None:
         """Send what has been collected."""
-        if not self._rows:
-            return
+        self.start()
+        for _ in self._sending:
+            pass
+
+    def start(self) -> None:
+        """Begin to send what has been collected, and end what was begun before."""
+        for _ in self._sending:
+            pass
         rows, self._rows = self._rows, []
+        self._sending = self._messages(rows) if rows else iter(())
+
+    def advance(self) -> None:
+        """Send some more of what was begun."""
+        for _ in islice(self._sending, AT_ONCE):
+            pass
+
+    def _messages(self, rows: list[Row]) -> Iterator[None]:
         for name in (*_STATE, "target", *self._scene.more):
             having = [row for row in rows if name in row.joints]
-            self._series(name, having, np.array([row.joints[name] for row in having]))
-        self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
-        self._ghost([row for row in rows if "target" in row.joints])
-        self._limits(rows)
-        self._beside(rows)
+            yield from self._series(name, having, np.array([row.joints[name] for row in having]))
+        yield from self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
+        yield from self._ghost([row for row in rows if "target" in row.joints])
+        yield from self._limits(rows)
+        yield from self._beside(rows)
 
-    def _series(self, name: str, rows: list[Row], values: Array) -> None:
+    def _series(self, name: str, rows: list[Row], values: Array) -> Iterator[None]:
         for finger in self._spec.fingers if rows else ():
             column = values[:, list(finger.joints)]
             data = rr.Scalars.columns(scalars=column.reshape(-1)).partition([column.shape[1]] * len(rows))
             self._stream.send_columns(f"joints/{name}/{finger.name}", indexes=_times(rows), columns=data)
+            yield
 
-    def _hand(self, root: str, rows: list[Row], position: Array) -> None:
+    def _hand(self, root: str, rows: list[Row], position: Array) -> Iterator[None]:
         for body, (place, rotation) in zip(self._skeleton.bodies, self._skeleton.places(position), strict=True):
             if body.parent >= 0:
-                self._placed(f"{root}/{body.name}", rows, place, rotation)
+                moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
+                self._stream.send_columns(f"{root}/{body.name}", indexes=_times(rows), columns=moved)
+                yield
 
-    def _ghost(self, rows: list[Row]) -> None:
+    def _ghost(self, rows: list[Row]) -> Iterator[None]:
         """The hand that is wanted; it is sent again only when something else is, for what was sent stays."""
         if not rows:
             return
@@ -98,13 +118,9 @@ class Rows:
         new[0] |= self._wanted is None
         self._wanted = wanted[-1]
         if new.any():
-            self._hand("world/palm/target", [rows[k] for k in np.flatnonzero(new)], wanted[new])
+            yield from self._hand("world/palm/target", [rows[k] for k in np.flatnonzero(new)], wanted[new])
 
-    def _placed(self, path: str, rows: list[Row], place: Array, rotation: Array) -> None:
-        moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
-        self._stream.send_columns(path, indexes=_times(rows), columns=moved)
-
-    def _limits(self, rows: list[Row]) -> None:
+    def _limits(self, rows: list[Row]) -> Iterator[None]:
         """Lines need two points: the first and the last moment."""
         ends = [rows[0], rows[-1]] if len(rows) > 1 else rows
         for finger in self._spec.fingers:
@@ -112,8 +128,9 @@ class Rows:
             lines = np.tile(np.concatenate([values, -values]), len(ends))
             data = rr.Scalars.columns(scalars=lines).partition([2 * len(values)] * len(ends))
             self._stream.send_columns(f"joints/torque_limit/{finger.name}", indexes=_times(ends), columns=data)
+            yield
 
-    def _beside(self, rows: list[Row]) -> None:
+    def _beside(self, rows: list[Row]) -> Iterator[None]:
         for name, path in (("palm", "world/palm"), ("object", f"world/objects/{self._object}")):
             having = [row for row in rows if name in row.look]
             if having and (name == "palm" or self._object is not None):
@@ -121,15 +138,18 @@ class Rows:
                 turns = poses[:, [4, 5, 6, 3]]
                 moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=turns)
                 self._stream.send_columns(path, indexes=_times(having), columns=moved)
+                yield
         for name, path in (("contact_force", "contact/force"), ("link", "mirror/link")):
             having = [row for row in rows if name in row.look]
             if having:
                 values = np.array([row.look[name] for row in having])
                 data = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(having))
                 self._stream.send_columns(path, indexes=_times(having), columns=data)
+                yield
         having = [row for row in rows if "contact_vector" in row.look]
         if having:
             self._arrows(having)
+            yield
 
     def _arrows(self, rows: list[Row]) -> None:
         """From where each part of the hand presses on the object, the way it pushes."""

@@ -41,14 +41,16 @@ class Viewer(Canvas):
         self._together = TOGETHER if live else float("inf")
 
     def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
-        """Draw a sample, unless the last one drawn is nearer than the frame rate."""
+        """Draw a sample, unless the last one drawn is nearer than the frame rate. Whoever watches gets it over the next
+        calls, a little in each, so that no period is late."""
         t = sample.state.t
         if t < self._next - 1e-9:
+            self._rows.advance()
             return
         self._next = t + self._interval
         self._rows.add(Row.of(sample, look))
         if t - self._rows.begin >= self._together:
-            self._rows.send()
+            self._rows.start()
 
     def happens(self, t: float, what: str) -> None:
         """Mark that from a moment, s, on something is so; an empty word ends it."""

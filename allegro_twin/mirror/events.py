@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.sim.beside.observer import REST
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 SETTLED = 1.0  # s until an observer that began somewhere has forgotten it.
 BLOCK = 1.0  # s
 RARE = 10 * 3600.0  # Blocks: a false alarm of a finger in 10 hours, of a hand in two and a half.
-SLIDING, FREED = 0.03, 0.1  # rad/s, and s for which a joint that counts as moving has been faster.
+FREED = 0.1  # s for which a joint that counts as moving has been faster than REST.
 FEWEST = 4  # Blocks' worth of rows that tell about joints at rest, or moving.
 LEAST = 0.004  # N·m. No axis is shorter: the noise of encoders alone makes 2 mN·m.
 PERIODS = 2  # In a row that are outside.
@@ -49,7 +50,7 @@ class Pace:
 
     def __call__(self, velocity: Vector) -> NDArray[np.bool_]:
         """After another period at some speeds, (n,), rad/s."""
-        self._since = np.where(np.abs(velocity) > SLIDING, self._since + self._period, 0.0)
+        self._since = np.where(np.abs(velocity) > REST, self._since + self._period, 0.0)
         return np.asarray(self._since > FREED)
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
 from allegro_twin.control.controllers import PD
-from allegro_twin.control.force_grasp import EnvelopGrasp
+from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.description.hands import load_spec
+from allegro_twin.kinematics.model import HandModel
 from allegro_twin.library.gains import load_gains
 from allegro_twin.types import HandState, Vector, frozen
 from tests.control.test_controllers import gravity_of
@@ -65,3 +70,25 @@ def test_joints_without_a_torque_follow_the_pre_shape() -> None:
     command, _ = controller.reach(still(0.6, away), controller.reach.start(still(0.0)))
     np.testing.assert_allclose(torque_after(controller, 0.6, away)[::4], command.torque[::4])
     assert (np.abs(command.torque[::4]) > 0.1).all()
+
+
+def test_a_centroid_grasp_that_asks_a_mirror_presses_once_every_finger_is_touched_though_they_move() -> None:
+    touched, fingers = np.array([True, False]), ("index", "thumb")
+    model, joints = HandModel(SPEC), np.array([SPEC.finger(name).joints for name in fingers])
+    reach, gravity = PD(Hold(REST), load_gains("default", SPEC)), gravity_of(SPEC, np.zeros(3))
+    least = np.full(16, 1e-6)
+
+    def met(seconds: float, felt: Callable[[], NDArray[np.bool_]] | None) -> float:
+        controller = CentroidGrasp(
+            reach, 0.1, 9.0, lambda q: model.fingertip_jacobians(q, fingers), joints, gravity, TORQUE, least, 3.0,
+            felt=felt,
+        )  # fmt: skip
+        memory = controller.start(still(0.0))
+        for t in np.arange(0.0, seconds, 0.003):
+            _, memory = controller(state(round(t / 0.003), position=REST, velocity=np.full(16, 0.5)), memory)
+        return memory.contact
+
+    assert np.isnan(met(0.6, lambda: touched))
+    assert np.isnan(met(0.6, None))
+    touched[1] = True
+    assert met(0.6, lambda: touched) == pytest.approx(0.102)

@@ -11,10 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.model import HandModel
+from allegro_twin.look.rows import AT_ONCE
 from allegro_twin.look.scenery import scenery
 from allegro_twin.look.server import claim
 from allegro_twin.look.viewer import Viewer, shown, write_rrd
@@ -71,6 +73,28 @@ def written(tmp_path: Path, spec: HandSpec) -> Rows:
     viewer.conclude({"shake": False}, "**not held**: fell")
     viewer.close()
     return rows_of(tmp_path / "a.rrd")
+
+
+def test_whoever_watches_gets_each_moment_a_few_messages_a_period(
+    tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent, after, send = [], [], rr.RecordingStream.send_columns
+
+    def counted(stream: rr.RecordingStream, path: str, **columns: Any) -> None:
+        sent.append(path)
+        send(stream, path, **columns)
+
+    monkeypatch.setattr(rr.RecordingStream, "send_columns", counted)
+    viewer = Viewer(spec, rate=10.0, live=True).to_file(tmp_path / "a.rrd")
+    for tick in range(201):
+        viewer.draw(sample(tick), look(tick))
+        after.append(len(sent))
+    assert 0 < np.diff(after).max() <= AT_ONCE
+    viewer.close()
+    rows = rows_of(tmp_path / "a.rrd")
+    drawn = [0.003 * tick for tick in (0, 34, 68, 102, 136, 170)]
+    assert [t for t, _ in moving(rows, "joints/position/thumb")] == pytest.approx(drawn)
+    assert [t for t, _ in moving(rows, "contact/force")] == pytest.approx(drawn)
 
 
 def moving(rows: Rows, name: str) -> list[tuple[float, dict[str, Any]]]:

@@ -234,6 +234,47 @@ def test_a_mirror_says_that_it_leaves_out_the_backlash_of_a_hands_file(spec: Han
     assert left_out(spec, "") == ""
 
 
+@pytest.fixture
+def sticky(spec: HandSpec) -> HandSpec:
+    """Its friction breaks away, and its encoders are noisy."""
+    own = replace(spec.actuation, frictionloss=np.full(N, 0.05))
+    shape = {"stiction": 1.5, "stribeck_speed": 0.15, "bristle": 1e-3, "load_friction": 0.05}
+    return replace(spec, actuation=own, drive=Drive.made({**shape, "encoder_noise": 5e-5, "quantisation": 9e-5}, N))
+
+
+def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tuple[Vector, Array, Mirror]:
+    """Times and disturbances of a hand that moves for 1 s and rests for 7, pushed from 6 s on, and its mirror."""
+    backend, middle = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0), (spec.lower + spec.upper) / 2.0
+    each = Mirror(spec, Observer(spec, drive_of(spec, ONE, np.zeros(N)), 0.003, bristly=True), ONE)
+    away = Moves([Waypoint(middle + np.tile([0.05, 0.3, -0.2, 0.2], 4), seconds=1.0)])
+
+    def samples() -> Iterator[Sample]:
+        for sample in until(8.0, run(backend, PD(away, load_gains("v4", spec)))):
+            if push is not None and sample.state.t >= 6.0:
+                backend.push(push)
+            yield sample
+
+    t, disturbance, _ = estimates(each, samples())
+    return t, disturbance, each
+
+
+def test_noise_does_not_unbend_the_bristles_of_a_hand_that_rests(sticky: HandSpec, make_sim: MakeSim) -> None:
+    """Friction of 75 mN·m held what the disturbance then had to: 20 mN·m and more."""
+    t, disturbance, _ = resting(sticky, make_sim)
+    assert np.abs(disturbance[t > 3.0].mean(axis=0)).max() < 0.003
+
+
+def test_a_push_that_a_resting_joints_friction_holds_bends_its_bristles_and_is_felt(
+    sticky: HandSpec, make_sim: MakeSim
+) -> None:
+    push = np.zeros(N)
+    push[9] = 0.04
+    t, disturbance, each = resting(sticky, make_sim, push)
+    felt = disturbance[(t > 6.02) & (t < 6.1)].mean(axis=0)
+    assert each.observer.held[9] + 0.01 < felt[9] < 0.05
+    assert np.abs(np.delete(felt, 9)).max() < 0.008
+
+
 def test_a_hand_that_rests_is_not_touched_however_long(spec: HandSpec, make_sim: MakeSim) -> None:
     """The engine's friction creeps under a load: what held it in the mirror was 16 to 30 mN·m after 20 s."""
     backend = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)

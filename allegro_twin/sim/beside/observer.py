@@ -8,6 +8,11 @@ M: inertia seen at the joint, B: damping. The physics between two corrections is
 joints; the filter's gains alone are of the simple model. The disturbance is the torque that nobody commanded: a touch.
 Of a joint at rest dry friction holds any torque up to its own, so the least that explains the reports is told: there
 d ← d − (T / FORGET) d, or the engine's friction, which creeps under a load, would wind it up until nothing is held.
+
+Where friction has bristles (`sim/drive/bristles.py`) they lose z |v| T / bristle in a period, so the noise of corrected
+speeds, 7 mrad/s, would unbend them within 0.2 s of a rest, and the disturbance would hold what they held: 40 mN·m. So
+bristles of joints at rest are springs, ż = v, as those of Dupont et al. 2002 (Single state elastoplastic
+friction models) are before they break away.
 """
 
 from __future__ import annotations
@@ -28,9 +33,11 @@ NOISE = 6e-5  # rad, of a reported position: half a count of a v4 hand, and what
 TORQUE, WALK = 3e-3, 2e-3  # N·m: of the model's torques, and how far a disturbance goes in a period.
 
 REST = 0.03
-"""rad/s: slower joints rest. As a mirror's `events.SLIDING`."""
+"""rad/s: slower joints rest."""
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
+UNSURE = 0.25
+"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it (docs/twin.md)."""
 
 
 class Estimate(NamedTuple):
@@ -57,8 +64,8 @@ class Observer:
         self._gains = self._kalman(spec, drive, period)
         self._offset = drive.offset
         self.period, self.torque_constant = period, drive.torque_constant
-        self.held = drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
-        """What friction that breaks away may hold in a joint at rest, (n,), N·m; how much it does nobody knows."""
+        self.held = UNSURE * drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
+        """How far off friction that breaks away may be in a joint at rest, (n,), N·m."""
         self._links = [int(self._model.joint(name).bodyid[0]) for name in spec.joints]
         self._joints = [self._model.joint(name).id for name in spec.joints]
         self._before = np.zeros((spec.n_joints, spec.n_joints))  # Whether a joint carries the link of another.
@@ -80,16 +87,21 @@ class Observer:
         self._model.opt.gravity[:] = gravity
         controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
         player.rub(self._drive, controls.mean(axis=0))
+        began, bent = data.qpos[player.qpos].copy(), data.act[player.bristles].copy()
         for control in controls:
             data.ctrl[player.motors] = control
             mujoco.mj_step(self._model, data)
+        went = data.qpos[player.qpos] - began
         predicted = data.qpos[player.qpos] + self._offset
         error = reported - predicted
         data.qpos[player.qpos] += self._gains[0] * error
         data.qvel[player.dofs] += self._gains[1] * error
         speed = data.qvel[player.dofs].copy()
-        kept = 1.0 - self.period / FORGET * np.exp(-np.square(speed / REST))
-        pushed = kept * data.qfrc_applied[player.dofs] + self._gains[2] * error
+        rests = np.exp(-np.square(speed / REST))
+        if player.bristly:
+            sprung = np.clip(bent + went, -self._drive.bristle, self._drive.bristle)
+            data.act[player.bristles] += rests * (sprung - data.act[player.bristles])
+        pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs] + self._gains[2] * error
         data.qfrc_applied[player.dofs] = pushed
         return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
 

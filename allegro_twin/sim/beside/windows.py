@@ -47,6 +47,7 @@ class Player:
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
         names = [bristles.name_of(name) for name in spec.joints] if bristly else []
         self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
+        self.bristles = np.array(model.actuator_actadr[self._friction])
         names = [backlash.name_of(name) for name in spec.joints] if loose else []
         self._plays = np.array([model.joint(name).id for name in names], dtype=int)
         self._scratch = mujoco.MjData(model)
@@ -134,7 +135,7 @@ class Player:
             sims.bind("qpos")[:, self._model.jnt_qposadr[self._plays]] = gap
         if self.bristly:
             bent = self._bent(drive, position, velocity, pieces)
-            sims.bind("act")[:, self._model.actuator_actadr[self._friction]] = bent + more
+            sims.bind("act")[:, self.bristles] = bent + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
         rubbing = bristles.Rubbing(sims, self._friction) if self.bristly and drive.load_friction.any() else None
