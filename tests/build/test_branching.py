@@ -42,8 +42,9 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
     content = {
         "backend": {"kind": "sim"}, "task": {"scenario": "lemon"}, "controller": {"kind": "pd"},
     }  # fmt: skip
-    path = made(tmp_path, RunConfig.model_validate(content))
-    same, slippery = branch(path, 6.0, {}), branch(path, 6.0, {"friction": 0.01})
+    path, rrd = made(tmp_path, RunConfig.model_validate(content)), tmp_path / "if.rrd"
+    same, kept = branch(path, 6.0, {}), branching.Kept(tmp_path / "if.arrow", rrd)
+    slippery = branching.branched(path, 6.0, ["friction=0.01"], kept, Wanted())
     np.testing.assert_array_equal(same.branched, same.recorded)
     assert same.report is not None
     assert same.report.held
@@ -51,6 +52,14 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
     assert not off[slippery.t <= 6.0].any()
     assert slippery.report is not None
     assert not slippery.report.held
+    was, fell = (load(each).columns["object"] for each in (path, kept.record or path))
+    np.testing.assert_array_equal(load(tmp_path / "if.arrow").columns["target_object"], was)
+    assert fell[-1, 2] < was[-1, 2] - 0.05
+    drawn = rows_of(rrd)
+    for kind, height in (("objects", fell[-1, 2]), ("ghosts", was[-1, 2])):
+        (name,) = [key for key in drawn if key.startswith(f"world/{kind}/") and not key.endswith("/look")]
+        np.testing.assert_allclose(drawn[name][-1][1]["translation"][0][2], height, atol=0.01)
+        assert drawn[f"{name}/look"]
 
 
 @pytest.mark.parametrize("change", [{"controller.gains": "v4"}, {"damping": 0.3}, {"frictionloss": 0.1}])

@@ -71,7 +71,11 @@ class _Follower:
 
     def beside(self) -> dict[str, Array]:
         own: dict[str, Array] = dict(self._trial.latest()) if self._trial is not None else {}
-        return own | {"target": self._recording.columns["position"][self._row]}
+        names = {"target": "position", "target_object": "object"}
+        was = {
+            name: self._recording.columns[of][self._row] for name, of in names.items() if of in self._recording.columns
+        }
+        return own | was
 
 
 def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
