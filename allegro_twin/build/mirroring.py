@@ -140,16 +140,25 @@ def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec)
 
 
+def spec_in(recording: Recording, hand: str) -> HandSpec:
+    """A recording's hand; one that closes its own loop with all that its card says, which a recording does not. Raises
+    ConfigError for another one's card."""
+    spec = recording.spec
+    if "torque" in spec.commands:
+        return spec
+    whole = load_spec(hand or spec.model, spec.side)
+    if whole.joints != spec.joints:
+        raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
+    return whole
+
+
 def mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:
     """For a recording's hand as its own file, or another, has it. Raises ConfigError."""
-    spec, table = recording.spec, recording.meta.get("calibration")
+    spec, table = spec_in(recording, hand), recording.meta.get("calibration")
     if "torque" not in spec.commands:
-        whole = load_spec(hand or spec.model, spec.side)
-        if whole.joints != spec.joints:
-            raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
         if gravity is None and "gravity" in recording.meta:
             gravity = np.array(recording.meta["gravity"], dtype=np.float64)
-        return make_loop_mirror(whole, recording.period, calm, gravity=gravity)
+        return make_loop_mirror(spec, recording.period, calm, gravity=gravity)
     if table is None:
         raise ConfigError(
             f"{recording.path} does not say with which torque constant its counts became N·m: record it through the "

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from allegro_twin.build.assemble import assemble
 from allegro_twin.build.branching import Wanted, branch
@@ -177,7 +178,10 @@ def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
     assert len(found.unchanged) == len(found.recorded)
     branching.picture(tmp_path / "if.png", path, found, AT)
     assert branching.table(path, found, AT).row_count >= 1
-    assert (tmp_path / "if.png").stat().st_size > 10_000
+    with Image.open(tmp_path / "if.png") as image:
+        thin = (np.asarray(image) == [38, 38, 38]).all(axis=2).any(axis=0)
+    assert abs(np.flatnonzero(thin).min() - (64 + 1024 * AT / 1.6)) < 5.0
+    assert thin[-20:-12].all()
 
 
 def test_periods_that_nobody_heard_of_pass_in_the_model_too(made: Path, own: str, tmp_path: Path) -> None:

@@ -39,19 +39,19 @@ class Driver(NamedTuple):
     """Why the recorded commands go on; empty where the loop is closed."""
 
 
-def driver_of(recording: Recording, row: int, *, open_loop: bool) -> Driver:
+def driver_of(recording: Recording, spec: HandSpec, row: int, *, open_loop: bool) -> Driver:
     """Who commands from a row on: the controller of the recording's config, or the recorded commands themselves."""
     if open_loop:
         return Driver(Again(recording), None, None, "as --open-loop says")
     try:
         config = config_of(recording)
-        controller = _made(config, recording.spec)
+        controller = _made(config, spec)
         return Driver(controller, _memory(recording, row, controller, config.controller.kind), config, "")
     except ConfigError as error:
         return Driver(Again(recording), None, None, str(error))
 
 
-def changed_by(driver: Driver, recording: Recording, row: int, changes: Changes) -> Driver:
+def changed_by(driver: Driver, recording: Recording, spec: HandSpec, row: int, changes: Changes) -> Driver:
     """The driver with its controller changed. Raises ConfigError where no controller drives."""
     asked = of_controller(changes)
     if not asked:
@@ -62,7 +62,7 @@ def changed_by(driver: Driver, recording: Recording, row: int, changes: Changes)
         )
     after = changed(driver.config, changes)
     state = next(islice(played(recording), row, None)).state
-    other = _made(after, recording.spec)
+    other = _made(after, spec)
     return Driver(*successor(driver.controller, driver.memory, other, state), after, "")
 
 

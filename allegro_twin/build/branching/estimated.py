@@ -17,7 +17,7 @@ from allegro_twin.build.branching.changes import Changes, change_of
 from allegro_twin.build.branching.driven import Driver, changed_by, driver_of
 from allegro_twin.build.branching.model import model_at
 from allegro_twin.build.branching.said import knowledge, meetings
-from allegro_twin.build.mirroring import mirrored, played
+from allegro_twin.build.mirroring import mirrored, played, spec_in
 from allegro_twin.build.rig import guarded
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.events import SETTLED
@@ -29,11 +29,11 @@ from allegro_twin.types import Array, Sample
 def estimated(recording: Recording, at: float, changes: Changes, through: Through, wanted: Wanted) -> Branched:
     """Raises ConfigError for a recording that tells too little to go on from."""
     _check(recording, at, changes)
-    spec, columns = recording.spec, recording.columns
+    spec, columns = spec_in(recording, wanted.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))
     change = change_of(changes, spec)
-    driver = driver_of(recording, row, open_loop=wanted.open_loop)
-    other = changed_by(driver, recording, row, changes)
+    driver = driver_of(recording, spec, row, open_loop=wanted.open_loop)
+    other = changed_by(driver, recording, spec, row, changes)
     seen = mirrored(recording.path, wanted.hand, None, wanted.gravity)
     before = columns["position"][:row]
     alone = _Future(recording, row, driver, Change(), wanted)
@@ -73,10 +73,10 @@ class _Future:
 
     def samples(self) -> Iterator[Sample]:
         """Until the recording ends, or the guard would have stopped the hand."""
-        driver, spec = self._driver, self._recording.spec
+        driver = self._driver
         hand: HandBackend = model_at(self._recording, self._row, self._change, self._wanted)
         if driver.config is not None:
-            hand = guarded(driver.config, spec, hand)
+            hand = guarded(driver.config, hand.spec, hand)
         ticks = self._recording.columns["tick"].astype(int).tolist()
         heard, last, memory = set(ticks), ticks[-1], driver.memory
         try:

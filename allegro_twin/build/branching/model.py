@@ -52,7 +52,7 @@ class Model(ABC):
 
     @property
     def spec(self) -> HandSpec:
-        return self._recording.spec
+        return self._mirror.spec
 
     @property
     def period(self) -> float:
