@@ -208,3 +208,19 @@ def test_servos_go_on_as_their_loop_does(make_sim: MakeSim, tmp_path: Path) -> N
     assert rms((found.branched - found.unchanged)[rest]) > 5.0 * MRAD
     with pytest.raises(ConfigError, match="--set strength: leap_right closes its own loop"):
         branch(path, AT, {"strength": 0.5})
+
+
+def test_the_command_shows_all_three_futures_and_refuses_in_one_line(
+    made: Path, own: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tests.cli import conftest
+
+    command = conftest.command.__wrapped__(capsys, monkeypatch)  # type: ignore[attr-defined]
+    code, out, _ = command("branch", made, "--at", "1.1", "--set", "strength=0.5", "--hand", own)
+    assert code == 0
+    said = " ".join(out.split())
+    assert "the model's own error / what the change does" in said
+    assert "Without the change the model is off by 0." in said
+    code, _, error = command("branch", made, "--at", "1.1", "--set", "friction=0.5", "--hand", own)
+    assert code == 2
+    assert "--set friction is that of contacts" in error
