@@ -42,6 +42,13 @@ class Trial(NamedTuple):
     """What it does to the model, less that."""
     model: float
     """What the model is off by without the change."""
+    foretold: float
+    """What the change does to the model."""
+
+    @property
+    def tells(self) -> bool:
+        """Whether the command says that something follows from it."""
+        return self.foretold > 2.0 * self.model
 
 
 def trials(seed: int, kind: str, seconds: float, folder: Path) -> Iterator[Trial]:
@@ -78,7 +85,7 @@ def _trial(path: Path, at: float, change: Mapping[str, Any], file: str) -> Trial
     true = (hand.branched[:rows] - hand.recorded[:rows])[rest]
     foretold = (model.branched[:rows] - model.unchanged[:rows])[rest]
     off = (model.unchanged[:rows] - model.recorded[:rows])[rest]
-    return Trial(next(iter(change)), _rms(true), _rms(foretold - true), _rms(off))
+    return Trial(next(iter(change)), _rms(true), _rms(foretold - true), _rms(off), _rms(foretold))
 
 
 def main() -> None:
@@ -98,10 +105,11 @@ def main() -> None:
 
 
 def told(rows: list[Trial], what: str) -> str:
-    """Medians and 90 % of some trials."""
-    true, off, model = 1000.0 * np.array([[one.true, one.off, one.model] for one in rows]).T
-    share = 100.0 * off / true
-    return f"| {what} | {len(rows)} | {_two(true)} mrad | {_two(off)} mrad | {_two(share)} % | {_two(model)} mrad |"
+    """Of some trials how many tell something, and medians and 90 % of these."""
+    every, rows = len(rows), [one for one in rows if one.tells]
+    true, off, model, _ = 1000.0 * np.array([one[1:] for one in rows]).T
+    cells = [f"{_two(values)} {unit}" for values, unit in ((true, "mrad"), (off, "mrad"), (100.0 * off / true, "%"))]
+    return f"| {what} | {len(rows)} of {every} | {' | '.join(cells)} | {_two(model)} mrad |"
 
 
 def _two(values: Array) -> str:
