@@ -70,7 +70,7 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
     truth["drive"] |= {"backlash": item.get("backlash", 0.0)}
     with TemporaryDirectory() as name:
         folder = Path(name)
-        paths = [_recorded(truth, item, pose, seconds, folder, k) for k, pose in enumerate((*POSES, UNSEEN))]
+        paths = [excited(truth, item, pose, seconds, folder, k) for k, pose in enumerate((*POSES, UNSEEN))]
         file = folder / "hand.yaml"
         known = item["masses"] == "known"
         file.write_text(yaml.safe_dump({"drive": {"mass_scale": truth["drive"]["mass_scale"]}} if known else {}))
@@ -91,9 +91,10 @@ def _row(seconds: float, item: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _recorded(
+def excited(
     truth: Mapping[str, Any], item: Mapping[str, Any], pose: str, seconds: float, folder: Path, number: int
 ) -> Path:
+    """A hidden hand's recording in one pose. `item`: its seed and side."""
     own = {**truth, "drive": {**truth["drive"], "seed": number}}
     backend = {
         "kind": "can", "version": "v4", "interface": "allegro-virtual", "imu": 0.05,

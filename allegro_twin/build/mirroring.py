@@ -53,9 +53,10 @@ def make_mirror(
     period: float,
     calm: Calm | None = None,
     stop: Collection[str] = (),
+    gravity: Vector | None = None,
 ) -> Mirror:
-    """Of the hand in a file, or of the nominal one; `used`: with what the host makes rad and N·m of counts. Raises
-    ConfigError."""
+    """Of the hand in a file, or of the nominal one; `used`: with what the host makes rad and N·m of counts; `gravity`:
+    in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
     _known(stop)
     wiring = load_wiring(spec.model, hand)
     if wiring.version not in (None, version):
@@ -64,7 +65,7 @@ def make_mirror(
     own = np.array(wiring.calibration.torque_constant, dtype=float)
     drive = drive_of(mine, own, shift(version, used, wiring.calibration.encoder_offset))
     observer = Observer(spec, drive, period, bristly=breaks_away(mine.drive))
-    return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop)
+    return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop, gravity)
 
 
 def left_out(spec: HandSpec, hand: str) -> str:
@@ -139,29 +140,40 @@ def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec)
 
 
-def _mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:
-    spec, table = recording.spec, recording.meta.get("calibration")
+def spec_in(recording: Recording, hand: str) -> HandSpec:
+    """A recording's hand; one that closes its own loop with all that its card says, which a recording does not. Raises
+    ConfigError for another one's card."""
+    spec = recording.spec
+    if "torque" in spec.commands:
+        return spec
+    whole = load_spec(hand or spec.model, spec.side)
+    if whole.joints != spec.joints:
+        raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
+    return whole
+
+
+def mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None) -> Mirror:
+    """For a recording's hand as its own file, or another, has it. Raises ConfigError."""
+    spec, table = spec_in(recording, hand), recording.meta.get("calibration")
     if "torque" not in spec.commands:
-        whole = load_spec(hand or spec.model, spec.side)
-        if whole.joints != spec.joints:
-            raise ConfigError(f"{recording.path} is of a {spec.name}, and {whole.name} has other joints: say --hand")
         if gravity is None and "gravity" in recording.meta:
             gravity = np.array(recording.meta["gravity"], dtype=np.float64)
-        return make_loop_mirror(whole, recording.period, calm, gravity=gravity)
+        return make_loop_mirror(spec, recording.period, calm, gravity=gravity)
     if table is None:
         raise ConfigError(
             f"{recording.path} does not say with which torque constant its counts became N·m: record it through the "
             "hand's bus"
         )
-    return make_mirror(spec, hand or spec.serial, table["version"], calibration_of(table), recording.period, calm)
+    used = calibration_of(table)
+    return make_mirror(spec, hand or spec.serial, table["version"], used, recording.period, calm, gravity=gravity)
 
 
 def _seen(
     recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None
 ) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror]:
-    each = _mirror_of(recording, hand, calm, gravity)
+    each = mirror_of(recording, hand, calm, gravity)
     t, disturbance, off, moving = [], [], [], []
-    for sample in each.watched(_samples(recording)):
+    for sample in each.watched(played(recording)):
         latest = each.latest()
         t.append(sample.state.t)
         disturbance.append(latest["disturbance"])
@@ -172,5 +184,6 @@ def _seen(
     return np.array(t[1:]), np.array(disturbance[1:]), np.array(off[1:]), np.array(moving[1:]), each
 
 
-def _samples(recording: Recording) -> Iterator[Sample]:
+def played(recording: Recording) -> Iterator[Sample]:
+    """All that was recorded, row by row."""
     return to_the_end(samples_of(ReplayBackend(recording)))

@@ -25,9 +25,10 @@ class Line(NamedTuple):
 
     name: str
     values: Vector
-    """At the first of the panel's moments, as many as there are."""
+    """At the panel's moments from `first` on, as many as there are."""
     color: Color
     width: int = 2
+    first: int = 0
 
 
 def plot(path: Path, t: Vector, panels: Mapping[str, Sequence[Line]], *, mark: float, title: str) -> None:
@@ -61,7 +62,7 @@ def _panel(draw: ImageDraw, top: int, t: Vector, heading: str, lines: Sequence[L
     for line in lines:
         thin = max(1, len(line.values) // _COLUMNS)
         color = tuple(round(255 * part) for part in line.color)
-        draw.line(place(t[: len(line.values)][::thin], line.values[::thin]), fill=color, width=line.width)
+        draw.line(place(t[line.first :][: len(line.values)][::thin], line.values[::thin]), fill=color, width=line.width)
         draw.text((named, top + 6), line.name, fill=color)
         named += 9 * len(line.name) + 8
 

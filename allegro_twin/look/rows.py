@@ -13,7 +13,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.look.layout import MORE
 from allegro_twin.look.scenery import Scenery
 from allegro_twin.look.skeleton import Skeleton
-from allegro_twin.look.still import draw_ghost
+from allegro_twin.look.still import draw_ghost, draw_ghost_object
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 
@@ -36,7 +36,7 @@ class Row:
         """Raises ConfigError for a pose that is not one."""
         state, command = sample
         goal = command.torque if isinstance(command, TorqueCommand) else command.position
-        for name in ("palm", "object"):
+        for name in ("palm", "object", "target_object"):
             if name in look and look[name].shape != (7,):
                 raise ConfigError(f"a pose has a place and a quaternion of four numbers, not {look[name].shape}")
         joints = {"position": state.position, "velocity": state.velocity, "torque": state.torque, "command": goal}
@@ -51,7 +51,7 @@ class Rows:
 
     def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
         self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies, spec)
-        self._object = next(iter(scene.objects), None)
+        self._object, self._ghosts = next(iter(scene.objects), None), False
         self._scene = scene
         self._wanted: Vector | None = None
         self._rows: list[Row] = []
@@ -131,14 +131,20 @@ class Rows:
             yield
 
     def _beside(self, rows: list[Row]) -> Iterator[None]:
-        for name, path in (("palm", "world/palm"), ("object", f"world/objects/{self._object}")):
+        paths = {"palm": "world/palm"}
+        if self._object is not None:
+            paths |= {"object": f"world/objects/{self._object}", "target_object": f"world/ghosts/{self._object}"}
+        for name, path in paths.items():
             having = [row for row in rows if name in row.look]
-            if having and (name == "palm" or self._object is not None):
-                poses = np.array([row.look[name] for row in having])
-                turns = poses[:, [4, 5, 6, 3]]
-                moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=turns)
-                self._stream.send_columns(path, indexes=_times(having), columns=moved)
-                yield
+            if not having:
+                continue
+            if name == "target_object" and not self._ghosts:
+                self._ghosts = True
+                draw_ghost_object(self._stream, self._scene)
+            poses = np.array([row.look[name] for row in having])
+            moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, [4, 5, 6, 3]])
+            self._stream.send_columns(path, indexes=_times(having), columns=moved)
+            yield
         for name, path in (("contact_force", "contact/force"), ("link", "mirror/link")):
             having = [row for row in rows if name in row.look]
             if having:

@@ -47,6 +47,12 @@ def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:
             draw_shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
 
 
+def draw_ghost_object(stream: rr.RecordingStream, scene: Scenery) -> None:
+    """The object that is grasped, where it only was."""
+    name, shapes = next(iter(scene.objects.items()))
+    draw_shapes(stream, f"world/ghosts/{name}/look", shapes, ghost=True)
+
+
 def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:
     """Beside the phases that were checked whether it was `held` in them, and the `words` (Markdown) for all of it."""
     times, states = [0.0], [""]

@@ -18,8 +18,8 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample
 
 Look = Callable[[], Mapping[str, Array]]
-"""What is known beside the hand's state: `target` (n,), `palm`, `object` (7,), `contact_force` (p,), `contact_point`,
-`contact_vector` (3 p,)."""
+"""What is known beside the hand's state: `target` (n,), `palm`, `object`, `target_object` (7,), `contact_force` (p,),
+`contact_point`, `contact_vector` (3 p,)."""
 
 
 class Viewer(Canvas):

@@ -105,14 +105,15 @@ class Mirror:
 
     def _expected(self, state: HandState) -> tuple[Estimate, Vector]:
         """Of the period that ended with a state, and what the motors gave in it by the model, (n,), N·m."""
-        observer, down = self._observer, self._down(state)
+        observer, down = self._observer, self.down(state)
         if isinstance(observer, LoopObserver):
             told = position_of(self._told, self._spec)
             return observer.step(told, down, state.position), observer.torque
         duty = state.torque / self._constant
         return observer.step(duty, down, state.position), duty * observer.torque_constant
 
-    def _down(self, state: HandState) -> Vector:
+    def down(self, state: HandState) -> Vector:
+        """Gravity in the palm frame, (3,), m/s²: as it was told, or as the hand reports it."""
         return state.gravity if self._gravity is None else self._gravity
 
     def latest(self) -> dict[str, Array]:
@@ -127,7 +128,7 @@ class Mirror:
         }
 
     def _begin(self, state: HandState) -> None:
-        if not np.isfinite(self._down(state)).all():
+        if not np.isfinite(self.down(state)).all():
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         self._begun = state.t
         self._observer.reset(state.position)

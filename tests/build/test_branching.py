@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import Branched, branch, changes_of
+from allegro_twin.build.branching import Branched, Wanted, branch, changes_of
 from allegro_twin.cli.twins import branching
 from allegro_twin.config import RunConfig, load_config
 from allegro_twin.description.appearance import lighter, of_series
@@ -42,8 +42,9 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
     content = {
         "backend": {"kind": "sim"}, "task": {"scenario": "lemon"}, "controller": {"kind": "pd"},
     }  # fmt: skip
-    path = made(tmp_path, RunConfig.model_validate(content))
-    same, slippery = branch(path, 6.0, {}), branch(path, 6.0, {"friction": 0.01})
+    path, rrd = made(tmp_path, RunConfig.model_validate(content)), tmp_path / "if.rrd"
+    same, kept = branch(path, 6.0, {}), branching.Kept(tmp_path / "if.arrow", rrd)
+    slippery = branching.branched(path, 6.0, ["friction=0.01"], kept, Wanted())
     np.testing.assert_array_equal(same.branched, same.recorded)
     assert same.report is not None
     assert same.report.held
@@ -51,6 +52,14 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
     assert not off[slippery.t <= 6.0].any()
     assert slippery.report is not None
     assert not slippery.report.held
+    was, fell = (load(each).columns["object"] for each in (path, kept.record or path))
+    np.testing.assert_array_equal(load(tmp_path / "if.arrow").columns["target_object"], was)
+    assert fell[-1, 2] < was[-1, 2] - 0.05
+    drawn = rows_of(rrd)
+    for kind, height in (("objects", fell[-1, 2]), ("ghosts", was[-1, 2])):
+        (name,) = [key for key in drawn if key.startswith(f"world/{kind}/") and not key.endswith("/look")]
+        np.testing.assert_allclose(drawn[name][-1][1]["translation"][0][2], height, atol=0.01)
+        assert drawn[f"{name}/look"]
 
 
 @pytest.mark.parametrize("change", [{"controller.gains": "v4"}, {"damping": 0.3}, {"frictionloss": 0.1}])
@@ -65,7 +74,7 @@ def test_a_change_acts_from_its_instant_on(tmp_path: Path, change: dict[str, obj
 def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_path: Path) -> None:
     path = made(tmp_path, load_config("sim_right").changed(seconds=0.6, task={"posture": "rock"}))
     record, rrd, png = (tmp_path / f"if.{suffix}" for suffix in ("arrow", "rrd", "png"))
-    found = branching.branched(path, 0.3, ["damping=0.3"], record, rrd)
+    found = branching.branched(path, 0.3, ["damping=0.3"], branching.Kept(record, rrd), Wanted())
     branching.picture(png, path, found, 0.3)
     both = load(record).columns
     np.testing.assert_array_equal(both["position"], found.branched)
@@ -96,7 +105,7 @@ def test_the_table_has_a_column_for_every_finger_of_whatever_hand(spec: HandSpec
 
 
 def test_what_cannot_be_repeated_says_why(tmp_path: Path, recording_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is of a hand, not of a simulation"):
+    with pytest.raises(ConfigError, match="needs the first 1 s to know the hand"):
         branch(recording_path, 0.1, {})
     path = made(tmp_path, load_config("sim_right").changed(seconds=0.3))
     with pytest.raises(ConfigError, match="--at 9 s: .* goes from 0 to 0.3 s"):

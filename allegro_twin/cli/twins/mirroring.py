@@ -81,7 +81,9 @@ def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> Mirror:
     if not isinstance(config.backend, CanSettings):
         return make_loop_mirror(rig.spec, config.period, calm, wanted.stop, gravity)
     codec = codec_of(config, config.backend)
-    return make_mirror(rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop)
+    return make_mirror(
+        rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop, wanted.gravity
+    )
 
 
 def _down(rig: Rig, wanted: Wanted) -> Vector | None:

@@ -28,6 +28,8 @@ Recordings = Annotated[list[Path], typer.Argument(help="Recordings (.arrow) of o
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
+    from allegro_twin.cli.twins.what_if import branch
+
     for command in (excite, identify, gap, mirror, branch):
         app.command()(command)
 
@@ -197,39 +199,6 @@ def mirror(
     console.console.print(mirroring.table(found, spec.readable))
     for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)
-
-
-def branch(
-    recording: Annotated[Path, typer.Argument(help="A recording (.arrow) of a simulated or virtual hand.")],
-    at: Annotated[float, typer.Option(help="From when on it goes on otherwise, s.")],
-    change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="friction=0.5, damping=…, frictionloss=… (of contacts; of all joints), or controller.gains=v4.",
-        ),
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="Record it to this .arrow.", callback=options.file(".arrow"))
-    ] = None,
-    rrd: Annotated[
-        Path | None,
-        typer.Option(help="Both futures in one Rerun file: the hand, and as it was.", callback=options.file(".rrd")),
-    ] = None,
-    image: Annotated[
-        Path | None, typer.Option(help="Both futures drawn joint by joint, .png.", callback=options.file(".png"))
-    ] = None,
-) -> None:
-    """What if: let a recorded simulation go on otherwise from some instant, and compare both futures."""
-    from allegro_twin.cli import console
-    from allegro_twin.cli.twins import branching
-
-    found = branching.branched(recording, at, change or [], record, rrd)
-    if image is not None:
-        branching.picture(image, recording, found, at)
-    console.console.print(branching.table(recording, found, at))
-    for line in branching.lines(found, at):
-        console.console.print(line, highlight=False, soft_wrap=True)
 
 
 def weight_of(text: str) -> Weight:

@@ -20,6 +20,7 @@ from allegro_twin.followers import Follower
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.sim.drive.servos import ONE, Servos
+from allegro_twin.sim.model.losses import Change, lose
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.posed import Posed, moved_by
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -37,6 +38,7 @@ class LoopObserver:
 
     def __init__(self, spec: HandSpec, period: float) -> None:
         """Raises ConfigError for a hand of which nobody can say where its joints are."""
+        self._spec = spec
         self._steps = int(np.ceil(period / STEP - 1e-9))
         stage = Stage(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), physics=Physics(timestep=period / self._steps))
         self._model = model = compile_scene(spec, stage)
@@ -73,11 +75,7 @@ class LoopObserver:
     def step(self, told: PositionCommand, gravity: Vector, reported: Vector) -> Estimate:
         """A period in which a command held, ended with a report, (n,), rad."""
         model, data = self._model, self._data
-        model.opt.gravity[:] = gravity
-        self._servos.command(ONE, told.position[None], told.effort, told.duration or 0.0)
-        data.ctrl[self._motors] = self._servos.told(ONE)[0]
-        mujoco.mj_step(model, data, self._steps)
-        predicted = self._lengths.position(data.qpos)
+        predicted = self._predicted(told, gravity)
         error, spread = reported - predicted, self._spread(predicted)
         low, high = model.actuator_forcerange[self._motors].T
         at_end = (self.torque <= low) | (self.torque >= high)
@@ -86,6 +84,32 @@ class LoopObserver:
         data.qvel += spread @ (gain[1] * error)
         self._disturbance = self._disturbance + gain[2] * error
         data.qfrc_applied[:] = self._disturbance @ self._pull
+        return self._estimate(predicted)
+
+    def alone(self, told: PositionCommand, gravity: Vector) -> Estimate:
+        """A period that no report ends: the disturbance goes on as it is."""
+        return self._estimate(self._predicted(told, gravity))
+
+    def forget(self) -> None:
+        """Nothing pushes what is driven any more."""
+        self._disturbance = np.zeros_like(self._disturbance)
+        self._data.qfrc_applied[:] = 0.0
+
+    def become(self, change: Change) -> None:
+        """Go on as another hand, with the strength that it has; its gains stay those of the one that it was."""
+        lose(self._spec, self._model, change)
+
+    def _predicted(self, told: PositionCommand, gravity: Vector) -> Vector:
+        """What will be reported after one more period, (n,), rad."""
+        model, data = self._model, self._data
+        model.opt.gravity[:] = gravity
+        self._servos.command(ONE, told.position[None], told.effort, told.duration or 0.0)
+        data.ctrl[self._motors] = self._servos.told(ONE)[0]
+        mujoco.mj_step(model, data, self._steps)
+        return self._lengths.position(data.qpos)
+
+    def _estimate(self, predicted: Vector) -> Estimate:
+        data = self._data
         where, speed = self._lengths.position(data.qpos), self._lengths.velocity(data.qvel)
         return Estimate(predicted, where, self._disturbance.copy(), speed)
 

@@ -18,6 +18,7 @@ friction models) are before they break away.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import NamedTuple
 
 import mujoco
@@ -26,6 +27,7 @@ from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # I
 
 from allegro_twin.sim.beside.pieces import BEFORE, Parameters
 from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.model.losses import Change
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -83,16 +85,9 @@ class Observer:
     def step(self, duty: Vector, gravity: Vector, reported: Vector) -> Estimate:
         """A period in which a fraction of full PWM acted, (n,), ended with a report, (n,), rad."""
         data, player = self._data, self._player
-        self._sent.append(duty)
-        self._model.opt.gravity[:] = gravity
-        controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
-        player.rub(self._drive, controls.mean(axis=0))
         began, bent = data.qpos[player.qpos].copy(), data.act[player.bristles].copy()
-        for control in controls:
-            data.ctrl[player.motors] = control
-            mujoco.mj_step(self._model, data)
+        predicted = self._predicted(duty, gravity)
         went = data.qpos[player.qpos] - began
-        predicted = data.qpos[player.qpos] + self._offset
         error = reported - predicted
         data.qpos[player.qpos] += self._gains[0] * error
         data.qvel[player.dofs] += self._gains[1] * error
@@ -104,6 +99,39 @@ class Observer:
         pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs] + self._gains[2] * error
         data.qfrc_applied[player.dofs] = pushed
         return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
+
+    def alone(self, duty: Vector, gravity: Vector) -> Estimate:
+        """A period that no report ends: the disturbance goes on as it is."""
+        data, player = self._data, self._player
+        predicted = self._predicted(duty, gravity)
+        where, speed = (each.copy() for each in (data.qpos[player.qpos], data.qvel[player.dofs]))
+        return Estimate(predicted, where, data.qfrc_applied[player.dofs].copy(), speed)
+
+    def forget(self) -> None:
+        """Nothing pushes the joints any more."""
+        self._data.qfrc_applied[self._player.dofs] = 0.0
+
+    def become(self, change: Change) -> None:
+        """Go on as another hand; its gains stay those of the one that it was."""
+        drive, n = self._drive, len(self._drive.damping)
+        losses = {name: value for name in ("damping", "frictionloss") if (value := getattr(change, name)) is not None}
+        constant = drive.torque_constant * change.strength
+        rows = {name: np.full(n, value) for name, value in losses.items()}
+        self._drive = replace(drive, torque_constant=constant, **rows)
+        self._player.prepared(self._drive)
+        self.torque_constant = constant
+
+    def _predicted(self, duty: Vector, gravity: Vector) -> Vector:
+        """What will be reported after one more period, (n,), rad."""
+        data, player = self._data, self._player
+        self._sent.append(duty)
+        self._model.opt.gravity[:] = gravity
+        controls = np.einsum("skn,kn->sn", self._weights, np.array(self._sent))
+        player.rub(self._drive, controls.mean(axis=0))
+        for control in controls:
+            data.ctrl[player.motors] = control
+            mujoco.mj_step(self._model, data)
+        return np.asarray(data.qpos[player.qpos] + self._offset)
 
     def pull(self) -> Array:
         """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the

@@ -10,7 +10,7 @@ from mujoco import batch
 
 from allegro_twin.sim.beside.pieces import BEFORE, Parameters, Pieces
 from allegro_twin.sim.drive import backlash, bristles
-from allegro_twin.sim.engine.backend import span
+from allegro_twin.sim.model.posed import span
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector

@@ -81,6 +81,11 @@ class Drivetrain:
                 self._model.body_mass[body] += amount
                 mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
 
+    def rub(self, dry: float) -> None:
+        """Set the dry friction of every joint, N·m, as that of motion where it breaks away."""
+        self._dry = np.full(len(self._dry), dry)
+        self._rub(self._dry)
+
     def reset(self) -> None:
         """Begin anew: no command is on its way, and the noise is the same again; what went wrong stays."""
         self._noise = np.random.default_rng(self._drive.seed)

@@ -18,7 +18,8 @@ from allegro_twin.sim.drive.servos import ONE, Servos
 from allegro_twin.sim.engine.holding import Holding, feels
 from allegro_twin.sim.engine.world import World
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.posed import Posed, moved_by
+from allegro_twin.sim.model.losses import Change, lose
+from allegro_twin.sim.model.posed import Posed, moved_by, span
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
 
@@ -181,6 +182,15 @@ class SimBackend:
             self._train.command(self.data.ctrl[self._motors].copy())
         self._train.suffer(what, joint, amount)
 
+    def become(self, change: Change) -> None:
+        """Go on as another hand; one that closes its own loop keeps its strength."""
+        lose(self._spec, self.model, change)
+        if change.strength != 1.0:
+            for joint in range(self._spec.n_joints):
+                self.suffer("weak", joint, change.strength)
+        if self._train is not None and change.frictionloss is not None:
+            self._train.rub(change.frictionloss)
+
     def close(self) -> None:
         if self._servos is not None:
             self._servos.limp(ONE)
@@ -233,11 +243,3 @@ def substeps(period: float, timestep: float) -> int:
     if count < 1 or abs(count * timestep - period) > 1e-9:
         raise ConfigError(f"period {period} s is not a whole number of physics steps of {timestep} s")
     return count
-
-
-def span(indices: list[int]) -> slice | list[int]:
-    """A slice where the indices run on, which NumPy reads faster than a list."""
-    indices = [int(index) for index in indices]
-    if indices and indices == list(range(indices[0], indices[0] + len(indices))):
-        return slice(indices[0], indices[0] + len(indices))
-    return indices

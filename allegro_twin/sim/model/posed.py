@@ -46,3 +46,11 @@ def moved_by(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
         if motor.trntype[0] == mujoco.mjtTrn.mjTRN_JOINT:
             found[index] = int(motor.trnid[0])
     return found
+
+
+def span(indices: list[int]) -> slice | list[int]:
+    """A slice where the indices run on, which NumPy reads faster than a list."""
+    indices = [int(index) for index in indices]
+    if indices and indices == list(range(indices[0], indices[0] + len(indices))):
+        return slice(indices[0], indices[0] + len(indices))
+    return indices

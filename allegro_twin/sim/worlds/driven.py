@@ -11,8 +11,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drive.lengths import Lengths
-from allegro_twin.sim.engine.backend import span
-from allegro_twin.sim.model.posed import Posed, moved_by
+from allegro_twin.sim.model.posed import Posed, moved_by, span
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

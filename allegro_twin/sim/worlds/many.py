@@ -12,9 +12,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.sim.drive.servos import Rows as Rows
 from allegro_twin.sim.drive.servos import Servos
-from allegro_twin.sim.engine.backend import span
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.posed import Posed
+from allegro_twin.sim.model.posed import Posed, span
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

@@ -1,0 +1,36 @@
+"""Recordings as those of a hand that nobody simulates, and how far two futures are apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.build.branching import Branched
+from allegro_twin.build.mirroring import played
+from allegro_twin.replay.recorder import recorded
+from allegro_twin.replay.recording import load
+from allegro_twin.types import Array
+
+AT = 1.1  # s. The fingers are on their way home.
+MRAD = 1e-3
+
+
+def as_real(path: Path, target: Path, left_out: slice = slice(0, 0), **meta: Any) -> Path:
+    """The same recording as one of a hand that nobody simulates, but for some rows; None takes an entry away."""
+    origin = load(path)
+    kept = {key: value for key, value in {**origin.meta, **meta}.items() if value is not None and key != "engine"}
+    rows = list(played(origin))
+    del rows[left_out]
+    for _ in recorded(iter(rows), target, origin.spec, origin.period, meta=kept):
+        pass
+    return target
+
+
+def rms(off: Array) -> float:
+    return float(np.sqrt(np.square(off).mean()))
+
+
+def after(found: Branched) -> slice:
+    return slice(int(np.searchsorted(found.t, AT - 1e-9)), len(found.branched))
