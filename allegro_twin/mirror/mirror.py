@@ -144,7 +144,7 @@ class Mirror:
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
         off = state.position - estimate.predicted
-        diagnosis.add(state, estimate, torque, off, self._weights(self._down(state)) if diagnosis.due else None)
+        diagnosis.add(state, estimate, torque, off, self._weights(self.down(state)) if diagnosis.due else None)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
             raise HandFault(
