@@ -39,6 +39,9 @@ class Contact(NamedTuple):
     """s; that of the motion where it is still touched then."""
     torque: float
     """The largest, of any of its joints, N·m."""
+    joint: int
+    """The outermost that is pushed beyond its own axis: it touched the link that this joint moves, or one further out;
+    -1 where joints are pushed too little each to tell."""
 
 
 class Pace:
@@ -113,6 +116,13 @@ def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
     return np.asarray(held)
 
 
+def outermost(share: Vector, joints: Sequence[int]) -> int:
+    """The last of a finger's joints, from the palm on, that is pushed beyond its own axis; -1: none. `share`: squares
+    of disturbances, in squares of axes, (n,). A push loads the joints before it and no other, so that what touches the
+    finger touches the link that this joint moves, or, where the lever is short, one further out."""
+    return max((joint for joint in joints if share[joint] > 1.0), key=list(joints).index, default=-1)
+
+
 def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
     """All touches, in order; one that comes back within `pause`, s, has not ended."""
     found, flags = [], touched(disturbance, above, spec)
@@ -123,6 +133,8 @@ def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause:
             continue
         breaks = np.flatnonzero(np.diff(t[rows]) > pause)
         for part in np.split(rows, breaks + 1):
-            torque = np.abs(disturbance[part[0] : part[-1] + 1, list(finger.joints)]).max()
-            found.append(Contact(finger.name, float(t[part[0]]), float(t[part[-1]]), float(torque)))
+            during, own = slice(part[0], part[-1] + 1), list(finger.joints)
+            torque, begin, end = float(np.abs(disturbance[during, own]).max()), float(t[part[0]]), float(t[part[-1]])
+            share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[during].mean(axis=0)
+            found.append(Contact(finger.name, begin, end, torque, outermost(share, own)))
     return sorted(found, key=lambda contact: contact.begin)

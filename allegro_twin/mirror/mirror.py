@@ -11,7 +11,7 @@ from allegro_twin.backend import limp_of, position_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.anomalies import NAMES, Anomaly, words
 from allegro_twin.mirror.diagnosis import Calm, Diagnosis, Weights
-from allegro_twin.mirror.events import PERIODS, SETTLED, Pace, axes, pushed
+from allegro_twin.mirror.events import PERIODS, SETTLED, Pace, axes, outermost, pushed
 from allegro_twin.sim.beside.loop_observer import LoopObserver
 from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
@@ -63,6 +63,13 @@ class Mirror:
     def contacts(self) -> tuple[str, ...]:
         """The fingers that something touches."""
         return tuple(f.name for f, over in zip(self._spec.fingers, self._over, strict=True) if over >= PERIODS)
+
+    @property
+    def touched_joints(self) -> dict[str, int]:
+        """Of every finger that something touches the outermost joint that is pushed beyond its own axis: it touches the
+        link that this joint moves, or one further out; -1 where that cannot be told."""
+        share = np.square(self.external_torque / self.above)
+        return {f.name: outermost(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
 
     @property
     def moving(self) -> NDArray[np.bool_]:

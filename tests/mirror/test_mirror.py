@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from allegro_twin.build.mirroring import left_out
 from allegro_twin.control.controllers import PD
-from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.control.trajectory import Hold, Moves, Waypoint
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, HandFault
@@ -108,9 +109,26 @@ def test_one_period_above_is_no_touch_and_a_short_pause_no_end(spec: HandSpec) -
     above = np.full(N, 0.1)
     assert not touched(disturbance, above, spec)[400].any()
     (only,) = contacts(np.linspace(0.0, 2.997, 1000), disturbance, above, spec)
-    assert (only.finger, only.torque) == ("thumb", 0.7)
+    assert (only.finger, only.torque, only.joint) == ("thumb", 0.7, 13)
     assert only.begin == pytest.approx(1.803)
     assert only.end == pytest.approx(2.097)
+
+
+@pytest.mark.parametrize("place", [1, 2, 3])
+def test_a_push_is_never_told_to_be_further_out_than_it_is(spec: HandSpec, make_sim: MakeSim, place: int) -> None:
+    hand = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)
+    model, data, joint = hand.model, hand.data, spec.fingers[1].joints[place]
+    body, beside = int(model.joint(spec.joints[joint]).bodyid[0]), mirror(spec, np.full(N, 0.01))
+    for sample in beside.watched(
+        until(2.5, run(hand, PD(Hold((spec.lower + spec.upper) / 2.0), load_gains("v4", spec))))
+    ):
+        torque = np.zeros(model.nv)
+        across = 2.0 * data.xmat[body].reshape(3, 3)[:, 0] * (sample.state.t > 2.0)
+        mujoco.mj_applyFT(model, data, across, np.zeros(3), data.xipos[body].copy(), body, torque)
+        hand.push(torque[:N])
+    told = beside.touched_joints
+    assert list(told) == ["middle"]
+    assert spec.fingers[1].joints[1] <= told["middle"] <= joint
 
 
 def test_joints_that_are_pushed_a_little_each_are_a_touch_together(spec: HandSpec) -> None:
