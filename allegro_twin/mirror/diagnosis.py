@@ -25,6 +25,8 @@ EVERY = 8
 WAIT = 40
 """Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
 joint that stays has ROWS: it may be stuck."""
+FASTEST = 0.003
+"""s: the period of which JUMP is; in a longer one joints go further."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
 FILE = 26
@@ -98,7 +100,8 @@ class Diagnosis:
         self._periods: list[tuple[Vector, ...]] = []
         self._rows: list[NDArray[Any]] = []
         """By column, the last LONGEST rows twice, so that any of them are one slice."""
-        self._count, self._sign = 0, -1
+        self._count, self._sign, self._jump = 0, -1, JUMP * max(period / FASTEST, 1.0)
+        self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
         self.found: Anomaly | None = None
         """What is wrong, as soon as that is sure."""
@@ -106,18 +109,22 @@ class Diagnosis:
     def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, weights: Weights | None) -> None:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
         are wanted in the last of ROW periods."""
-        v = estimate.velocity
-        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, off))
+        v, went = estimate.velocity, np.abs(state.position - self._at)
+        sped, self._at, self._went = went - self._went, state.position, went
+        # Not where a joint was stopped: it met something.
+        jump = np.where((sped > self._jump / 2.0) & (np.abs(off) > self._jump), np.abs(off), 0.0)
+        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off))
         if len(self._periods) < ROW or weights is None:
             return
-        *means, away = (np.array(each) for each in zip(*self._periods, strict=True))
+        *means, jumps, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
         d, made, _, _, position = row
-        slid = self._slips.add(d, made, position, weights.down, jumped=bool(np.abs(away).max() > JUMP))
-        self._keep((*row, np.abs(away).max(axis=0), weights.pull, state.temperature, self._slips.holds))
+        slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
+        self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away)
-        if self.found is None and fell is not None and self._untouched(fell[0], weights.free):
+        inside = weights.lean is None  # A loop of its own carries a link that falls.
+        if self.found is None and fell is not None and not inside and self._untouched(fell[0], weights.free):
             self.found = Anomaly("loose", *fell)
         if self.found is None and slid is not None:
             self.found = Anomaly("slip", *slid)

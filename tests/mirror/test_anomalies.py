@@ -221,6 +221,24 @@ def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpe
     assert WAIT <= named_at <= (ROWS if stays else WAIT) + 3 * EVERY
 
 
+@pytest.mark.parametrize(
+    ("period", "jumps", "name"), [(0.003, True, "encoder_step"), (0.003, False, None), (0.02, True, None)]
+)
+def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_that_jumps(
+    spec: HandSpec, period: float, jumps: bool, name: str | None
+) -> None:
+    each, rest = Diagnosis(spec, Calm.usual(spec), period), np.zeros(N)
+    weights, only = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3)), np.arange(N) == 6
+    for tick in range(ROWS * ROW + 2 * EVERY * ROW):
+        after = tick - 100
+        # By 20 mrad at once, or at 20 mrad a period until it meets something.
+        way = 0.02 * (after > 0) if jumps else -0.02 * max(-after, 0)
+        state = HandState(period * tick, tick, way * only, rest, rest, np.full(N, np.nan), np.zeros(3))
+        estimate = Estimate(state.position, state.position, rest, rest)
+        each.add(state, estimate, rest, 0.02 * only * (after == 1), weights if each.due else None)
+    assert (None if each.found is None else each.found.name) == name
+
+
 def test_thresholds_need_enough_looks(spec: HandSpec) -> None:
     rng = np.random.default_rng(0)
     free = 0.002 * rng.standard_normal((4000, N))

@@ -76,6 +76,16 @@ def test_everything_the_hand_touches_grows_slippery(spec: HandSpec, make_sim: Ma
     assert before.max() > 0.0
 
 
+@pytest.mark.parametrize("name", ["leap", "sih", "qb_softhand", "model_o"])
+def test_every_hand_grows_slippery_and_a_servo_does_not_grow_weak_in_silence(name: str, make_sim: MakeSim) -> None:
+    backend = make_sim(load_spec(name))
+    before = backend.model.geom_friction[:, 0].copy()
+    backend.suffer("slippery", 0, 0.1)
+    np.testing.assert_allclose(backend.model.geom_friction[:, 0], 0.1 * before)
+    with pytest.raises(ConfigError, match="moves by servos of its own: `weak` is of motors at joints"):
+        backend.suffer("weak", 0, 0.5)
+
+
 def test_a_weak_motor_gives_its_share_and_no_more_at_its_limit(spec: HandSpec, make_sim: MakeSim) -> None:
     weak = driven(spec, strength=0.5)
     np.testing.assert_allclose(moved(make_sim(weak), 1)[-1].torque, 0.5 * TORQUE, rtol=1e-12)

@@ -39,6 +39,11 @@ def build(hand: mujoco.MjSpec, spec: HandSpec, drive: Drive) -> None:
             weight.explicitinertial = True
 
 
+def drives_joints(spec: HandSpec, model: mujoco.MjModel) -> bool:
+    """Whether each motor turns a joint of its own, rather than a tendon."""
+    return set(spec.joints) <= {model.joint(k).name for k in range(model.njnt)}
+
+
 class Drivetrain:
     """What a drive does while time passes."""
 
@@ -74,8 +79,6 @@ class Drivetrain:
                 self._drift[joint] += amount
             case "loose":
                 backlash.loosen(self._model, self._names[joint], amount)
-            case "slippery":
-                self._model.geom_friction[:, 0] *= amount
             case "payload":
                 body = int(self._model.jnt_bodyid[self._joints[joint]])
                 self._model.body_mass[body] += amount

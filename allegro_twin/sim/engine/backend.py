@@ -12,7 +12,7 @@ from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.sim.drive.drivetrain import Drivetrain
+from allegro_twin.sim.drive.drivetrain import Drivetrain, drives_joints
 from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.sim.drive.servos import ONE, Servos
 from allegro_twin.sim.engine.holding import Holding, feels
@@ -176,7 +176,12 @@ class SimBackend:
         self.data.qfrc_applied[self._dof] = torque
 
     def suffer(self, what: Ailment, joint: int, amount: float) -> None:
-        """Something goes wrong with a joint, for good."""
+        """Something goes wrong with a joint, or every contact, for good. Raises ConfigError for what cannot."""
+        if what == "slippery":
+            self.model.geom_friction[:, 0] *= amount
+            return
+        if self._servos is not None and (what == "weak" or not drives_joints(self._spec, self.model)):
+            raise ConfigError(f"{self._spec.name} moves by servos of its own: `{what}` is of motors at joints")
         if self._train is None:
             self._train = Drivetrain(self._spec, Drive.made({}, self._spec.n_joints), self.model, self._motors)
             self._train.command(self.data.ctrl[self._motors].copy())
