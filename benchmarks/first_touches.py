@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from allegro_twin.build.trials import Bench, Case
 from allegro_twin.control.contact import touching
 from allegro_twin.control.force_grasp import CentroidGrasp, Gripping
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
+from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
@@ -62,44 +64,50 @@ class Watched:
         return command, self.memory
 
 
-def closed(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int, *, coulomb: bool = False) -> list[Met]:
-    """The fingers of one grasp, from when they begin to close until the grasp presses."""
+def prepared(spec: HandSpec, above: Array, grasp: str, thing: str, seed: int) -> tuple[Trial, CentroidGrasp, Mirror]:
+    """A trial of a grasp with an object, its controller, and a mirror that knows what a touch is."""
     scenario, path = load_scenario(grasp)
     bench, draw = Bench(spec, threads=1), draws(Uncertainty(torque=0.0), 1, seed)[0]
-    objects = (load_scenario(thing)[0].objects[0],)
-    scenario = scenario.model_copy(update={"objects": objects})
+    scenario = scenario.model_copy(update={"objects": load_scenario(thing)[0].objects[:1]})
     case = Case(scenario, load_grasp(scenario.grasp, spec), draw, load_protocol("table_pick"), path.parent)
     trial = bench.trial(case)
     controller = bench.controller(trial)
     assert isinstance(controller, CentroidGrasp)
-    each = Mirror(
-        spec, mirror_of(spec, coulomb=coulomb).observer, np.ones(N), Calm(above, np.full(len(spec.fingers), np.inf))
-    )
-    watched = Watched(controller)
+    calm = Calm(above, np.full(len(spec.fingers), np.inf))
+    return trial, controller, Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
+
+
+def closed(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror) -> list[Met]:
+    """The fingers of one grasp, from when they begin to close until the grasp presses."""
+    watched, model, data = Watched(controller), trial.backend.model, trial.backend.data
+    names = np.array(spec.joints)
+    links = [{int(model.joint(name).bodyid[0]) for name in names[list(row)]} for row in controller.joints]
     fingers = [next(k for k, f in enumerate(spec.fingers) if row[0] in f.joints) for row in controller.joints]
-    said, old = (
-        np.full((4, len(fingers)), np.inf),
-        np.ones(len(fingers), dtype=bool),
-    )  # Object, anything, grasp, mirror.
-    model, data = trial.backend.model, trial.backend.data
-    links = [
-        [int(model.joint(name).bodyid[0]) for name in np.array(spec.joints)[list(row)]] for row in controller.joints
-    ]
-    samples = heard(until(trial.seconds, run(trial.backend, watched)), spec)
-    for sample in trial.watched(each.watched(samples)):
+    said, old = np.full((4, len(fingers)), np.inf), np.ones(len(fingers), dtype=bool)
+    for sample in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, watched)), spec))):
         t = sample.state.t
         if t < controller.close_at:
             continue
-        force = trial.latest()["contact_force"][fingers]
         mirror = np.array([spec.fingers[k].name in each.contacts for k in fingers])
         old &= mirror
-        met = {int(body) for body in model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1)}
+        met = set(model.body_weldid[model.geom_bodyid[data.contact.geom]].reshape(-1).tolist())
         anything = [not met.isdisjoint(own) for own in links]
+        force = trial.latest()["contact_force"][fingers]
         now = np.stack([force > LEAST, anything, touching(watched.memory.stall), mirror & ~old])
         said = np.where(now, np.minimum(said, t), said)
         if not np.isnan(watched.memory.contact):
             break
-    return [Met(*column) for column in said.T]
+    return [Met(*map(float, column)) for column in said.T]
+
+
+def held(spec: HandSpec, trial: Trial, controller: CentroidGrasp, each: Mirror, *, by_mirror: bool) -> bool:
+    """Whether a whole trial holds the object."""
+    names = [next(f.name for f in spec.fingers if row[0] in f.joints) for row in controller.joints]
+    if by_mirror:
+        controller = replace(controller, felt=lambda: np.array([name in each.contacts for name in names]))
+    for _ in trial.watched(each.watched(heard(until(trial.seconds, run(trial.backend, controller)), spec))):
+        pass
+    return trial.report().held
 
 
 def told(found: Sequence[Met], who: str) -> str:
@@ -121,17 +129,24 @@ def main() -> None:
     options.add_argument("--hands", type=int, default=3)
     options.add_argument("--first", type=int, default=40, help="seed of the first hand")
     options.add_argument("--mismatched", action="store_true", help="friction that breaks away and grows with torque")
+    options.add_argument("--whole", action="store_true", help="whole trials: what holds, either way")
     options.add_argument("--learn", type=float, default=60.0, help="s of free motion for thresholds, each hand")
     chosen = options.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.hands)
     specs = [hand(seed, mismatched=chosen.mismatched) for seed in seeds]
     above = [learned(seed, spec, chosen.learn, coulomb=False) for seed, spec in zip(seeds, specs, strict=True)]
     found: list[Met] = []
+    kept = np.zeros(2, dtype=int)
     for k in range(chosen.trials):
         which, grasp, thing = k % len(specs), GRASPS[k % len(GRASPS)], THINGS[k // len(GRASPS) % len(THINGS)]
-        mets = closed(specs[which], above[which], grasp, thing, 1000 * chosen.first + k)
-        found += mets
-        print(f"  {k} {grasp} {thing}: {[tuple(round(each, 3) for each in met) for met in mets]}", flush=True)
+        case = specs[which], above[which], grasp, thing, 1000 * chosen.first + k
+        if chosen.whole:
+            kept += [held(specs[which], *prepared(*case), by_mirror=by_mirror) for by_mirror in (False, True)]
+        else:
+            found += closed(specs[which], *prepared(*case))
+    if chosen.whole:
+        print(f"of {chosen.trials} held: {kept[0]} by torque and stillness, {kept[1]} by the mirror")
+        return
     for who in ("grasp", "mirror"):
         print(told(found, who), flush=True)
 
