@@ -16,7 +16,7 @@ from allegro_twin.build.assemble import assemble
 from allegro_twin.build.branching import Wanted, branch
 from allegro_twin.build.branching.said import meetings
 from allegro_twin.cli.twins import branching
-from allegro_twin.config import RunConfig
+from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.control.controllers import PD, Follow
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.hands import load_spec
@@ -63,6 +63,23 @@ def test_a_change_does_to_the_model_what_it_does_to_the_hand(made: Path, own: st
     assert rms(true) > 1.5 * MRAD
     assert rms(foretold - true) < 0.15 * rms(true)
     assert rms(model.unchanged[rest] - model.recorded[rest]) < 0.3 * MRAD
+
+
+def test_encoders_that_are_noisy_loosen_the_models_friction_as_they_did_the_hands(
+    hidden: RunConfig, own: str, tmp_path: Path
+) -> None:
+    assert isinstance(hidden.backend, CanSettings)
+    assert hidden.backend.scene is not None
+    scene = hidden.backend.scene.model_dump(exclude_unset=True)
+    scene["truth"]["drive"] |= {"encoder_noise": 3e-4}
+    path, config = tmp_path / "noisy.arrow", hidden.changed(backend={"scene": scene})
+    perform(assemble(config), config, Outputs(record=path))
+    change = {"controller.gains": "v4"}
+    model, hand = branch(path, AT, change, wanted=Wanted(own)), branch(path, AT, change)
+    assert model.unchanged is not None
+    rest = after(model)
+    foretold, true = (model.branched - model.unchanged)[rest], (hand.branched - hand.recorded)[rest]
+    assert rms(foretold - true) < 0.07 * rms(true)
 
 
 def test_the_host_of_the_model_hears_counts_and_speeds_as_it_did_of_the_hand(

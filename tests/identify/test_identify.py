@@ -72,7 +72,7 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
     np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
     assert hidden.found().fit.spread.residual.max() < 2.5
-    assert noise_floor(motions()[0]).shape == (16,)
+    assert noise_floor(motions()[0].position).shape == (16,)
 
 
 def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_and_keeps_its_value() -> None:

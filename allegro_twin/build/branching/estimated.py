@@ -74,7 +74,8 @@ class _Future:
     def samples(self) -> Iterator[Sample]:
         """Until the recording ends, or the guard would have stopped the hand."""
         driver = self._driver
-        hand: HandBackend = model_at(self._recording, self._row, self._change, self._wanted)
+        closed = driver.config is not None
+        hand: HandBackend = model_at(self._recording, self._row, self._change, self._wanted, closed=closed)
         if driver.config is not None:
             hand = guarded(driver.config, hand.spec, hand)
         ticks = self._recording.columns["tick"].astype(int).tolist()

@@ -17,7 +17,8 @@ from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.build.branching.branched import Wanted
 from allegro_twin.build.mirroring import mirror_of, played
 from allegro_twin.errors import EndOfRecording
-from allegro_twin.identify.motions.motion import calibration_of
+from allegro_twin.identify.motions.motion import calibration_of, noise_floor
+from allegro_twin.identify.results.stored import shift
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recording import Recording
 from allegro_twin.sim.beside.loop_observer import LoopObserver
@@ -88,12 +89,20 @@ class Model(ABC):
 class OnABus(Model):
     """Of a hand that takes torques, in counts."""
 
-    def __init__(self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: Observer) -> None:
+    def __init__(
+        self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: Observer, *, noisy: bool
+    ) -> None:
+        """`noisy`: with encoders as noisy as in the recording, the same noise for every model: under a controller it
+        shakes the motors, which loosens dry friction."""
         super().__init__(recording, row, mirror, state)
         table, columns = recording.meta["calibration"], recording.columns
         used = calibration_of(table)
         self._observer, self._codec = observer, make_codec(table["version"], used)
         self._limits, self._constant = np.array(table["pwm_limit"]), np.array(used.torque_constant, dtype=float)
+        self._rng, self._noise = (
+            np.random.default_rng(0),
+            noise_in(recording) if noisy else np.zeros(self.spec.n_joints),
+        )
         backend = (recording.meta.get("config") or {}).get("backend", {})
         cutoff = float(backend.get("velocity_cutoff", HostSettings().velocity_cutoff))
         self._filter = VelocityFilter(cutoff, columns["position"][0])
@@ -104,6 +113,7 @@ class OnABus(Model):
         lanes = self._codec.positions
         _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._limits)
         expected = self._observer.alone(torque / self._constant, gravity).predicted
+        expected = expected + self._noise * self._rng.standard_normal(len(expected))
         position = lanes.values(b"".join(frame.data for frame in lanes.frames(expected)))
         return Heard(position, self._filter(position, self.period), torque)
 
@@ -122,8 +132,19 @@ class OnALine(Model):
         return Heard(found.predicted, found.velocity, self._observer.torque)
 
 
-def model_at(recording: Recording, row: int, change: Change, wanted: Wanted) -> Model:
-    """The hand as its mirror knows it at a row, changed there. Raises ConfigError for a hand that has no mirror."""
+def noise_in(recording: Recording) -> Vector:
+    """Standard deviation of what the encoders add, (n,), rad, before counts are rounded; that adds a twelfth of a count
+    squared."""
+    table = recording.meta["calibration"]
+    used = calibration_of(table)
+    count = shift(table["version"], used, tuple(each + 1 for each in used.encoder_offset))
+    seen = np.square(noise_floor(recording.columns["position"]))
+    return np.asarray(np.sqrt(np.maximum(seen - np.square(count) / 12.0, 0.0)))
+
+
+def model_at(recording: Recording, row: int, change: Change, wanted: Wanted, *, closed: bool) -> Model:
+    """The hand as its mirror knows it at a row, changed there; `closed`: under a controller. Raises ConfigError for a
+    hand that has no mirror."""
     mirror = mirror_of(recording, wanted.hand, None, wanted.gravity)
     for sample in islice(played(recording), row + 1):
         mirror.see(sample)
@@ -134,4 +155,4 @@ def model_at(recording: Recording, row: int, change: Change, wanted: Wanted) -> 
     observer.become(change)
     if isinstance(observer, LoopObserver):
         return OnALine(recording, row, mirror, state, observer)
-    return OnABus(recording, row, mirror, state, observer)
+    return OnABus(recording, row, mirror, state, observer, noisy=closed)

@@ -111,7 +111,7 @@ def fit(
 ) -> Fit:
     """From where the regression ended, for friction that breaks away from `slow`; first roughly on some pieces, with
     either friction, with backlash where that tells more, then on all."""
-    floor = np.median([noise_floor(motion) for motion in motions], axis=0)
+    floor = np.median([noise_floor(motion.position) for motion in motions], axis=0)
     center, spec, period = at_model(nominal, start), motions[0].spec, motions[0].period
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))

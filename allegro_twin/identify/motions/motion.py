@@ -113,11 +113,12 @@ def same_hand(motions: list[Motion]) -> None:
             )
 
 
-def noise_floor(motion: Motion) -> Vector:
-    """Standard deviation of what a joint reports when nothing changes, (n,), rad: from third differences, to which a
-    motion below 15 Hz adds nothing: Δ³ of white noise has the variance 20 σ²."""
-    third = np.diff(motion.position, n=3, axis=0)
-    moving = np.ptp(motion.position, axis=0) > 1e-3
+def noise_floor(position: Array) -> Vector:
+    """Standard deviation of what a joint reports when nothing changes, (n,), rad. `position`: reported, (k, n), rad, a
+    period apart. From third differences, to which a motion below 15 Hz adds nothing: Δ³ of white noise has the variance
+    20 σ²."""
+    third = np.diff(position, n=3, axis=0)
+    moving = np.ptp(position, axis=0) > 1e-3
     spread: Vector = np.sqrt((third**2).mean(axis=0) / 20.0)
     robust = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
     return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
