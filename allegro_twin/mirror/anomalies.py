@@ -40,7 +40,8 @@ class Window(NamedTuple):
     velocity: Array
     """(k, n), rad/s."""
     side: Array
-    """To which side friction acts, (k, n), -1 to 1: tanh(speed / CREEP) of every period."""
+    """To which side friction acts, (k, n), tanh(speed / CREEP) of every period, times how much it is over that in fast
+    motion: -1 to 1, or more where it breaks away."""
     position: Array
     """(k, n), rad."""
     jump: Array
