@@ -40,11 +40,13 @@ class Window(NamedTuple):
     velocity: Array
     """(k, n), rad/s."""
     side: Array
-    """To which side friction acts, (k, n), -1 to 1: tanh(speed / CREEP) of every period."""
+    """To which side friction acts, (k, n), tanh(speed / CREEP) of every period, times how much it is over that in fast
+    motion: -1 to 1, or more where it breaks away."""
     position: Array
     """(k, n), rad."""
     jump: Array
-    """The largest difference of what was reported and expected in a row's periods, (k, n), rad."""
+    """The largest difference of what was reported and expected in a row's periods, (k, n), rad; 0 where it was small or
+    the joint did not go faster all at once."""
     pull: Array
     """What a kilogram at each link's centre of mass would weigh on each joint, (k, links, n), N·m."""
     temperature: Array

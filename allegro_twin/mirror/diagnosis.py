@@ -54,6 +54,8 @@ class Weights(NamedTuple):
     """Joints of fingers that nothing touches, (n,)."""
     down: Vector
     """Gravity in the palm frame, (3,), m/s²."""
+    rub: Vector
+    """Dry friction now over that in fast motion, (n,)."""
 
 
 class Calm(NamedTuple):
@@ -119,6 +121,7 @@ class Diagnosis:
         *means, jumps, away = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
+        row[3] = row[3] * weights.rub
         d, made, _, _, position = row
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
         self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))

@@ -140,18 +140,21 @@ class Mirror:
         self._begun = state.t
         self._observer.reset(state.position)
 
-    def _weights(self, down: Vector) -> Weights:
+    def _weights(self, down: Vector, velocity: Vector) -> Weights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, over in zip(self._spec.fingers, self._over, strict=True):
             free[list(finger.joints)] = over < PERIODS
-        return Weights(observer.pull(), observer.lean() if isinstance(observer, Observer) else None, free, down)
+        if isinstance(observer, Observer):
+            return Weights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
+        return Weights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
 
     def _judge(self, state: HandState, estimate: Estimate, torque: Vector) -> None:
         over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
         self._over = np.where(over, self._over + 1, 0)
         diagnosis = self._diagnosis
         off = state.position - estimate.predicted
-        diagnosis.add(state, estimate, torque, off, self._weights(self.down(state)) if diagnosis.due else None)
+        weights = self._weights(self.down(state), estimate.velocity) if diagnosis.due else None
+        diagnosis.add(state, estimate, torque, off, weights)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
             raise HandFault(

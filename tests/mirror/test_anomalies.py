@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.calibration import Calibration
 from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Ailment
+from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.gains import load_gains
@@ -58,6 +58,12 @@ def window(**changed: Any) -> Window:
 
 def late(row: Array) -> Array:
     return np.asarray((2.0 * row + np.concatenate([row[:1], row[:-1]])) / 3.0)
+
+
+@pytest.fixture(name="sticky")
+def _sticky(spec: HandSpec) -> HandSpec:
+    """A hand whose friction breaks away."""
+    return replace(spec, drive=Drive.made({"stiction": 1.5, "stribeck_speed": 0.1, "bristle": 1e-3}, N))
 
 
 def test_a_free_motion_has_no_name(spec: HandSpec) -> None:
@@ -173,6 +179,26 @@ def test_a_disturbance_that_is_on_its_way_as_a_joint_turns_says_nothing(spec: Ha
     assert found.amount == pytest.approx(0.03, rel=0.05)
 
 
+def test_more_friction_that_breaks_away_is_no_weak_motor(spec: HandSpec) -> None:
+    free, own = window(), np.arange(N) == 5
+    side = free.side * (1.0 + 0.6 * np.exp(-np.square(free.velocity / 0.15)))
+    turned = 1 + np.flatnonzero(np.diff(np.sign(free.velocity[:, 5])))
+    bending = np.unique(np.concatenate([turned, turned + 1, turned + 2]))
+    rubbed = free.disturbance - 0.03 * late(side) * own
+    rubbed[bending[bending < K], 5] *= 0.3  # Bristles are not bent yet.
+    found = shaped(free._replace(disturbance=rubbed, side=side, torque=free.torque - rubbed * own), QUIET, spec)
+    assert found is not None
+    assert (found.name, found.joint) == ("friction", 5)
+    assert found.amount == pytest.approx(0.03, rel=0.05)
+
+
+def test_a_mirror_knows_how_much_its_friction_is_more_than_in_fast_motion(sticky: HandSpec) -> None:
+    parameters, speed = drive_of(sticky, np.ones(N), np.zeros(N)), np.array([0.0, 0.1, 5.0] + [0.0] * (N - 3))
+    each, dry = (Observer(sticky, parameters, 0.003, bristly=bristly).rub(speed) for bristly in (True, False))
+    np.testing.assert_allclose(each[:3], [1.5, 1.0 + 0.5 / np.e, 1.0])
+    np.testing.assert_array_equal(dry, np.ones(N))
+
+
 def test_a_joint_that_friction_holds_in_hand_and_mirror_alike_is_not_stuck(spec: HandSpec) -> None:
     free = window()
     position, push, torque = free.position.copy(), free.disturbance.copy(), free.torque.copy()
@@ -200,7 +226,7 @@ def states(spec: HandSpec) -> Iterator[HandState]:
 @pytest.mark.parametrize(("stays", "name"), [(False, "weak"), (True, "stuck")])
 def test_the_name_waits_until_all_that_it_rests_on_is_of_the_fault(spec: HandSpec, stays: bool, name: str) -> None:
     each, sign = Diagnosis(spec, Calm(np.full((2, N), 0.02), QUIET), 0.003), 3 * ROWS * ROW
-    weights = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3))
+    weights = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N))
     named_at = None
     for tick, state in enumerate(states(spec)):
         wrong = tick > sign
@@ -228,7 +254,7 @@ def test_a_joint_that_is_stopped_or_may_go_so_far_in_its_period_is_no_encoder_th
     spec: HandSpec, period: float, jumps: bool, name: str | None
 ) -> None:
     each, rest = Diagnosis(spec, Calm.usual(spec), period), np.zeros(N)
-    weights, only = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3)), np.arange(N) == 6
+    weights, only = Weights(np.zeros((N, N)), None, np.ones(N, dtype=bool), np.zeros(3), np.ones(N)), np.arange(N) == 6
     for tick in range(ROWS * ROW + 2 * EVERY * ROW):
         after = tick - 100
         # By 20 mrad at once, or at 20 mrad a period until it meets something.

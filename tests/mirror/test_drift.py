@@ -117,7 +117,7 @@ def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypat
             state = HandState(t, tick, 0.3 * np.sin(3.0 * t + np.arange(N)), speed, torque, np.full(N, np.nan), DOWN)
             push = np.where(np.arange(N) == 7, -0.5 * torque, 0.0)
             estimate = Estimate(state.position, state.position, push, speed)
-            weights = Weights(np.zeros((N, N)), None, ALL, DOWN) if each.due else None
+            weights = Weights(np.zeros((N, N)), None, ALL, DOWN, np.ones(N)) if each.due else None
             each.add(state, estimate, torque, np.zeros(N), weights)
         found.append(None if each.found is None else each.found.name)
     assert found == ["weak", None]

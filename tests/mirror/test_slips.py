@@ -143,7 +143,7 @@ def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
         each = Diagnosis(spec, Calm.usual(spec), 0.003)
         for tick in range(600):
             state = HandState(0.003 * tick, tick, rest, rest, -push, np.full(N, np.nan), DOWN)
-            weights = Weights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN) if each.due else None
+            weights = Weights(np.zeros((N, N)), np.zeros((N, N)), free, DOWN, np.ones(N)) if each.due else None
             each.add(state, Estimate(rest, rest, push, rest), -push, rest, weights)
             if name is None and tick < 200:  # Until it is known to hold.
                 each.found = None

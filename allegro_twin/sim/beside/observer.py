@@ -133,6 +133,12 @@ class Observer:
             mujoco.mj_step(self._model, data)
         return np.asarray(data.qpos[player.qpos] + self._offset)
 
+    def rub(self, velocity: Vector) -> Vector:
+        """Dry friction at some speeds, (n,), rad/s, over that in fast motion, (n,)."""
+        if not self._player.bristly:
+            return np.ones(len(velocity))
+        return 1.0 + (self._drive.stiction - 1.0) * np.exp(-np.square(velocity / self._drive.stribeck_speed))
+
     def pull(self) -> Array:
         """What a kilogram at each link's centre of mass would weigh on each joint now, (links, n), N·m; links by the
         joint that moves them."""
