@@ -20,7 +20,8 @@ def taught(times: Array, positions: Array, *, still: float = 0.01, tolerance: fl
     if not moving.any():
         raise ConfigError(f"nothing was taught: no joint moved by more than {still} rad")
     end = len(positions) - int(np.argmax(moving[::-1]))
-    begin, end = max(begin - 1, 0), min(end, len(positions) - 1)
+    # Of a motion that is hardly longer than `still` all may be waiting, at the one end or the other.
+    begin, end = max(min(begin, end) - 1, 0), min(max(begin, end), len(positions) - 1)
     keep = _knots(times[begin : end + 1], positions[begin : end + 1], tolerance)
     return Motion(times[begin + keep] - times[begin], positions[begin + keep])
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -26,6 +26,7 @@ def record(knots: Array, waiting: int = 200) -> tuple[Array, Array]:
 
 
 @given(KNOTS, st.floats(1e-3, 0.05))
+@example(np.array([[0.02, 0.0, 0.0, 0.0], *np.zeros((4, 4))]), 0.03125)
 def test_between_its_knots_it_leaves_the_record_by_no_more_than_the_tolerance(knots: Array, tolerance: float) -> None:
     times, positions = record(knots)
     if np.abs(positions - positions[0]).max() < 0.02:
@@ -44,6 +45,15 @@ def test_a_motion_through_five_straight_knots_needs_five() -> None:
     assert len(motion.times) <= 7
     assert motion.times[0] == 0.0
     assert motion.times[-1] == pytest.approx(2.4, abs=0.05)
+
+
+@pytest.mark.parametrize("far", [0.011, 0.015, 0.02, -0.02, 0.021])
+def test_a_motion_that_is_hardly_more_than_waiting_is_a_motion(far: float) -> None:
+    times, positions = record(np.array([[far], [0.0]]))
+    motion = taught(times, positions)
+    assert motion.seconds > 0.0
+    assert motion.path().seconds == pytest.approx(motion.seconds)
+    assert np.sign(motion.positions[-1, 0] - motion.positions[0, 0]) == -np.sign(far)
 
 
 def test_nothing_taught_is_said() -> None:
