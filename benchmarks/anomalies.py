@@ -62,6 +62,8 @@ class Called(NamedTuple):
     """s."""
     speed: float
     """At which the weight on the finger's joints goes wrong where an encoder drifts, N·m/s."""
+    touched: bool
+    """Whether it said that something touches a finger."""
 
 
 def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: float) -> Called:
@@ -75,19 +77,21 @@ def called(spec: HandSpec, calm: Calm, seed: int, what: str | None, seconds: flo
     joint = tips[joint % len(tips)] if what == "loose" else joint
     amount = rng.uniform(*AILMENTS[cast(Ailment, what)]) if what in KINDS else 0.0
     controller = PD(moves(spec, seed, seconds), load_gains("v4", spec))
-    done, leaned = False, []
+    done, leaned, touched = False, [], False
     for sample in each.watched(heard(until(seconds, run(backend, controller)), spec)):
         if what in KINDS and not done and sample.state.t >= BEGIN:
             backend.suffer(cast(Ailment, what), joint, float(amount))
             done = True
         if what == "encoder_drift" and sample.state.tick % 100 == 99:
             leaned.append(np.linalg.norm(cast(Observer, each.observer).lean()[:, joint]))
+        touched |= bool(each.contacts)
         if each.anomaly is not None:
             break
     said, speed = each.anomaly, amount * float(np.sqrt(np.mean(np.square(leaned)))) if leaned else 0.0
     if said is None:
-        return Called("nothing", -1, joint, float("inf"), speed)
-    return Called(said.name, said.joint, joint, sample.state.t - (BEGIN if what in KINDS else 1.0), speed)
+        return Called("nothing", -1, joint, float("inf"), speed, touched)
+    after = sample.state.t - (BEGIN if what in KINDS else 1.0)
+    return Called(said.name, said.joint, joint, after, speed, touched)
 
 
 def main() -> None:
@@ -123,11 +127,11 @@ def main() -> None:
             f"called {dict(told)}",
             flush=True,
         )
-    false = 0
-    for k in range(round(chosen.minutes)):
-        which = k % len(specs)
-        false += called(specs[which], calms[which], 7000 + k, None, 60.0).name != "nothing"
-    print(f"{false} of {round(chosen.minutes)} minutes of free motion with something named", flush=True)
+    minutes = [
+        called(specs[k % len(specs)], calms[k % len(specs)], 7000 + k, None, 60.0) for k in range(round(chosen.minutes))
+    ]
+    false, touched = sum(each.name != "nothing" for each in minutes), sum(each.touched for each in minutes)
+    print(f"{len(minutes)} minutes of free motion: {false} with something named, {touched} with a touch", flush=True)
 
 
 if __name__ == "__main__":

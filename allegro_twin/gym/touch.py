@@ -1,4 +1,4 @@
-"""What contact does to the joints: the external torque that a hand's twin estimates beside it (docs/twin.md#mirror)."""
+"""What contact does to the joints: the external torque that a hand's twin estimates beside it (docs/mirror.md)."""
 
 from __future__ import annotations
 
