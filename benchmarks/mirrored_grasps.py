@@ -19,7 +19,6 @@ import numpy as np
 from allegro_twin.build.trials import Bench, Case
 from allegro_twin.drive import AILMENTS
 from allegro_twin.evaluate.scenario import Protocol, load_protocol, load_scenario
-from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.library.named import load_grasp
@@ -88,7 +87,7 @@ def grasped(spec: HandSpec, calm: Calm, name: str, seed: int, *, slippery: bool)
     trial = bench.trial(Case(scenario, load_grasp(scenario.grasp, spec), draw, rules(slippery=slippery), path.parent))
     each = Mirror(spec, mirror_of(spec).observer, np.ones(N), calm)
     amount = float(np.random.default_rng((seed, 8)).uniform(*AILMENTS["slippery"]))
-    at = trial.begin_of("squeeze") if not slippery else _hold(trial) + HELD
+    at = next(window.begin for window in trial.windows if window.name == "hold") + HELD
     found, when, touched, suffered, rows = None, np.inf, 0, np.inf, []
     samples = heard(until(trial.seconds, run(trial.backend, bench.controller(trial))), spec)
     for sample in trial.watched(each.watched(samples)):
@@ -98,14 +97,10 @@ def grasped(spec: HandSpec, calm: Calm, name: str, seed: int, *, slippery: bool)
         if slippery and suffered > t >= at:
             trial.backend.suffer("slippery", 0, amount)
             suffered, touched = t, int((seen["contact_force"] > 0.05).sum())
-        if each.anomaly is not None and found is None:
-            found, when = each.anomaly, t
+        if each.anomaly is not found and (found is None or (slippery and when < suffered)):
+            found, when = each.anomaly, t  # The first, or, after a slip, the first since it grew slippery.
     times, places = zip(*rows, strict=True)
     return Said(found, when, np.array(times), np.array(places), suffered, touched)
-
-
-def _hold(trial: Trial) -> float:
-    return next(window.begin for window in trial.windows if window.name == "hold")
 
 
 def main() -> None:

@@ -106,7 +106,7 @@ class Diagnosis:
         self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
         self.found: Anomaly | None = None
-        """What is wrong, as soon as that is sure."""
+        """What is wrong, as soon as that is sure; a slip until something else is."""
 
     def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, weights: Weights | None) -> None:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
@@ -127,13 +127,18 @@ class Diagnosis:
         self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away)
         inside = weights.lean is None  # A loop of its own carries a link that falls.
-        if self.found is None and fell is not None and not inside and self._untouched(fell[0], weights.free):
-            self.found = Anomaly("loose", *fell)
-        if self.found is None and slid is not None:
-            self.found = Anomaly("slip", *slid)
+        if fell is not None and not inside and self._untouched(fell[0], weights.free):
+            self._say(Anomaly("loose", *fell))
+        if slid is not None:
+            self._say(Anomaly("slip", *slid))
         self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
+
+    def _say(self, found: Anomaly | None) -> None:
+        """A fault stays, and what is wrong later may follow from it; a slip is over once it is said."""
+        if found is not None and (self.found is None or self.found.name == "slip"):
+            self.found = found
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
         """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
@@ -147,9 +152,9 @@ class Diagnosis:
             return
         tells = (np.abs(velocity) > MOVING) & weights.free
         self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
-        if self.found is None and self._count % EVERY == EVERY // 2:
+        if self._count % EVERY == EVERY // 2:
             drifts = self._drift.look()
-            self.found = None if drifts is None else Anomaly("encoder_drift", *drifts)
+            self._say(None if drifts is None else Anomaly("encoder_drift", *drifts))
 
     @property
     def due(self) -> bool:
@@ -177,8 +182,10 @@ class Diagnosis:
             return
         if self._sign < 0:
             self._sign = self._count
-        if self.found is None:
-            self.found = self._shaped() if at_once is None else at_once if not _falling(at_once, window) else None
+        if at_once is None:
+            self._say(self._shaped())
+        elif not _falling(at_once, window):
+            self._say(at_once)
 
     def _shaped(self) -> Anomaly | None:
         """From what was seen since the first sign."""

@@ -39,7 +39,7 @@ ALTOGETHER, ALONE = 0.7, 0.02
 """The same while the palm turns, and of one finger alone; rad, of one finger alone."""
 TURNS = 0.05
 """rad that the palm turns in the meantime."""
-TOLD, MOVED, HELD = 0.1, 0.003, 0.0005
+TOLD, MOVED, HELD = 0.15, 0.003, 0.0005
 """Share of the push by which motors rise or fall, and rad, in and out, and of a finger that did not move."""
 STARTS = 0.15
 """The share for a finger that did not move."""
@@ -75,6 +75,7 @@ class Slips:
         self._calm, self._wait = 0, round(AFTER / row)
         limit = self._of @ spec.actuation.torque_limit / self._of.sum(axis=1)
         self._pressed, self._grip = np.square(PRESSED * limit), np.square(GRIP * limit)
+        self._starts = np.zeros(len(spec.fingers), dtype=bool)
         self.holds = np.zeros(len(spec.fingers), dtype=bool)
         """Fingers that rest now and press on something, (fingers,)."""
 
@@ -90,7 +91,7 @@ class Slips:
 
     def _holds(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
         d, torque, position, _ = (np.array(each) for each in zip(*rows, strict=True))
-        still = np.ptp(position, axis=0) < STILL * self._since / self._before
+        still = np.ptp(position, axis=0) < STILL
         return np.asarray(self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
 
     def _held(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
@@ -113,7 +114,7 @@ class Slips:
         gone = 1.0 - of @ (now.d * d0) / square
         inward = -(of @ ((now.position - position[first].mean(axis=0)) * d0)) / np.sqrt(square)
         rise = -(of @ ((now.torque - torque0) * d0)) / square
-        if (held & _told(inward, rise)).any():
+        if (held & self._told(inward, rise)).any():
             self._calm = self._wait
         several = np.count_nonzero(held) > 1
         turned = np.linalg.norm(now.down - down[0]) > TURNS * np.linalg.norm(down[0])
@@ -125,8 +126,8 @@ class Slips:
         finger = int(np.where(slipped, gone, -np.inf).argmax())
         return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
 
-
-def _told(inward: Vector, rise: Vector) -> NDArray[np.bool_]:
-    """Of each finger, whether its motors changed by themselves."""
-    out, into, not_at_all = inward < -MOVED, inward > MOVED, np.abs(inward) < HELD
-    return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (not_at_all & (rise > STARTS)))
+    def _told(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
+        """Of each finger, whether its motors changed by themselves."""
+        out, into, before = inward < -MOVED, inward > MOVED, self._starts
+        self._starts = (np.abs(inward) < HELD) & (rise > STARTS)  # In one row it may be what damps the first motion.
+        return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (self._starts & before))

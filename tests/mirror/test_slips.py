@@ -12,7 +12,7 @@ from allegro_twin.evaluate.trial import Trial
 from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm, Diagnosis, Weights
+from allegro_twin.mirror.diagnosis import ROWS, Calm, Diagnosis, Weights
 from allegro_twin.mirror.falls import Falls
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.mirror.slips import Slip, Slips
@@ -148,3 +148,16 @@ def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
             if name is None and tick < 200:  # Until it is known to hold.
                 each.found = None
         assert (None if each.found is None else each.found.name) == name
+
+
+def test_a_slip_is_over_once_it_is_said_and_a_fault_stays(spec: HandSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    coming = [Slip(1, 0.5), None, Slip(2, 0.4), None, None]
+    monkeypatch.setattr(Slips, "add", lambda self, *row, jumped: coming.pop(0) if coming else None)
+    each, rest, said = Diagnosis(spec, Calm.usual(spec), 0.003), np.zeros(N), []
+    for tick in range(ROWS * 10 + 100):
+        hot = np.full(N, 80.0 if tick > 400 else 30.0)
+        state = HandState(0.003 * tick, tick, rest, rest, rest, hot, DOWN)
+        weights = Weights(np.zeros((N, N)), None, np.ones(N, bool), DOWN, np.ones(N)) if each.due else None
+        each.add(state, Estimate(rest, rest, rest, rest), rest, rest, weights)
+        said.append(None if each.found is None else (each.found.name, each.found.joint))
+    assert list(dict.fromkeys(said)) == [None, ("slip", 1), ("slip", 2), ("hot", 0)]
