@@ -26,7 +26,7 @@ FOLLOWS, TAKES = 0.9, 0.3
 back. Of 80 on hands 40-44 and 200-209: 0.96 and more, 0.4 to 1.1."""
 JUMP = 0.01  # rad in a period, 3.3 rad/s out of nothing: no joint moves so.
 STILL, PUSHED = 0.003, 0.03  # rad that a stuck joint moves at most; N·m that its motor must push in the mean.
-SINGLE = 0.75  # Of a finger's squares that the joint has: what touches a finger pushes the joints before it, too.
+SINGLE = 0.9  # Of a finger's squares that the joint has: what touches a finger pushes the joints before it, too.
 HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/protocol.md.
 
 
@@ -110,9 +110,9 @@ def direct(window: Window, spec: HandSpec) -> Anomaly | None:
 
 
 def holding(window: Window) -> bool:
-    """Whether several fingers pressed on something at once: no single joint's fault does that, and of a finger that
-    something touches nobody knows what is its own."""
-    return bool((window.holds.sum(axis=1) > 1).any())
+    """Whether several fingers pressed on something: no single joint's fault does that, and of a finger that something
+    touches nobody knows what is its own."""
+    return int(window.holds.any(axis=0).sum()) > 1
 
 
 def alone(window: Window, spec: HandSpec) -> Vector:
