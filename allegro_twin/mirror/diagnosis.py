@@ -29,7 +29,7 @@ FASTEST = 0.003
 """s: the period of which JUMP is; in a longer one joints go further."""
 LONGEST = 72
 """Rows from the first sign after which the likelier of two is named, however near the other comes."""
-FILE = 26
+FILE = 34
 """Rows from the first sign to a name of the file: fingers that close on something rest by then."""
 SOONEST = 24
 """Rows that shapes are told from at least."""
