@@ -64,9 +64,9 @@ def branch(
 
     down = None if gravity is None else mirroring.vector(gravity)
     wanted = Wanted(hand or "", disturbance.value, open_loop, down)
+    found = branching.branched(recording, at, change or [], branching.Kept(record, rrd), wanted)
     for line in branching.doubts(recording, wanted):
         console.warn(line)
-    found = branching.branched(recording, at, change or [], branching.Kept(record, rrd), wanted)
     if image is not None:
         branching.picture(image, recording, found, at)
     console.console.print(branching.table(recording, found, at))
