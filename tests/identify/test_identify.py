@@ -68,6 +68,18 @@ def test_friction_that_is_not_in_the_model_makes_no_torque_constant_doubtful() -
     assert (damping.half > SOLVED["damping"][0] * damping.value).all()
 
 
+def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told = hidden.found().values
+    monkeypatch.setattr("allegro_twin.identify.results.doubt.SOLVED", {})
+    alone = values(hidden.found().fit, hidden.found().seen)
+    for name, (share, more) in SOLVED.items():
+        wider = told[name].half - alone[name].half
+        np.testing.assert_allclose(wider, share * told[name].value + more, rtol=1e-9, atol=1e-15)
+        assert wider.min() > 0.0
+
+
 def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
     np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
