@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from allegro_twin.cli.run import several
 from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
+from tests.patience import comes_true
 
 SUITE = Path(__file__).resolve().parents[2]
 MINUTES = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 600\n"
@@ -93,12 +93,7 @@ def alive(process: int) -> bool:
 
 
 def within(seconds: float, true: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + seconds
-    while not true():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
+    return comes_true(true, seconds)
 
 
 @contextmanager
@@ -123,7 +118,7 @@ def test_an_interruption_ends_all_processes_and_their_recordings_are_whole(
     with two_running(tmp_path) as (program, workers):
         assert len(workers) == 2
         program.send_signal(signalled)
-        _, errors = program.communicate(timeout=30)
+        _, errors = program.communicate()
     assert (program.returncode, errors) == (130, "")
     assert not any(alive(worker) for worker in workers)
     out = tmp_path / "out"
@@ -141,6 +136,6 @@ def test_a_run_whose_process_is_killed_is_one_line_that_names_it(tmp_path: Path)
     with two_running(tmp_path) as (program, workers):
         for worker in workers:
             os.kill(worker, signal.SIGKILL)
-        _, errors = program.communicate(timeout=30)
+        _, errors = program.communicate()
     assert program.returncode == 2
     assert errors == ("allegro-twin: a, right hand: its process was killed by signal 9; --jobs 1 runs it in this one\n")

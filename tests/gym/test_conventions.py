@@ -72,7 +72,7 @@ if __name__ == "__main__":
     envs.close()
     print("done")
 """
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "done", done.stderr[-2000:]
 
 

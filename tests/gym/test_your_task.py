@@ -32,7 +32,6 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
             env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
             capture_output=True,
             text=True,
-            timeout=300,
         )
         assert done.returncode == 0, done.stderr[-2000:]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import can
 import numpy as np
@@ -20,6 +20,7 @@ from allegro_twin.wire.host.backend import CanBackend
 from allegro_twin.wire.host.keeper import Keeper
 from benchmarks.deaths import INSIDE, LINKS, SOON, Link, Served, died, served, ways
 from tests.conftest import can_config
+from tests.patience import comes_true
 from tests.wire.rigs import Serving
 from tests.wire.rigs import driven as driven_on
 
@@ -50,11 +51,8 @@ def at_work(backend: CanBackend) -> None:
         backend.read()
 
 
-def soon(condition: object) -> bool:
-    deadline = time.monotonic() + 5.0
-    while not condition() and time.monotonic() < deadline:  # type: ignore[operator]  # A function of nothing.
-        time.sleep(0.005)
-    return bool(condition())  # type: ignore[operator]
+def soon(condition: Callable[[], bool]) -> bool:
+    return comes_true(condition)
 
 
 @pytest.mark.parametrize("link", LINKS)
