@@ -23,7 +23,7 @@ MISSING = [name for name in PACKAGES if not (Path(DEBIAN) / name).is_dir()]
 if shutil.which("rosmaster") is None:
     MISSING.append("rosmaster")
 pytestmark = [
-    pytest.mark.long,
+    pytest.mark.realtime,
     pytest.mark.skipif(
         bool(MISSING),
         reason=f"needs Debian's {' '.join('python3-' + name.replace('_', '-') for name in MISSING)}; docs/ros.md",

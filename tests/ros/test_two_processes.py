@@ -15,6 +15,8 @@ import pytest
 from allegro_twin.messages import vocabulary as v
 from tests.ros.conftest import DOMAIN, Peer
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def running(namespace: str) -> Iterator[subprocess.Popen[str]]:

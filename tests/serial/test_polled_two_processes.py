@@ -51,6 +51,8 @@ while True:
         said = print("driving", backend.keeper, flush=True) is None
 """
 
+pytestmark = pytest.mark.realtime
+
 
 def driven(kind: Kind, path: Path, baud: int | None = None, *, keeper: bool = False) -> PolledBackend:
     settings = HostSettings(PERIOD, watchdog=0.5, latency=PATIENCE, keeper=keeper)

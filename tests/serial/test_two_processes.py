@@ -51,6 +51,8 @@ while True:
         said = print("driving", backend.keeper, flush=True) is None
 """
 
+pytestmark = pytest.mark.realtime
+
 
 def driven(path: Path, baud: int = BAUD, *, keeper: bool = False) -> DynamixelBackend:
     settings = HostSettings(period=PERIOD, watchdog=0.5, keeper=keeper)

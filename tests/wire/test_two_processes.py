@@ -21,6 +21,8 @@ ROOT = Path(__file__).resolve().parents[2]
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+pytestmark = pytest.mark.realtime
+
 
 def write_config(folder: Path, link: str, *, seconds: float | None) -> Path:
     """The same hand on a serial line or a network, with a scene behind it."""

@@ -22,6 +22,8 @@ from tests.wire.rigs import Serving, driven
 
 PATIENCE = 0.1
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def there() -> Iterator[Serving]:

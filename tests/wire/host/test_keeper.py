@@ -27,6 +27,8 @@ from tests.wire.rigs import driven as driven_on
 BUSY = 3.0 * SOON / 1000.0
 """s: a machine that tests in parallel is slower than one that is measured."""
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture(params=LINKS)
 def hand(request: pytest.FixtureRequest) -> Iterator[Served]:

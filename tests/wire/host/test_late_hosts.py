@@ -48,6 +48,7 @@ class Endless(can.BusABC):
         return can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False, timestamp=time.time())
 
 
+@pytest.mark.realtime
 def test_a_read_ends_though_more_waits_and_the_hand_is_not_cut_off() -> None:
     settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), deadman=0.1)
     backend = CanBackend(load_spec(), V4, AdapterLink(Endless()).port, settings)
@@ -120,6 +121,7 @@ def test_a_full_terminal_says_that_something_may_be_lost(device: SlcanDevice, tm
     device.shutdown()
 
 
+@pytest.mark.realtime
 def test_a_serial_port_has_one_driver_and_who_has_it_is_said(tmp_path: Path) -> None:
     with served("slcan") as hand:
         command = [sys.executable, "-m", "allegro_twin", "run", str(hand.path)]
@@ -135,6 +137,7 @@ def test_a_serial_port_has_one_driver_and_who_has_it_is_said(tmp_path: Path) -> 
             assert first.wait() == 130
 
 
+@pytest.mark.realtime
 def test_a_tap_hears_the_hand_and_its_driver_and_disturbs_nobody(tmp_path: Path) -> None:
     with served("slcan") as hand:
         command = [sys.executable, "-m", "allegro_twin"]
