@@ -145,13 +145,14 @@ def _nothing(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and node.value is None
 
 
+def found_in(path: Path) -> list[Mutant]:
+    """Every mutant of a file, in the order of places."""
+    return sorted(_Finder(path).found, key=lambda one: (one.begin, one.end))
+
+
 def mutants() -> list[Mutant]:
     """Every mutant of the package, in the order of files and places."""
-    return [
-        mutant
-        for path in sorted(PACKAGE.rglob("*.py"))
-        for mutant in sorted(_Finder(path).found, key=lambda one: (one.begin, one.end))
-    ]
+    return [mutant for path in sorted(PACKAGE.rglob("*.py")) for mutant in found_in(path)]
 
 
 class Contexts:
