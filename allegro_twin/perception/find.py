@@ -150,9 +150,7 @@ def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings
     return None
 
 
-def _closely(
-    view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings
-) -> Cluster | Refused:
+def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings) -> Cluster | Refused:
     """All of its pixels, or as many as are enough."""
     stride, (rows, columns) = settings.stride, found.pixels[:, found.members]
     step = max(1, int(np.sqrt(len(rows) * stride**2 / _MOST)))
@@ -168,7 +166,9 @@ def _closely(
     mine[mine] = view.foreign(world[mine])
     if np.count_nonzero(mine) < settings.object.least:
         said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {np.count_nonzero(mine)} points are known"
-        return Refused("unclear", f"{said}, and {settings.object.least} are needed; light it evenly, or dull its surface")
+        return Refused(
+            "unclear", f"{said}, and {settings.object.least} are needed; light it evenly, or dull its surface"
+        )
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)
