@@ -9,7 +9,6 @@ import numpy as np
 
 from allegro_twin.lab.check import Checked, came_on
 from allegro_twin.lab.settings import ValidateSettings
-from allegro_twin.lab.states import End, Seen
 from allegro_twin.types import Array, Vector
 
 _SURE = 4.0  # Standard deviations: one in 16,000 is farther off by chance.
@@ -53,13 +52,6 @@ def with_doubt(found: Checked, why: str, settings: ValidateSettings) -> Checked:
         return found
     way = "decide by fingers" if settings.by == "force" else "the fingers decide, so the verdict stands"
     return replace(found, doubt=f"the force sensor is suspect: {why}; {way}, and tare it anew or see to it")
-
-
-def verdict(t: float, found: Checked, settings: ValidateSettings) -> Seen:
-    """What the state machine hears: the verdict, or a fault where the sensor that decides is doubted."""
-    if found.doubt and settings.by == "force":
-        return Seen(t, fault=End("fault", "force sensor", found.doubt))
-    return Seen(t, held=found.held, doubt=found.doubt)
 
 
 def _allowed(first: int, second: int, settings: ValidateSettings) -> float:

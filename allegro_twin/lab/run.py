@@ -15,15 +15,14 @@ from allegro_twin.lab.check import Checked
 from allegro_twin.lab.grip import Wish, fingers
 from allegro_twin.lab.law import Guide, Guided
 from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
-from allegro_twin.lab.work import Work
+from allegro_twin.lab.states import End, Now, Rules, State, begun, decided, kept
+from allegro_twin.lab.work import WATCHED, Work
 from allegro_twin.loop import run, together
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.types import Sample
 
 Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
-_STOP = 0.5  # s. How long the arm is watched standing still after the end.
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,13 @@ def perform(
                 work.enter(now, state)
             work.felt(now, state)
             if now.state == "Done":
-                if state.t >= now.since + _STOP:
+                known = work.keeps(now, state)
+                after = kept(now, known, rules)
+                if after is not now:
+                    now = after
+                    seen.enter(now, entered)
+                    work.enter(now, state)
+                elif state.t >= now.since + WATCHED and (known.held or now.end is None or now.end.word != "held"):
                     break
                 continue
             if not clock.due(state.t):
@@ -175,7 +180,7 @@ def _hold(room: Room, work: Work, last: Sample | None, left: tuple[Iterator[Samp
     work.stand_still(last.state)
     for samples in left:
         for sample in _left(samples):
-            if sample.state.t >= last.state.t + _STOP:
+            if sample.state.t >= last.state.t + WATCHED:
                 break
 
 

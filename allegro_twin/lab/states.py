@@ -106,6 +106,20 @@ def decided(now: Now, seen: Seen, rules: Rules) -> Now:
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
 
 
+def kept(now: Now, seen: Seen, rules: Rules) -> Now:
+    """What an end comes to while arm and hand are watched after it: held for as long as nothing says otherwise."""
+    if now.end is None or now.end.word != "held":
+        return now
+    if seen.fault is not None:
+        return _over(now, seen.t, seen.fault)
+    if seen.held is False:
+        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
+        return _over(now, seen.t, End("fault", "dropped", said))
+    if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
+        return _over(now, seen.t, End("fault", "not confirmed", "the second check was not over; see to the camera"))
+    return now
+
+
 def _again(now: Now, t: float, rules: Rules, end: End) -> Now:
     if now.tries <= rules.retries:
         return Now("ToSecurityPose", t, now.tries + 1)

@@ -144,12 +144,14 @@ def told(report: Report) -> list[str]:
         check = report.checked
         lines.append(
             f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
-            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; in truth "
-            f"lifted by {1e3 * report.lifted:.0f} mm"
+            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
+            f"{_there(check.by_camera)}; in truth lifted by {1e3 * report.lifted:.0f} mm"
         )
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
 
 
-def _there(held: bool) -> str:
+def _there(held: bool | None) -> str:
+    if held is None:
+        return "cannot tell"
     return "held" if held else "not held"
