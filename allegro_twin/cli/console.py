@@ -196,7 +196,8 @@ def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
 
     table = Table(title="success in the same episodes (95 % interval)", title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
-    more = (f"{kind.counted}, {kind.unit}: mean (quartiles)",) if kind.counted else ()
+    more = [f"{kind.counted}, {kind.unit}: mean (quartiles)"] if kind.counted else []
+    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.shares]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
@@ -204,6 +205,8 @@ def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
         if (counted := each.policy.counted) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
+        for name in kind.shares:
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 
