@@ -19,20 +19,32 @@ GRASPS = "grasps"
 """The folder beside the scenarios."""
 
 
-def written(found: Sequence[Planned], name: str, folder: Path, spec: HandSpec) -> list[Path]:
-    """Write <folder>/<name>_1.yaml …, best first, with their grasps; the scenarios. Raises ConfigError for a name that
-    is none, RecordingError when the disk does not let it."""
+def written(
+    found: Sequence[Planned], name: str, folder: Path, spec: HandSpec, read_in: Path | None = None
+) -> list[Path]:
+    """Write <folder>/<name>_1.yaml …, best first, with their grasps; the scenarios. `read_in`: where they will lie,
+    from which they name meshes and cards; by default the folder. Raises ConfigError for a name that is none,
+    RecordingError when the disk does not let it."""
     return [
-        write(planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, in_words(planned))
+        write(planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, in_words(planned), read_in)
         for number, planned in enumerate(found, 1)
     ]
 
 
-def write(scenario: Scenario, grasp: Grasp, name: str, folder: Path, spec: HandSpec, description: str) -> Path:
-    """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first."""
+def write(
+    scenario: Scenario,
+    grasp: Grasp,
+    name: str,
+    folder: Path,
+    spec: HandSpec,
+    description: str,
+    read_in: Path | None = None,
+) -> Path:
+    """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first.
+    `read_in` as of `written`."""
     stored(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name)
     path = folder / f"{name}.yaml"
-    content = _plain(scenario, f"{GRASPS}/{name}.yaml", folder, description)
+    content = _plain(scenario, f"{GRASPS}/{name}.yaml", read_in or folder, description)
     with edit.locked(path):
         edit.write_text(path, edit.with_document("", content, str(path)))
     return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -68,6 +69,7 @@ def plan(
     from allegro_twin.cli.grasps.verdicts import engine_of
     from allegro_twin.description.hands import load_spec
     from allegro_twin.evaluate.scenario import load_protocol
+    from allegro_twin.files.output_folder import add_to_run, locked, one_run
     from allegro_twin.plan.keep import in_words, stored, written
     from allegro_twin.plan.region import region
     from allegro_twin.plan.search import Search
@@ -87,14 +89,18 @@ def plan(
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
         console.errors.print(f"no grasp holds {name}: of the candidates that physics closed ended {ends}")
         raise typer.Exit(5)
-    folder = out or Path("plans") / name
-    paths = written(found, name, folder, spec)
-    for number, planned in enumerate(found, 1):
-        if keep is not None:
-            kept = f"{name}_{number}"
-            stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept)
-    if pictures:
-        _pictured(paths, folder)
+    with ExitStack() as stack:
+        folder = out or Path("plans") / name
+        if out is None:
+            stack.enter_context(locked(folder))
+        with one_run(folder) as staging:
+            paths = [folder / path.relative_to(staging) for path in written(found, name, staging, spec, read_in=folder)]
+        for number, planned in enumerate(found, 1):
+            if keep is not None:
+                kept = f"{name}_{number}"
+                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept)
+        if pictures:
+            add_to_run(folder, _pictured(paths, folder))
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
@@ -140,13 +146,16 @@ def new(
     Nothing says yet that it holds; `plan` looks for those that do."""
     from allegro_twin.cli import console
     from allegro_twin.description.hands import load_spec
+    from allegro_twin.files.output_folder import undisturbed
     from allegro_twin.plan.begin import first_guess
     from allegro_twin.plan.keep import write
 
     spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
-    path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+    with undisturbed():
+        (out / f"{name}_new.png").unlink(missing_ok=True)  # Of another guess.
+        path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:
         _pictured([path], out)
     console.console.print(
@@ -174,8 +183,8 @@ def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: floa
     )
 
 
-def _pictured(paths: list[Path], folder: Path) -> None:
-    """A strip of every trial, and one sheet of them."""
+def _pictured(paths: list[Path], folder: Path) -> list[Path]:
+    """Make a strip of every trial, and one sheet of them; the files."""
     from allegro_twin.build import assemble, scenario_config
     from allegro_twin.cli import console
     from allegro_twin.look.strips import overview
@@ -192,5 +201,7 @@ def _pictured(paths: list[Path], folder: Path) -> None:
             bar.advance(task)
             if picture.exists():
                 strips[path.stem] = picture
-    if strips:
-        overview(strips, folder / "overview.png", columns=min(len(strips), 6))
+    if not strips:
+        return []
+    overview(strips, folder / "overview.png", columns=min(len(strips), 6))
+    return [*strips.values(), folder / "overview.png"]

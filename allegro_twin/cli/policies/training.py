@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,8 @@ from allegro_twin.errors import ConfigError
 if TYPE_CHECKING:
     from allegro_twin.train.settings import Recipe
 
+EVALUATION, FILM = "evaluation.json", "policy.mp4"
+"""What is said of a policy, beside it."""
 Episodes = Annotated[int, typer.Option(help="Of the evaluation, for every set of objects.", callback=options.positive)]
 
 
@@ -45,21 +48,28 @@ def train(
 ) -> None:
     """Train a policy with PPO; the same command again goes on after an interruption."""
     from allegro_twin.cli import console
+    from allegro_twin.files.output_folder import locked
     from allegro_twin.train import load_recipe
     from allegro_twin.train import train as learn
 
     recipe = load_recipe(task, hand=hand, side=side, device=device, steps=steps, envs=envs, seed=seed)
     folder = out or Path("runs") / Path(task).stem.lower()
-    with console.progress() as bar:
+    with ExitStack() as stack:
+        if out is None:
+            stack.enter_context(locked(folder))
+        bar = stack.enter_context(console.progress())
         job = bar.add_task(recipe.task, total=recipe.rounds * recipe.round_steps)
 
         def advance(done: int, mean: float, rate: float) -> None:
+            for stale in (EVALUATION, FILM):
+                (folder / stale).unlink(missing_ok=True)  # Of the policy as it was: it is being changed.
             bar.update(job, completed=done, description=f"{recipe.task}: return {mean:.2f}, success {rate:.0%}")
 
         trained = learn(recipe, folder, advance)
-    done = trained.progress
-    console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
-    _judged(trained.policy, recipe, folder, episodes, video)
+        bar.remove_task(job)
+        done = trained.progress
+        console.console.print(f"{trained.policy}: {done.steps} actions in {done.seconds / 60:.1f} min", soft_wrap=True)
+        _judged(trained.policy, recipe, folder, episodes, video)
 
 
 def evaluate_policy(
@@ -103,11 +113,11 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
     from allegro_twin.train import report
 
     compared = report.compare(policy, recipe, episodes)
-    report.write(compared, folder / "evaluation.json")
+    report.write(compared, folder / EVALUATION)
     console.console.print(console.compared(compared, recipe))
     if not video:
         return
     try:
-        report.filmed(load_policy(policy).policy, recipe, folder / "policy.mp4")
+        report.filmed(load_policy(policy).policy, recipe, folder / FILM)
     except ConfigError as error:
         console.errors.print(f"[yellow]no film: {error}[/]")  # The policy is what was asked for.

@@ -67,8 +67,9 @@ def lab(
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
     room = make_room(settings)
     with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(options.run_folder(out))
         stack.callback(room.close)
-        onlookers, lens = _onlookers(room, out, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
             onlookers.append(_viewer(room, stack, web=web))
         bridge = bridged(room, namespace, stack) if ros else None
