@@ -27,7 +27,7 @@ class Reason:
 
 
 _LEARNING = (
-    r"torch|stable_baselines3|rsl_rl|\bonnx\b|tensorboard|minari|extra rl|extras? rsl|needs the extra rl|trains: extra"
+    r"torch|stable_baselines3|rsl_rl|\bonnx\b|tensorboard|extra rl|extras? rsl|needs the extra rl|trains: extra"
 )
 REASONS = (
     Reason(r"mujoco_warp|MuJoCo Warp|there is an NVIDIA GPU", "gpu", "a GPU, pip install 'allegro-twin[warp]'"),
@@ -36,6 +36,7 @@ REASONS = (
     Reason(r"LEROBOT_PYTHON", "lerobot", "LEROBOT_PYTHON=… (CONTRIBUTING.md)"),
     Reason(r"needs Debian's|ROS 1|rospy", "ros", "apt-get install what the reason names"),
     Reason(r"panel needs viser|viser|playwright|no browser", "panel", "make test-panel"),
+    Reason(r"only Minari", "minari", "pip install minari"),
     Reason(_LEARNING, "rl", "make test-rl"),
     Reason(r"no python\d", "python", "another Python beside this one"),
     Reason(r"the site is not built|extra docs", "docs", "make docs"),
