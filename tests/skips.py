@@ -26,9 +26,7 @@ class Reason:
     remedy: str
 
 
-_LEARNING = (
-    r"torch|stable_baselines3|rsl_rl|\bonnx\b|tensorboard|extra rl|extras? rsl|needs the extra rl|trains: extra"
-)
+_LEARNING = r"torch|stable_baselines3|rsl_rl|\bonnx\b|tensorboard|extra rl|extras? rsl|needs the extra rl|trains: extra"
 REASONS = (
     Reason(r"mujoco_warp|MuJoCo Warp|there is an NVIDIA GPU", "gpu", "a GPU, pip install 'allegro-twin[warp]'"),
     Reason(r"extra teleop|extra webcam|mediapipe|dex_retargeting", "teleop", "pip install '.[teleop,webcam]'"),

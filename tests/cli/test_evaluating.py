@@ -96,6 +96,7 @@ def test_a_folder_made_with_another_file_is_refused_in_a_line(command: Run, tmp_
     assert errors.count("\n") == 1
 
 
+@pytest.mark.long
 def test_recordings_of_the_best_and_the_worst_of_each_object_are_linked_from_the_report(
     command: Run, tmp_path: Path
 ) -> None:

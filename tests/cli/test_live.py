@@ -59,6 +59,7 @@ def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path, command: Run)
     assert (right[4:8] == left[4:8] * (-1, 1, 1, 1)).all()
 
 
+@pytest.mark.long
 def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Path, command: Run) -> None:
     target = tmp_path / "mine.yaml"
     target.write_text("# my hand, bought 2019\nactuation:\n  damping: 0.08  # measured\n")

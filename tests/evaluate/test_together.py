@@ -44,7 +44,9 @@ def bench() -> Bench:
     return Bench(load_spec())
 
 
-@pytest.mark.parametrize("draw", [None, Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)])
+@pytest.mark.parametrize(
+    "draw", [pytest.param(None, marks=pytest.mark.long), Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)]
+)
 def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Draw | None, bench: Bench) -> None:
     cases = [case_of({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
     cases = [Case(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
@@ -113,6 +115,7 @@ def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     assert judged({}, items[1:2])[0] == rows[1]
 
 
+@pytest.mark.long
 def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
     bench = Bench(load_spec(), period=0.004)
     whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)

@@ -58,6 +58,7 @@ def test_an_environment_goes_through_a_pickle_as_it_was_made(task: str) -> None:
     assert data_equivalence(env.unwrapped.reset(seed=1), copy.reset(seed=1), exact=True)
 
 
+@pytest.mark.long
 def test_an_id_is_found_by_its_module_and_runs_in_spawned_workers() -> None:
     code = """
 import gymnasium, numpy as np

@@ -52,6 +52,7 @@ def test_a_hand_that_lies_otherwise_is_not_moved() -> None:
         pose("up", "right").check(np.array([-9.81, 0.0, 0.0]))
 
 
+@pytest.mark.long
 def test_the_virtual_hand_lies_as_the_pose_says() -> None:
     for path, name in zip(hidden.recordings(), hidden.POSES, strict=True):
         gravity = load(path).columns["gravity"]

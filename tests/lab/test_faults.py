@@ -46,6 +46,7 @@ def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     assert "the force sensor is suspect" in report.end.sentence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("force", [3.0, pytest.param(-3.0, marks=pytest.mark.long)])
 def test_a_force_sensor_that_decides_and_drifts_ends_in_a_fault_with_the_thing_in_the_hand(force: float) -> None:
     room = room_of(**BY_FORCE, objects=HEAVY)

@@ -216,6 +216,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
     assert "a sim hand is its own twin" in error
 
 
+@pytest.mark.long
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
     off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_of(off, ONE, np.full(N, 0.05))
@@ -276,6 +277,7 @@ def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tu
     return t, disturbance, each
 
 
+@pytest.mark.long
 def test_noise_does_not_unbend_the_bristles_of_a_hand_that_rests(sticky: HandSpec, make_sim: MakeSim) -> None:
     """Friction of 75 mN·m held what the disturbance then had to: 20 mN·m and more."""
     t, disturbance, _ = resting(sticky, make_sim)

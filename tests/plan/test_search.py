@@ -79,6 +79,7 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
 
 
+@pytest.mark.long
 def test_the_same_seed_finds_the_same_grasp(found: tuple[Search, list[Planned], int]) -> None:
     search, (planned,), _ = found
     (again,) = Search(search.scenario, SPEC, search.templates, seed=SEED, effort=LITTLE).run(1, 100.0)
@@ -86,6 +87,7 @@ def test_the_same_seed_finds_the_same_grasp(found: tuple[Search, list[Planned], 
     assert again.margin == planned.margin
 
 
+@pytest.mark.long
 def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     """A ball of lead: 12 kg."""
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)

@@ -29,6 +29,8 @@ from tests.ros.test_bridge import trajectory
 
 LOG = Quality(1000, latched=True)
 
+pytestmark = pytest.mark.realtime
+
 
 class Served(NamedTuple):
     """A cell that lives in a thread."""

@@ -221,6 +221,7 @@ def test_a_tracker_of_ones_own_leads_a_hand_frame_by_frame() -> None:
     assert len(said) == 1
 
 
+@pytest.mark.long
 def test_the_command_line_follows_a_file_or_says_what_it_lacks(tmp_path: Path) -> None:
     times, frames = performed(rate=10.0)
     write_csv(tmp_path / "short.csv", times[:6], frames[:6])

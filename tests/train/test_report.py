@@ -74,6 +74,7 @@ def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) ->
         compare(REACH, load_recipe("Lift"), 1)
 
 
+@pytest.mark.long
 def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="films are made by PyAV: extra view")
     slow = EnvSettings(decimation=40)  # A third of the pictures of a shipped policy, which take the time.
@@ -83,6 +84,7 @@ def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
         assert film.streams.video[0].average_rate == 8
 
 
+@pytest.mark.long
 def test_the_command_line_says_both_rates_and_films(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
