@@ -20,6 +20,8 @@ _SURE = 5.0
 """Standard deviations above the table from which a point is of an object."""
 _OWN = 0.012
 """m. What is this near to the chosen object's points, seen from above, is its own."""
+_DEEP = 0.12
+"""m."""
 _FEW = 12
 """Thinned points of an object; fewer are strays."""
 
@@ -27,7 +29,8 @@ _FEW = 12
 def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSettings) -> tuple[Array, ...]:
     """Points of each other object, (k, 3) in the world, m, also of those outside perception's region.
 
-    `cloud`: of `frame`, without arm and hand; `found`: the chosen object.
+    `cloud`: of `frame`, without arm and hand; `found`: the chosen object. Their far sides are not seen: each object is
+    taken to be as deep as it is wide, up to `_DEEP`.
     """
     thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
     known: Array = thin[finite(thin)].astype(np.float64)
@@ -42,7 +45,9 @@ def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSetting
         return ()
     grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
     labels = grid.of(world[:, :2])
-    return tuple(world[labels == label + 1] for label in np.flatnonzero(sizes >= _FEW))
+    return tuple(
+        _deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW)
+    )
 
 
 def box_of(points: Array) -> tuple[Array, Array]:
@@ -50,6 +55,19 @@ def box_of(points: Array) -> tuple[Array, Array]:
     low, high = points.min(axis=0), points.max(axis=0)
     low[2] = 0.0
     return (low + high) / 2.0, high - low
+
+
+def _deepened(points: Array, eye: Array) -> Array:
+    """The points, and some behind them where the object may reach."""
+    away = points[:, :2].mean(axis=0) - eye[:2]
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    deep, wide = np.ptp(points[:, :2] @ away), np.ptp(points[:, :2] @ [-away[1], away[0]])
+    more = min(float(wide), _DEEP) - float(deep)
+    if more <= 0.0:
+        return points
+    behind = points.copy()
+    behind[:, :2] += more * away
+    return np.concatenate([points, behind])
 
 
 def among(points: Array, others: Array, within: float) -> Mask:

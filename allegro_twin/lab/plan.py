@@ -51,7 +51,7 @@ _ROOM = 0.08
 _STEP = 0.02
 """rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
-_CLOSING = 8
+_CLOSING = 16
 """Postures of the approach, of the fingers on their way, and of the lift that are looked at beside other objects."""
 
 

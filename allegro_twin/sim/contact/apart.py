@@ -55,13 +55,16 @@ class Apart:
                   for k, name in enumerate(names)]  # fmt: skip
         stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
         model = compile_scene(arm, stage, mounted)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
         self._model, self._data = model, mujoco.MjData(model)
         self._arm, self._hand = Posed(arm, model), Posed(mounted.hand, model)
         self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
         self._place = int(model.joint(_THING).qposadr[0])
         self._others = [model.geom(name).id for name in names[1:]]
         self._places = [int(model.joint(name).qposadr[0]) for name in names[1:]]
-        model.geom_margin[[self._thing, self._table, *self._others]] = NEAR
+        seen = [self._thing, self._table, *self._others]
+        model.geom_margin[seen] = NEAR
+        model.body_margin[model.geom_bodyid[seen]] = NEAR
         self.crowded = False
         """Whether other objects stand on the table."""
         self._of_hand = _below(model, model.body("palm_link").id)
