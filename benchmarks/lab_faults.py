@@ -5,12 +5,12 @@ prints the table of docs/lab.md. Objects, places, yaws and joints are drawn. Kin
 
 - `power`: the motors of the whole hand, or of one finger, give nothing from a state on, for every state;
 - `weak`: the motors give 20 % from a state on;
-- `encoder`: one joint reads 1° or 3° too much or too little, with the object and with it taken away before the approach;
+- `encoder`: one joint reads 1° or 3° too much or too little, with the object, and taken away before the approach;
 - `dead`: one joint's reading stays as it is when the fingers begin to close, with and without the object;
 - `stuck`: one joint does not turn from then on, with and without the object;
 - `taken`: the object is taken away when a state begins, for every state;
 - `camera`: the camera repeats its last picture from the approach on, with the object and with it taken away;
-- `force`: the force sensor stays at its last value, or shows 3 N downwards, from the lift on, with and without the object;
+- `force`: the force sensor stays as it is, or shows 3 N downwards, from the lift on, with and without the object;
 - `glued`: the object is fixed to the table;
 - `healthy`: nothing is wrong.
 """

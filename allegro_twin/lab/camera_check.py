@@ -9,6 +9,7 @@ import numpy as np
 from allegro_twin.camera.frame import Frame
 from allegro_twin.camera.intrinsics import Cloud
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.clutter import among
 from allegro_twin.perception.cloud import finite, pass_through
 from allegro_twin.perception.clusters import clusters
 from allegro_twin.perception.pipeline import Found
@@ -104,15 +105,10 @@ def _on_table(
     low = pass_through(world, np.array(settings.region.lower), np.array(settings.region.upper))
     low &= (height > np.maximum(settings.object.above, 3.5 * before.sigma)) & (height < _LOW * lift)
     world = world[low]
+    if len(others):
+        world = world[~among(world, others, _BESIDE)]
     if len(world) < settings.object.least:
         return ""
-    if len(others):
-        cells = {tuple(cell) for cell in np.floor(others[:, :2] / _BESIDE).astype(int).tolist()}
-        wide = {(x + i, y + j) for x, y in cells for i in (-1, 0, 1) for j in (-1, 0, 1)}
-        own = [tuple(cell) not in wide for cell in np.floor(world[:, :2] / _BESIDE).astype(int).tolist()]
-        world = world[np.array(own)]
-        if len(world) < settings.object.least:
-            return ""
     grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
     if sizes.max() < settings.object.least:
         return ""

@@ -14,14 +14,16 @@ from allegro_twin.types import Array, Vector
 _SURE = 4.0  # Standard deviations: one in 16,000 is farther off by chance.
 
 
-def drifted(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings) -> str:
-    """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or ""."""
+def drifted(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings, others: int = 0) -> str:
+    """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or "".
+    `others`: so many other objects are on the table, one of which the hand may have touched."""
     if not idle or not before:
         return ""
     off = float(np.abs(came_on(idle, before)).max())
     if off <= _allowed(len(idle), len(before), settings):
         return ""
-    return f"its zero moved by {off:.1f} N between waiting and the approach, where nothing touched the hand"
+    said = f"its zero moved by {off:.1f} N between waiting and the approach, where nothing "
+    return said + (f"but one of {others} other objects can have touched the hand" if others else "touched the hand")
 
 
 def doubted(

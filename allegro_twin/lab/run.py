@@ -19,9 +19,10 @@ from allegro_twin.lab.states import End, Now, Rules, State, begun, decided, kept
 from allegro_twin.lab.work import WATCHED, Work
 from allegro_twin.loop import run, together
 from allegro_twin.perception.fits.model import Solid
-from allegro_twin.types import Sample
+from allegro_twin.types import Array, Sample
 
 Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
+_STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
 
 
@@ -42,6 +43,10 @@ class Report:
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
     """How much higher the thing is than it was, m. Only a simulation knows."""
+    thing: str = ""
+    """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
+    moved: tuple[tuple[str, float], ...] = ()
+    """Other objects that are not where they were, and how far, m. Only a simulation knows."""
 
     @property
     def truly(self) -> bool:
@@ -62,7 +67,8 @@ def perform(
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
     """
-    work, seen, now = Work(room), _Story(room), begun(0.0)
+    work, now = Work(room), begun(0.0)
+    seen = _Story(room, work)
     prepared(work)
     law = law_of(room, work.guide)
     grip = fingers(Wish(work.fingers), room.settings.hand.gains, room.hand.spec, room.model)
@@ -101,7 +107,7 @@ def perform(
         seen.enter(now, entered)
         _hold(room, work, last, (arms, hands))
     assert now.end is not None
-    return seen.report(now, work)
+    return seen.report(now)
 
 
 def rules_of(settings: LabSettings) -> Rules:
@@ -133,29 +139,39 @@ class _Clock:
 class _Story:
     """What is remembered for the report."""
 
-    def __init__(self, room: Room) -> None:
-        self._room, self._name = room, room.settings.objects[0].name
+    def __init__(self, room: Room, work: Work) -> None:
+        self._room, self._work = room, work
         self._events: list[tuple[float, State]] = []
-        self._first: float | None = None
-        self._error = float("nan")
-        self._at = np.zeros(3)
+        self._first: dict[str, Array] = {}
+        self._at: dict[str, Array] = {}
 
     def enter(self, now: Now, entered: Callable[[Now], None]) -> None:
-        thing = self._room.cell.thing(self._name).position
-        if self._first is None:
-            self._first = float(thing[2])
+        if not self._first:
+            self._first = self._at = self._places()
         if now.state == "ToTargetPose":
-            self._at = thing
+            self._at = self._places()
         self._events.append((now.since, now.state))
         entered(now)
 
-    def report(self, now: Now, work: Work) -> Report:
+    def report(self, now: Now) -> Report:
         assert now.end is not None
-        assert self._first is not None
-        error = float("nan") if work.solid is None else float(np.linalg.norm(work.solid.position - self._at))
-        lifted = float(self._room.cell.thing(self._name).position[2]) - self._first
+        work, first, last = self._work, self._first, self._places()
+        error, chosen = float("nan"), self._room.settings.objects[0].name
+        if work.solid is not None:
+            off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in self._at.items()}
+            chosen = min(off, key=off.__getitem__)
+            error = off[chosen]
+        lifted = float((last[chosen] - first[chosen])[2])
+        ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
+        moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
-        return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
+        return Report(
+            now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved
+        )
+
+    def _places(self) -> dict[str, Array]:
+        """Where every object really is, (3,), m."""
+        return {thing.name: self._room.cell.thing(thing.name).position for thing in self._room.settings.objects}
 
 
 def law_of(room: Room, guide: Guide) -> Guided:

@@ -13,10 +13,11 @@ from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.cell import Room
 from allegro_twin.lab.camera_check import Sight, sighted
+from allegro_twin.lab.cell import Room
 from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
 from allegro_twin.lab.choice import Way
+from allegro_twin.lab.clutter import beside
 from allegro_twin.lab.doubt import doubted, drifted, with_doubt
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.lab.law import Guide
@@ -28,7 +29,7 @@ from allegro_twin.library.grasps import Grasp
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found
 from allegro_twin.perception.verdict import Refused, stale
-from allegro_twin.types import HandState, Vector
+from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
 _REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
@@ -62,6 +63,8 @@ class Work:
         self._hand: HandState | None = None
         self._motors = MotorCheck(room.hand.spec, room.stiffness, room.forces, room.hand.period)
         self._found: Found | None = None
+        self.others: tuple[Array, ...] = ()
+        """Points of each other object on the table, at the last look, (k, 3), world, m."""
         self._grasped = room.security  # The palm, before the lift.
         self._sight: Sight | None = None
         samples = room.settings.validation.samples
@@ -192,7 +195,13 @@ class Work:
         self._last = frame
         cloud, moved = room.itself.cut_out(frame.cloud, posture, hand.position), (self._grasped, room.cell.palm(state))
         self._sight = sighted(
-            frame, cloud, self._found, np.empty((0, 3)), moved, room.settings.lift, room.settings.perception
+            frame,
+            cloud,
+            self._found,
+            np.concatenate([np.empty((0, 3)), *self.others]),
+            moved,
+            room.settings.lift,
+            room.settings.perception,
         )
         return self._sight
 
@@ -254,16 +263,16 @@ class Work:
             self._refused = None if old is None else End("fault", "camera", old.sentence)
             return
         self._last = frame
-        cloud = frame.cloud
-        if room.settings.at_the_wrist:
-            cloud = room.itself.cut_out(cloud, posture, room.open if self._hand is None else self._hand.position)
+        alone = room.itself.cut_out(frame.cloud, posture, room.open if self._hand is None else self._hand.position)
+        cloud = alone if room.settings.at_the_wrist else frame.cloud
         seen = room.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
         self.looked(frame, seen)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            best = best_way(seen.solid, room)
+            self.others = beside(frame, alone, seen, room.settings.perception)
+            best = best_way(seen.solid, room, self.others)
             self.way, self._through = best.way, best.through
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
@@ -286,7 +295,7 @@ class Work:
         squeeze = between(press, nothing, meeting(room.settings.hand, hand.position))
         stop, weight = stopped(torque, gravity, friction), weighed(self._before, self._after, axes)
         found = checked(weight, stop, squeeze, sight, settings)
-        why = drifted(self._idle, self._before, settings)
+        why = drifted(self._idle, self._before, settings, len(self.others))
         why = why or doubted(found, self._before, self._after, axes, settings)
         self.checked = with_doubt(found, why, settings)
 

@@ -164,11 +164,10 @@ def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: Per
     mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
     mine[mine] = view.foreign(world[mine])
-    if np.count_nonzero(mine) < settings.object.least:
-        said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {np.count_nonzero(mine)} points are known"
-        return Refused(
-            "unclear", f"{said}, and {settings.object.least} are needed; light it evenly, or dull its surface"
-        )
+    count = np.count_nonzero(mine)
+    if count < settings.object.least:
+        said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {count} points are known, and "
+        return Refused("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)

@@ -146,8 +146,9 @@ def told(report: Report) -> list[str]:
         lines.append(
             f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
             f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
-            f"{_there(check.by_camera)}; in truth lifted by {1e3 * report.lifted:.0f} mm"
+            f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
         )
+    lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
 
