@@ -16,6 +16,7 @@ from allegro_twin.serial.line.glide import Glide, onward
 from allegro_twin.serial.line.keeper import Keeper
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.settings import HostSettings
+from allegro_twin.serial.line.velocity import DifferenceQuotient, Exchanged
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, frozen
 
@@ -46,8 +47,9 @@ class SerialBackend:
         self.unconfirmed = ""
         """Why it is not sure that the hand was left limp; empty when it is."""
         self._glide: Glide | None = None
-        self._sent, self._tick, self._t = False, 0, 0.0
+        self._sent, self._tick = False, 0
         self._answer: Answer
+        self._quotient: DifferenceQuotient
         self._connect()
         self._lockstep = self._opened.lockstep
         atexit.register(self.close)
@@ -179,9 +181,11 @@ class SerialBackend:
 
     def _state(self, t: float, tick: int, answer: Answer) -> HandState:
         velocity = answer.velocity
-        if velocity is None:
-            velocity = (answer.position - self._answer.position) / (t - self._t) if tick else np.zeros(len(answer[1]))
-        self._t, self._tick, self._answer = t, tick, answer
+        if isinstance(velocity, Exchanged):
+            if not tick:
+                self._quotient = DifferenceQuotient(answer.position, velocity)
+            velocity = self._quotient(answer.position, velocity)
+        self._tick, self._answer = tick, answer
         return HandState(
             t, tick, frozen(answer.position), frozen(velocity), frozen(answer.torque),
             temperature=frozen(answer.temperature), gravity=frozen(np.full(3, np.nan)),
