@@ -175,7 +175,12 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
     from allegro_twin.train import report
 
     used: list[int] = []
-    monkeypatch.setattr(report, "compare", lambda *args: used.append(args[-1]) or [])
+
+    def compared(policy: Path, of: Recipe, episodes: int, seed: int) -> list[Compared]:
+        used.append(seed)
+        return []
+
+    monkeypatch.setattr(report, "compare", compared)
     monkeypatch.setattr(report, "write", lambda *args: None)
     training._judged(tmp_path, recipe(), tmp_path, 3, False)
     assert used == [SELECTION]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -84,10 +85,10 @@ def evaluate(
     engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
     address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
     count: Count = None,
-    episodes: Annotated[int | None, typer.Option(help="Of a policy, for every set: by default 200.", min=1)] = None,
-    can: Annotated[
-        int | None, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.", min=0)
+    episodes: Annotated[
+        int | None, typer.Option(help="Of a policy, for every set: by default 200.", callback=options.positive)
     ] = None,
+    can: Annotated[int | None, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.")] = None,
     hand: options.TrainedHand = None,
     film: Annotated[
         Path | None,
@@ -175,7 +176,7 @@ def _of_policy(targets: list[str]) -> bool:
     return named or (len(targets) == 2 and targets[1] in complete.recipes())
 
 
-def _without_use(given: dict[str, object], for_whom: str, but: str) -> None:
+def _without_use(given: Mapping[str, object], for_whom: str, but: str) -> None:
     """Raise ConfigError for an option that is given and that nothing here reads."""
     for name, value in given.items():
         if value is not None:
