@@ -189,12 +189,14 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     return table
 
 
-def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
-    """Success of a policy in each set of episodes, and without any action, with where the rate lies."""
+def compared(found: Sequence[Compared], recipe: Recipe, seed: int) -> Table:
+    """Success of a policy in each set of episodes, those of the seeds from `seed` on, and without any action, with
+    where the rate lies."""
     from allegro_twin.gym.tasks import task_type
     from allegro_twin.train.report import quartiles
 
-    table = Table(title="success in the same episodes (95 % interval)", title_justify="left", title_style="bold")
+    title = f"success in the same episodes, seeds from {seed} (95 % interval)"
+    table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
     more = [f"{kind.counted}, {kind.unit}: mean (quartiles)"] if kind.counted else []
     more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.shares]

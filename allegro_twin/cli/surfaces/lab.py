@@ -33,7 +33,7 @@ def lab(
     thing: Annotated[
         str | None, typer.Option("--object", help="Of the catalogue, in place of the config's first.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of the camera's and the force sensor's noise.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the camera's and the force sensor's noise.")] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="A folder for pictures, and for a recording of everything.", callback=options.folder),
