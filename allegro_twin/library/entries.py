@@ -141,8 +141,9 @@ def parse_entry(content: Any, source: Where) -> Entry:
 
 
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
-    """An entry from joint positions of the spec's hand, shape (n,), rad. Raises ConfigError outside the limits."""
-    values = spec.posture(position)
+    """An entry from joint positions of the spec's hand, shape (n,), rad, which may be as it reports them: clipped by
+    `spec.reachable`. Raises ConfigError outside the limits."""
+    values = spec.reachable(position)
     return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
 
 
@@ -160,12 +161,14 @@ def grasp_entry(
 
 
 def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
-    """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad."""
+    """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad, which may be as it
+    reports them: clipped by `spec.reachable`. Raises ConfigError outside the limits."""
+    rows = [spec.reachable(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))]
     content = {
         "description": description,
         "side": spec.side,
         "times": np.asarray(times, dtype=np.float64).tolist(),
-        "positions": np.asarray(positions, dtype=np.float64).tolist(),
+        "positions": rows,
         **_whose(spec),
     }
     entry = parse(TrajectoryFile, content, "trajectory")

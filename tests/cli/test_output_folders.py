@@ -182,7 +182,7 @@ def test_a_default_folder_has_one_writer_too(command: Run, tmp_path: Path, monke
 
 def test_two_programs_at_once_are_one_run_and_one_refusal(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(POSE)
-    run = [sys.executable, "-m", "allegro_twin", "run", tmp_path / "p.yaml", "--out", tmp_path / "f"]
+    run = [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "f")]
     both = [subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
     said = [program.communicate()[1] for program in both]
     codes = sorted(program.returncode for program in both)
