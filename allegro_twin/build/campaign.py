@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from allegro_twin.build.foreign import grasps_in
+from allegro_twin.build.inputs import InputsOf
 from allegro_twin.build.trials import Case, case_of, hand_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.files.assets import read_yaml
-from allegro_twin.library.grasps import Grasp
+from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.spec import HandSpec, Side
 
 JUDGE = "allegro_twin.build.trials:judged"
 FLOATING = "fc"
 """What grasps of a file are tried under unless something else is said: they know of no table."""
-_DIGITS = 12
-"""Of a hash, that people read."""
+_NAMED = 30
+"""Targets that a folder names; of more it says how many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,9 @@ class Campaign(NamedTuple):
     items: list[dict[str, Any]]
     shared: dict[str, Any]
     stamps: dict[str, str]
-    """What rows depend on beside their items: the content of every file that they are made from."""
+    """What is asked: of which targets, under which rules, with which draws."""
+    inputs: list[Mapping[str, str]]
+    """Of each item: all that its trial reads, by name and fingerprint."""
 
 
 def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
@@ -90,11 +92,16 @@ def one_protocol(targets: Iterable[Target]) -> None:
 
 
 def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False) -> Campaign:
-    """A trial without a draw of every target and one for each draw, in that order. Other files, another protocol, seed
-    or uncertainty make another sweep; more draws go on with the same one. Raises ConfigError."""
+    """A trial without a draw of every target and one for each draw, in that order. Other targets, another protocol,
+    seed or uncertainty make another sweep; more draws go on with the same one; changed inputs are tried again. Raises
+    ConfigError."""
     each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
     items = [target.item | {"draw": draw} for target in targets for draw in each]
-    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise))
+    inputs_of, inputs = InputsOf(), list[Mapping[str, str]]()
+    for target in targets:
+        file = Path(target.item["file"]) if "file" in target.item else None
+        inputs += [inputs_of(target.case, target.spec, target.name, file)] * len(each)
+    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise), inputs)
 
 
 def _targets(path: Path, asked: Asked) -> Iterator[Target]:
@@ -127,42 +134,24 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
 
 def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
     rules = targets[0].case
-    name = Path(rules.rules or rules.scenario.protocol).stem
-    stamps = {
-        "protocol": f"{name} {rules.ruled.version} {_hash(rules.ruled.model_dump_json())}",
+    return {
+        "targets": _named(targets),
+        "protocol": f"{Path(rules.rules or rules.scenario.protocol).stem} {rules.ruled.version}",
         "seed": str(noise.seed),
         "uncertainty": _said(noise.uncertainty),
     }
-    parts: dict[str, set[str]] = {}
+
+
+def _named(targets: Sequence[Target]) -> str:
+    """Each as it was asked for; of many, how many and their fingerprint."""
+    names = []
     for target in targets:
-        for what, digest in _contents(target):
-            parts.setdefault(what, set()).add(digest)
-    return stamps | {what: " ".join(sorted(found)) for what, found in sorted(parts.items())}
+        item = target.item
+        other = " ".join(f"{key}={item[key]}" for key in ("grasp", "object") if item.get(key) is not None)
+        names.append(f"{target.name} {target.side}{' ' if other else ''}{other}")
+    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} of {fingerprint(names)}"
 
 
 def _said(uncertainty: Uncertainty) -> str:
     """Every digit, since it is compared: m, degrees, fractions."""
     return ", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items())
-
-
-def _contents(target: Target) -> Iterator[tuple[str, str]]:
-    case = target.case
-    if "file" in target.item:
-        path = Path(target.item["file"])
-        yield f"grasps {path.name}", _hash(path.read_bytes())
-    else:
-        yield f"scenario {target.name}", _hash(case.scenario.model_dump_json(exclude={"description"}))
-        yield f"grasp {case.grasp.name}", _hash(_plain(case.grasp))
-    for thing in case.scenario.objects:
-        if thing.file is not None:
-            yield f"object {thing.name}", _hash((case.folder / thing.file).read_bytes())
-
-
-def _plain(grasp: Grasp) -> str:
-    postures = [grasp.preshape.tolist(), grasp.close.tolist(), grasp.squeeze.tolist()]
-    return repr((grasp.taxonomy, grasp.speed, grasp.profile, postures, grasp.grip))
-
-
-def _hash(content: str | bytes) -> str:
-    data = content.encode() if isinstance(content, str) else content
-    return sha256(data).hexdigest()[:_DIGITS]

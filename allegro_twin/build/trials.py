@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +22,13 @@ from allegro_twin.evaluate.scenario import Protocol, Scenario, in_direction, loa
 from allegro_twin.evaluate.together import Measure, Verdict, together
 from allegro_twin.evaluate.trial import Trial
 from allegro_twin.evaluate.uncertainty import Draw
+from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping import Timed, performer
 from allegro_twin.library.entries import HAND
 from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.named import load_grasp
+from allegro_twin.sim.model.fingerprint import hand_fingerprint
 from allegro_twin.sim.model.statics import hand_model
 
 if TYPE_CHECKING:
@@ -106,9 +107,18 @@ class Bench:
         return performer(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
 
 
-@lru_cache(maxsize=8)
-def _bench(hand: str, side: Side, serial: str, gains: str, period: float, threads: int) -> Bench:
-    return Bench(load_spec(hand, side, serial), gains, period, threads)
+_BENCHES: dict[tuple[object, ...], Bench] = {}
+_KEPT = 8
+
+
+def _bench(spec: HandSpec, gains: str, period: float, threads: int) -> Bench:
+    """A process has many units of a hand. One whose files have changed since is another."""
+    key = hand_fingerprint(spec), fingerprint(load_gains(gains, spec)), gains, period, threads
+    if key not in _BENCHES:
+        while len(_BENCHES) >= _KEPT:
+            del _BENCHES[next(iter(_BENCHES))]
+        _BENCHES[key] = Bench(spec, gains, period, threads)
+    return _BENCHES[key]
 
 
 def hand_of(item: Mapping[str, Any]) -> str:
@@ -125,15 +135,16 @@ def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> lis
     `row`, `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
     rows: dict[int, dict[str, Any]] = {}
     groups: dict[tuple[str, Side, str, float], list[tuple[int, Case]]] = {}
+    specs: dict[tuple[str, Side], HandSpec] = {}
     serial = shared.get("serial", "")
     for index, item in enumerate(items):
         hand, side = hand_of(item), item.get("side", "right")
-        spec = load_spec(hand, side, serial)
+        spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
         case = case_of(item, spec)
         gains = ruled(case.ruled.gains or shared.get("gains"), spec)
         groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
     for (hand, side, gains, period), members in groups.items():
-        bench = _bench(hand, side, serial, gains, period, shared.get("threads", 0))
+        bench = _bench(specs[hand, side], gains, period, shared.get("threads", 0))
         split = [case.directions() for _, case in members]
         measure = _nominal if shared.get("metrics") else None
         verdicts = bench.verdicts([case for cases in split for case in cases], measure)

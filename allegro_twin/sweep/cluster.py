@@ -26,7 +26,7 @@ class RayCluster:
 
     `address`: of a running cluster, as `ray.init` takes it; None: the one that this program has joined, or that the
     environment's RAY_ADDRESS names, or one of this computer alone, started now. Ray computes a unit again, up to twice,
-    whose process or node was lost. Every node needs allegro_twin and MuJoCo in the same versions. Raises ConfigError
+    whose process or node was lost. Every node needs MuJoCo in the same version and the same sources. Raises ConfigError
     where Ray is not installed, LinkError where no cluster answers.
     """
 
@@ -53,7 +53,7 @@ class RayCluster:
         """The number of each unit with its results, as they come. Raises HandError."""
         ray = self._ray
         task = ray.remote(num_cpus=self._cores, max_retries=RETRIES)(attempt)
-        work, left, begun = ray.put(work_of(sweep)), list(range(len(units)))[::-1], dict[Any, int]()
+        work, left, begun = ray.put(work_of(sweep, elsewhere=True)), list(range(len(units)))[::-1], dict[Any, int]()
         try:
             while left or begun:
                 while left and len(begun) < self._at_once():

@@ -10,8 +10,10 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.fingerprint import fingerprint, source_fingerprint
 from allegro_twin.version import __version__
 
+_FEW = 4
 Item = Mapping[str, Any]
 """Plain data, as JSON has it."""
 Result = Mapping[str, Any] | str
@@ -34,8 +36,9 @@ class Unit(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Sweep:
     """`function`, named `package.module:name`, takes `shared` and a list of items and gives a flat row for each, in
-    order. It must be pure: its rows depend on nothing but its arguments and `stamps`, and the row of an item not on
-    the other items of its unit. Raises ConfigError for no items, or what is no plain data."""
+    order. It must be pure: its rows depend on nothing but its arguments, its own code and what `stamps` and `inputs`
+    name, and the row of an item not on the other items of its unit. Raises ConfigError for no items, or for what is no
+    plain data."""
 
     function: str
     items: Sequence[Item]
@@ -44,28 +47,51 @@ class Sweep:
     unit: int = 200
     """Items in a call, 1 or more: what may have to be computed again after an interruption."""
     stamps: Mapping[str, str] = field(default_factory=dict)
-    """What else the rows depend on: the version of a protocol, of somebody's package."""
+    """What is asked beside function and `shared`: the name of a protocol. Other questions have folders of their own."""
+    inputs: Sequence[Mapping[str, str]] = ()
+    """For each item what its row is made of, fingerprints by name; none: of nothing but code and data. With another
+    input the same question has another row, which is computed anew."""
 
     def __post_init__(self) -> None:
         if not self.items:
             raise ConfigError(f"a sweep of {self.function} without items: there is nothing to compute")
         if self.unit < 1:
             raise ConfigError(f"a sweep's unit must be 1 item or more, not {self.unit}")
+        if self.inputs and len(self.inputs) != len(self.items):
+            raise ConfigError(f"a sweep of {len(self.items)} items has inputs of {len(self.inputs)}; give one for each")
+
+    def question(self) -> dict[str, str]:
+        """What is asked: two sweeps with the same are one. Raises ConfigError for shared data that is not plain."""
+        shared = _digest(_canonical(self.shared, "shared data"))
+        return {"function": self.function, "shared": shared, **self.stamps}
+
+    def made_of(self) -> dict[str, str]:
+        """What the answers are made of: engine, package, the code that the function reaches, and all inputs by name."""
+        found: dict[str, set[str]] = {}
+        for each in {id(each): each for each in self.inputs}.values():
+            for name, digest in each.items():
+                found.setdefault(name, set()).add(digest)
+        return self._common() | {name: _joined(found[name]) for name in sorted(found)}
 
     def stamped(self) -> dict[str, str]:
-        """All that the rows depend on but the items. Raises ConfigError for shared data that is not plain."""
-        shared = _digest(_canonical(self.shared, "shared data"))
-        return {"function": self.function, "shared": shared, **versions(), **self.stamps}
+        """All that the rows depend on but the items."""
+        return self.question() | self.made_of()
 
     def keys(self) -> list[str]:
         """For each item the SHA-256 of what its row depends on. Raises ConfigError for an item that is not plain."""
-        begin = hashlib.sha256(_canonical(self.stamped(), "stamps"))
+        begin = hashlib.sha256(_canonical(self.question() | self._common(), "stamps"))
         keys = []
         for number, item in enumerate(self.items):
             whole = begin.copy()
             whole.update(_canonical(item, f"item {number}"))
+            if self.inputs:
+                whole.update(_canonical(self.inputs[number], f"inputs of item {number}"))
             keys.append(whole.hexdigest())
         return keys
+
+    def _common(self) -> dict[str, str]:
+        """What all rows are made of."""
+        return versions() | {"code": source_fingerprint(self.function.partition(":")[0])}
 
     def units(self, keys: Sequence[str], there: Collection[str]) -> list[Unit]:
         """The items whose keys are not there yet, each once, in units."""
@@ -81,6 +107,12 @@ class Sweep:
 def versions() -> dict[str, str]:
     """Of what every figure depends on."""
     return {"engine": f"mujoco {version('mujoco')}", "allegro_twin": __version__}
+
+
+def _joined(digests: set[str]) -> str:
+    """Of what differs between items: each, or, of many, one of all."""
+    few = sorted(digests)
+    return " ".join(few) if len(few) <= _FEW else f"{len(few)} of {fingerprint(few)}"
 
 
 def _canonical(data: object, what: str) -> bytes:

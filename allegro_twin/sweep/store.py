@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import fcntl
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from hashlib import sha256
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from allegro_twin.errors import ConfigError, RecordingError
@@ -19,7 +21,12 @@ from allegro_twin.sweep.jobs import Sweep
 from allegro_twin.sweep.table import KEY
 
 _MANIFEST = "manifest.json"
-_FORMAT = "1"
+_FORMAT = "2"
+_MADE_OF, _DATA = "made_of", "data"
+_ASIDE = "replaced"
+"""Folder for rows whose inputs have changed since."""
+_NAMES = 5
+"""Inputs that are named; more are counted."""
 
 
 class Content(NamedTuple):
@@ -58,27 +65,67 @@ class Memory:
 class Store:
     """A folder for the rows of a sweep, one part a unit. What is there already is not computed again."""
 
-    def __init__(self, folder: Path | str) -> None:
-        self.folder = Path(folder)
+    def __init__(self, folder: Path | str, tell: Callable[[str], None] = lambda line: None) -> None:
+        """`tell`: hears in a line when rows that are there are made of something else than those to come."""
+        self.folder, self._tell = Path(folder), tell
 
     @contextmanager
     def opened(self, sweep: Sweep) -> Iterator[Kept]:
-        """The folder for that sweep, and for this program alone. Raises ConfigError when it is of another sweep, or
-        another program is at it, and RecordingError when the disk does not let it."""
-        stamps = {"format": _FORMAT, **sweep.stamped()}
+        """The folder for that sweep, and for this program alone. Rows that are made of other inputs are put aside, into
+        a folder of their own below this one. Raises ConfigError when it is of another sweep, or another program is at
+        it, and RecordingError when the disk does not let it."""
+        question, made_of = {"format": _FORMAT, **sweep.question()}, sweep.made_of()
+        content = question | {_MADE_OF: made_of, _DATA: dict(sweep.shared)}
         path = self.folder / _MANIFEST
         if not path.exists():
-            self._begin(path, stamps | {"data": dict(sweep.shared)})
-        with path.open("rb") as manifest:
-            try:
-                fcntl.flock(manifest, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise ConfigError(f"{self.folder}: another program sweeps into it; wait for it to end") from error
-            _same(self.folder, _read(path), stamps)
+            self._begin(path, content)
+        with ExitStack() as held:
+            self._hold(path, held)
+            found = _read(path)
+            _same(self.folder, found.question, question)
+            if differing := _differing(found.made_of, made_of):
+                self._renew(path, content, set(sweep.keys()), differing, held)
             for stale in self.folder.glob(".part-*"):  # Of a program that was killed.
                 with suppress(OSError):  # Nothing reads it.
                     stale.unlink()
             yield self
+
+    def _hold(self, path: Path, held: ExitStack) -> None:
+        manifest = held.enter_context(path.open("rb"))
+        try:
+            fcntl.flock(manifest, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ConfigError(f"{self.folder}: another program sweeps into it; wait for it to end") from error
+
+    def _renew(
+        self, path: Path, content: Mapping[str, Any], keys: set[str], differing: Sequence[str], held: ExitStack
+    ) -> None:
+        """Put every part with a row that is not of these keys aside, and keep its other rows. The manifest comes last:
+        where this is cut off, it is done again."""
+        moved, aside = 0, self.folder / _ASIDE
+        aside = next(aside / str(n) for n in count(1) if not (aside / str(n)).exists())
+        for part in self._parts():
+            table = _part(part)
+            stays = pc.is_in(table[KEY], pa.array(sorted(keys), pa.string()))
+            left = table.num_rows - (pc.sum(stays).as_py() or 0)
+            if not left:
+                continue
+            if left < table.num_rows:
+                self.add(table.filter(stays))
+            with whole_file(aside / part.name) as temporary:
+                pq.write_table(table, temporary)
+            part.unlink()
+            moved += left
+        if moved:
+            with whole_file(aside / _MANIFEST) as temporary:
+                temporary.write_bytes(path.read_bytes())
+            self._tell(
+                f"{self.folder}: {moved} rows were made with another {_listed(differing)}: they are made again; "
+                f"the old ones are in {aside}"
+            )
+        with whole_file(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1))
+            self._hold(temporary, held)  # A lock is on the file, whatever it is called.
 
     def keys(self) -> set[str]:
         """Of all rows that are there. Raises RecordingError."""
@@ -99,12 +146,14 @@ class Store:
         path = self.folder / _MANIFEST
         if not path.exists():
             raise RecordingError(f"{self.folder}: no {_MANIFEST}: nothing was swept into it")
-        stamps = _read(path)
+        found = _read(path)
         tables = self.tables()
         if not tables:
             raise RecordingError(f"{self.folder}: nothing is finished yet; sweep on")
         return Content(
-            json.loads(path.read_text()).get("data", {}), stamps, pa.concat_tables(tables, promote_options="permissive")
+            json.loads(path.read_text()).get(_DATA, {}),
+            found.question | found.made_of,
+            pa.concat_tables(tables, promote_options="permissive"),
         )
 
     def _parts(self) -> list[Path]:
@@ -117,20 +166,37 @@ class Store:
             temporary.write_text(json.dumps(content, indent=1))
 
 
-def _read(path: Path) -> dict[str, Any]:
+class _Manifest(NamedTuple):
+    question: dict[str, Any]
+    made_of: dict[str, Any]
+
+
+def _read(path: Path) -> _Manifest:
     try:
         content: dict[str, Any] = dict(json.loads(path.read_text()))
+        made_of = dict(content.pop(_MADE_OF, {}))
     except (OSError, ValueError, TypeError) as error:
         raise RecordingError(f"{path}: cannot be read: {error}; sweep into another folder") from error
-    content.pop("data", None)  # To be read by people; its hash is what counts.
-    return content
+    content.pop(_DATA, None)  # To be read by people; its hash is what counts.
+    return _Manifest(content, made_of)
 
 
 def _same(folder: Path, found: Mapping[str, Any], mine: Mapping[str, str]) -> None:
-    differing = [name for name in {**mine, **found} if found.get(name) != mine.get(name)]
+    differing = _differing(found, mine)
     if differing:
         told = "; ".join(f"{name} {found.get(name, 'none')} there, {mine.get(name, 'none')} here" for name in differing)
         raise ConfigError(f"{folder} is of another sweep: {told}; give another folder")
+
+
+def _differing(found: Mapping[str, Any], mine: Mapping[str, str]) -> list[str]:
+    return [name for name in {**mine, **found} if found.get(name) != mine.get(name)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Some names. A compiled scene is named where nothing else that differs explains it."""
+    told = [name for name in names if not name.startswith("scene of ")] or list(names)
+    more = len(told) - _NAMES
+    return ", ".join(told[:_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _part(path: Path, columns: Sequence[str] | None = None) -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.files.fingerprint import source_fingerprint
 from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
 from allegro_twin.sweep.named import function
 
@@ -19,15 +20,21 @@ class Work(NamedTuple):
     """Of the computer that asks: those of the one that computes must be the same."""
 
 
-def work_of(sweep: Sweep) -> Work:
-    return Work(sweep.function, sweep.shared, versions())
+def work_of(sweep: Sweep, *, elsewhere: bool = False) -> Work:
+    """`elsewhere`: another computer, whose sources may be others."""
+    return Work(sweep.function, sweep.shared, versions() | (_code(sweep.function) if elsewhere else {}))
+
+
+def _code(function: str) -> dict[str, str]:
+    return {"code": source_fingerprint(function.partition(":")[0])}
 
 
 def compute(work: Work, items: Sequence[Item]) -> list[Result]:
     """The row of every item. Where the function raises HandError the unit is halved until the item is found, whose
     result is then the error's text. Raises ConfigError for other versions, or rows that are not one for an item."""
-    if versions() != work.versions:
-        raise ConfigError(f"a sweep of {_said(work.versions)} came to a computer with {_said(versions())}")
+    mine = versions() | (_code(work.function) if "code" in work.versions else {})
+    if mine != work.versions:
+        raise ConfigError(f"a sweep of {_said(work.versions)} came to a computer with {_said(mine)}")
     return _rows(function(work.function), work, list(items))
 
 
@@ -50,4 +57,5 @@ def _rows(call: Callable[..., Any], work: Work, items: list[Item]) -> list[Resul
 
 
 def _said(stamps: Mapping[str, str]) -> str:
-    return f"{stamps['engine']} and allegro_twin {stamps['allegro_twin']}"
+    code = f" of sources {stamps['code']}" if "code" in stamps else ""
+    return f"{stamps['engine']} and allegro_twin {stamps['allegro_twin']}{code}"

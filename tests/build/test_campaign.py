@@ -41,8 +41,13 @@ f 4 1 5 8
 
 
 def sweep_of(targets: list[Target], noise: Noise) -> Sweep:
-    items, shared, stamps = campaign_of(targets, noise)
-    return Sweep(JUDGE, items, shared, stamps=stamps)
+    items, shared, stamps, inputs = campaign_of(targets, noise)
+    return Sweep(JUDGE, items, shared, stamps=stamps, inputs=inputs)
+
+
+def differing(one: Sweep, other: Sweep) -> set[str]:
+    there, here = one.made_of(), other.made_of()
+    return {name for name in there.keys() | here.keys() if there.get(name) != here.get(name)}
 
 
 def test_more_draws_are_the_same_sweep_and_whatever_changes_rows_is_another(tmp_path: Path) -> None:
@@ -54,10 +59,12 @@ def test_more_draws_are_the_same_sweep_and_whatever_changes_rows_is_another(tmp_
     assert more.items[0]["draw"] is None
     assert sweep_of(mine, Noise(1, seed=1)).stamped()["seed"] == "1"
     short(tmp_path).write_text(short(tmp_path).read_text().replace("seconds: 0.15, push", "seconds: 0.16, push"))
-    longer = sweep_of(targets_of([scenario(tmp_path)], asked), Noise(1)).stamped()
-    assert longer["protocol"] != few.stamped()["protocol"]
-    other = sweep_of(targets_of([scenario(tmp_path, friction=0.7)], asked), Noise(1)).stamped()
-    assert {key for key in other if other[key] != longer[key]} == {"scenario mine"}
+    longer = sweep_of(targets_of([scenario(tmp_path)], asked), Noise(1))
+    assert longer.question() == few.question()
+    assert differing(longer, few) == {"protocol short_10"}
+    other = sweep_of(targets_of([scenario(tmp_path, friction=0.7)], asked), Noise(1))
+    assert differing(other, longer) == {"scenario mine", "scene of allegro_right at mine"}
+    assert len({few.keys()[0], longer.keys()[0], other.keys()[0]}) == 3
 
 
 def test_both_sides_are_two_targets_and_twice_the_same_is_refused(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all
     stamps = {key.decode(): value.decode() for key, value in table.schema.metadata.items()}
     assert stamps["engine"].startswith("mujoco ")
     assert {"allegro_twin", "seed", "uncertainty", "scenario mine", "grasp tripod_lemon"} <= stamps.keys()
-    assert stamps["protocol"].startswith("short_10 7 ")
+    assert stamps["protocol"] == "short_10 7"
     page = (out / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 1
     assert "epsilon" in page
@@ -87,12 +87,28 @@ def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     assert len(tried) == 2
 
 
-def test_a_folder_made_with_another_file_is_refused_in_a_line(command: Run, tmp_path: Path) -> None:
+def test_what_changed_since_is_tried_again_in_the_same_folder_and_a_line_says_so(command: Run, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--protocol", short(tmp_path), "--jobs", 1, "--out", out)
+    assert command("evaluate", scenario(tmp_path), *words)[0] == 0
+    before = pq.read_table(out / "results.parquet").to_pylist()
+    code, _, errors = command("evaluate", scenario(tmp_path, friction=0.7), *words)
+    assert code == 0
+    said = f"{out}/trials: 1 rows were made with another scenario mine: they are made again; the old ones are in {out}"
+    assert said in errors
+    assert errors.count("\n") == 1
+    after = pq.read_table(out / "results.parquet").to_pylist()
+    assert after[0]["key"] != before[0]["key"]
+    assert after[0]["drift_mm"] != before[0]["drift_mm"]
+    assert command("evaluate", scenario(tmp_path, friction=0.7), *words)[2] == ""
+
+
+def test_a_folder_of_other_targets_is_refused_in_a_line(command: Run, tmp_path: Path) -> None:
     words = ("--protocol", short(tmp_path), "--jobs", 1, "--out", tmp_path / "out")
     assert command("evaluate", scenario(tmp_path), *words)[0] == 0
-    code, _, errors = command("evaluate", scenario(tmp_path, friction=0.7), *words)
+    code, _, errors = command("evaluate", "mug", *words)
     assert code == 2
-    assert "is of another sweep: scenario mine" in errors
+    assert "is of another sweep: targets mine right there, mug right here; give another folder" in errors
     assert errors.count("\n") == 1
 
 

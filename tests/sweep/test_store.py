@@ -77,8 +77,10 @@ def test_a_key_depends_on_all_that_a_row_depends_on_and_on_nothing_else() -> Non
         Sweep(WAVES + "s", [item]),
         Sweep(WAVES, [item], {"seed": 1}),
         Sweep(WAVES, [item], stamps={"protocol": "2"}),
+        Sweep(WAVES, [item], inputs=[{"grasp": "1"}]),
+        Sweep(WAVES, [item], inputs=[{"grasp": "2"}]),
     ]
-    assert len({each.keys()[0] for each in others} | set(key)) == 5
+    assert len({each.keys()[0] for each in others} | set(key)) == 7
 
 
 @pytest.mark.parametrize(
@@ -97,15 +99,70 @@ def test_the_folder_of_another_sweep_is_refused_by_the_difference(tmp_path: Path
     assert "\n" not in str(raised.value)
 
 
-def test_the_folder_of_another_engine_is_refused(tmp_path: Path) -> None:
+def test_a_manifest_says_what_is_asked_and_what_the_answers_are_made_of(tmp_path: Path) -> None:
     run(sweep_of(seed=7), Store(tmp_path), Local(0))
-    path = tmp_path / "manifest.json"
-    stamps = json.loads(path.read_text())
-    assert set(stamps) == {"format", "function", "shared", "engine", "allegro_twin", "data"}
-    assert stamps["data"] == {"seed": 7}
-    path.write_text(json.dumps(stamps | {"engine": "mujoco 3.9.0"}))
-    with pytest.raises(ConfigError, match=r"engine mujoco 3\.9\.0 there, mujoco \S+ here"):
-        run(sweep_of(seed=7), Store(tmp_path), Local(0))
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert set(manifest) == {"format", "function", "shared", "made_of", "data"}
+    assert set(manifest["made_of"]) == {"engine", "allegro_twin", "code"}
+    assert manifest["data"] == {"seed": 7}
+
+
+def fed(*fed_with: str, log: Path) -> Sweep:
+    """An item for each input."""
+    inputs = [{"grasp": each, "hand": "h"} for each in fed_with]
+    return Sweep(WAVES, numbered(len(fed_with)), {"log": str(log)}, 2, inputs=inputs)
+
+
+def test_rows_whose_inputs_changed_are_made_again_the_others_stay_and_none_is_lost(tmp_path: Path) -> None:
+    log, folder, told = tmp_path / "log", tmp_path / "s", list[str]()
+    store = Store(folder, told.append)
+    first = run(fed("a", "b", "c", log=log), store, Local(0))
+    again = run(fed("a", "b", "d", log=log), store, Local(0))
+    assert calls(log) == [[0, 1], [2], [2]]
+    assert told == [
+        f"{folder}: 1 rows were made with another grasp: they are made again; the old ones are in {folder}/replaced/1"
+    ]
+    assert again["key"].to_pylist()[:2] == first["key"].to_pylist()[:2]
+    assert store.content().table.num_rows == 3
+    old = Store(folder / "replaced" / "1").content()
+    assert old.table["n"].to_pylist() == [2]
+    assert old.stamps["grasp"] == "a b c"
+    mixed = run(fed("a", "e", "d", log=log), store, Local(0))  # A part of which one row stays.
+    assert calls(log)[3:] == [[1]]
+    assert mixed["n"].to_pylist() == [0, 1, 2]
+    assert sorted(store.content().table["n"].to_pylist()) == [0, 1, 2]
+    assert len(told) == 2
+    run(fed("a", "e", "d", log=log), store, Local(0))
+    assert len(told) == 2
+    assert len(calls(log)) == 4
+
+
+@pytest.mark.parametrize("changed", [{"engine": "mujoco 3.9.0"}, {"code": "0123"}, {"allegro_twin": "0.0.9"}])
+def test_another_engine_or_other_code_make_all_rows_again(tmp_path: Path, changed: dict[str, str]) -> None:
+    log, folder, told = tmp_path / "log", tmp_path / "s", list[str]()
+    sweep = fed("a", "b", log=log)
+    was = {"engine": "", "code": "", "allegro_twin": ""} | changed
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Sweep, "_common", lambda self: was)
+        run(sweep, Store(folder), Local(0))
+    run(sweep, Store(folder, told.append), Local(0))
+    assert calls(log) == [[0, 1], [0, 1]]
+    assert len(told) == 1
+    assert "2 rows were made with another" in told[0]
+    assert Store(folder / "replaced" / "1").content().table.num_rows == 2
+
+
+def test_a_renewal_that_was_cut_off_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, folder = tmp_path / "log", tmp_path / "s"
+    run(fed("a", "b", "c", log=log), Store(folder), Local(0))
+    with monkeypatch.context() as patch:
+        patch.setattr(Store, "_hold", lambda *_: None)
+        patch.setattr("allegro_twin.sweep.store.json.dumps", lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            run(fed("a", "x", "c", log=log), Store(folder), Local(0))
+    table = run(fed("a", "x", "c", log=log), Store(folder), Local(0))
+    assert table["n"].to_pylist() == [0, 1, 2]
+    assert calls(log)[2:] == [[1]]
 
 
 @pytest.mark.parametrize("text", ["", "{", "7", "[1]", "\x00"])

@@ -91,8 +91,8 @@ def _often(scenario: str, grasp: str, draws: int) -> str:
     """As `allegro-twin evaluate SCENARIO --grasp GRASP --uncertainty DRAWS` says it."""
     _, path = load_scenario(scenario)
     targets = targets_of([path], Asked(sides=("right",), grasp=grasp))
-    items, shared, stamps = campaign_of(targets, Noise(draws))
-    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // cores(), stamps))
+    items, shared, *_ = campaign_of(targets, Noise(draws))
+    table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // cores()))
     (row,) = outcomes(targets, table.to_pylist())
     return str(rate_of(row))
 

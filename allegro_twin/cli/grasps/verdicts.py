@@ -64,9 +64,9 @@ def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | N
     from allegro_twin.sweep.running import run
     from allegro_twin.sweep.store import Store
 
-    items, shared, stamps = campaign_of(targets, noise, metrics=out is not None and _scipy())
-    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // chosen.at_once))), stamps)
-    store = None if out is None else Store(out / "trials")
+    items, shared, stamps, inputs = campaign_of(targets, noise, metrics=out is not None and _scipy())
+    sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // chosen.at_once))), stamps, inputs)
+    store = None if out is None else Store(out / "trials", console.warn)
     with console.progress() as bar:
         task = bar.add_task("trials", total=len(sweep.items))
         table = run(sweep, store, chosen.engine, lambda done, total: bar.update(task, completed=done, total=total))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +11,10 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.cache import cache_folder
+from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.files.whole import whole_file
 from allegro_twin.gym.tasks.search import FRICTION, SIZES, Search, tried
+from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.things.objects import Thing
 from allegro_twin.types import Array
 
@@ -75,11 +76,18 @@ def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED)
 
 
 def file_name(thing: Thing, search: Search = SEARCH) -> str:
-    """Another search, or another object, has another."""
-    content = "" if thing.file is None else hashlib.sha256(thing.file.read_bytes()).hexdigest()
-    own = (thing.shape, thing.size, thing.mass, content, thing.scale)
-    whole = repr((VERSION, *own, search, COUNT, SEED, SIZES, FRICTION))
-    return f"{hashlib.sha256(whole.encode()).hexdigest()[:16]}.npz"
+    """Another search, another object, or another hand, has another."""
+    own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
+    whole = (VERSION, own, repr(search), COUNT, SEED, SIZES, FRICTION, _hand(), repr(Physics()))
+    return f"{fingerprint(*whole)}.npz"
+
+
+def _hand() -> str:
+    """Of the hand that searches: its shapes and masses, its limits and its motors."""
+    spec = load_spec(side="right")
+    motors, mjcf = spec.actuation, data_root() / "models" / "mjcf" / f"{spec.name}.xml"
+    driven = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)
+    return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 
 def _mirrored(right: Held) -> Held:

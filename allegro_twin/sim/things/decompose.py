@@ -5,14 +5,15 @@ MuJoCo collides a mesh as its convex hull, which fills every hole and cavity.
 
 from __future__ import annotations
 
-import hashlib
 import logging
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.cache import cache_folder
+from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.files.whole import whole_file
 from allegro_twin.sim.things.meshes import Mesh, hull_of
 from allegro_twin.types import Array
@@ -26,8 +27,6 @@ TOLERANCE = 0.001
 THRESHOLDS, MOST = (0.03, 0.015, 0.01), 40
 """Concavity that is allowed in a piece, CoACD's measure, from coarse to fine until the tolerance is met; and pieces at
 most."""
-VERSION = 1
-"""Of this decomposition: part of what a result is kept under."""
 _SAMPLES = 60_000
 _SEED = 0
 
@@ -99,11 +98,8 @@ def _sampled(mesh: Mesh, count: int) -> tuple[Array, Array]:
 
 
 def _key(mesh: Mesh) -> str:
-    import coacd
-
-    content = np.round(mesh.vertices, 9).tobytes() + mesh.faces.tobytes()
-    settings = repr((VERSION, THRESHOLDS, MOST, TOLERANCE, getattr(coacd, "__version__", "")))
-    return hashlib.sha256(content + settings.encode()).hexdigest()[:32]
+    settings = (CONVEX, THRESHOLDS, MOST, TOLERANCE, _SAMPLES, _SEED, version("coacd"))
+    return fingerprint(mesh.vertices, mesh.faces, settings, Path(__file__))
 
 
 def _store(path: Path, pieces: tuple[Mesh, ...]) -> None:

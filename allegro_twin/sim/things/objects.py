@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -98,11 +98,16 @@ def orientation(up: str, yaw: float) -> Vector:
     return turned_by(_UP[up], (0.0, 0.0, yaw))
 
 
-@cache
 def catalogue() -> dict[str, Thing]:
     """The objects that ship with the package, by name (conf/objects/*.yaml; sizes there in mm, masses in g)."""
+    files = sorted((data_root() / "conf" / "objects").glob("*.yaml"))
+    return _read_all(tuple((path, path.stat().st_mtime_ns) for path in files))
+
+
+@lru_cache(maxsize=2)
+def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, Thing]:
     things = {}
-    for path in sorted((data_root() / "conf" / "objects").glob("*.yaml")):
+    for path, _ in files:  # What was edited since is read again.
         for name, row in read_yaml(path).items():
             things[name] = _thing(path, name, row)
     return things
