@@ -39,8 +39,9 @@ def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSetting
         room = [float(np.linalg.norm(place - other)) - wide[k] - wide[len(places)] for k, other in enumerate(places)]
         if min(room) > _GAP and np.abs(place).max() < 0.4:
             places.append(place)
-    return [ThingSettings(name=str(name), at=(float(place[0]), float(place[1])), yaw=float(draws.uniform(-180.0, 180.0)))
-            for name, place in zip(chosen, places, strict=True)]  # fmt: skip
+    yaws = draws.uniform(-180.0, 180.0, len(chosen)).tolist()
+    return [ThingSettings(name=str(name), at=(float(place[0]), float(place[1])), yaw=yaw)
+            for name, place, yaw in zip(chosen, places, yaws, strict=True)]  # fmt: skip
 
 
 def tried(settings: LabSettings) -> Row:

@@ -197,8 +197,8 @@ def _injected(room: Room, case: Case, name: str) -> tuple[Callable[[Now], None],
                 if not sensor.stuck:
                     sensor._bias[:3] = arm.T @ [0.0, 0.0, -3.0]
             case "glued":
-                body = model.body(name).id
-                model.body_mass[body], model.body_inertia[body] = 500.0, 10.0
+                first = int(model.joint(name).dofadr[0])
+                model.dof_damping[first : first + 6] = 1e4  # N·s/m and N·m·s: it hardly moves.
 
     if case.kind in ("encoder", "dead"):
         room = replace(room, hand=hand)

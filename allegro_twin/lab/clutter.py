@@ -45,9 +45,7 @@ def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSetting
         return ()
     grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
     labels = grid.of(world[:, :2])
-    return tuple(
-        _deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW)
-    )
+    return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
 
 
 def box_of(points: Array) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from allegro_twin.lab.check import Checked
 from allegro_twin.lab.grip import Wish, fingers
 from allegro_twin.lab.law import Guide, Guided
 from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.states import End, Now, Rules, State, begun, decided, kept
+from allegro_twin.lab.states import End, Now, Rules, Seen, State, begun, decided, endless, kept
 from allegro_twin.lab.work import WATCHED, Work
 from allegro_twin.loop import run, together
 from allegro_twin.perception.fits.model import Solid
@@ -65,7 +66,8 @@ def perform(
     """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
     `prepared` of the run's memory before anything moves.
 
-    Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
+    Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
+    state has its longest time, and so has the run, by the periods of arm and hand.
     """
     work, now = Work(room), begun(0.0)
     seen = _Story(room, work)
@@ -75,8 +77,16 @@ def perform(
     arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
     rules, clock = rules_of(room.settings), _Clock(room.settings)
     last: Sample | None = None
+    passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
     try:
         for turn, sample in together((arms, room.arm.period), (hands, room.hand.period)):
+            passed[turn] += (room.arm, room.hand)[turn].period
+            if passed[turn] > rules.longest:
+                now = endless(now, sample.state.t, rules, ("arm", "hand")[turn])
+                seen.enter(now, entered)
+                if last is not None:
+                    work.stand_still(last.state)
+                break
             if turn == 1:
                 work.hand_is(sample.state)
                 continue
@@ -86,13 +96,14 @@ def perform(
                 work.enter(now, state)
             work.felt(now, state)
             if now.state == "Done":
-                known = work.keeps(now, state)
+                held = now.end is not None and now.end.word == "held"
+                known = work.keeps(now, state) if held else Seen(state.t)
                 after = kept(now, known, rules)
                 if after is not now:
                     now = after
                     seen.enter(now, entered)
                     work.enter(now, state)
-                elif state.t >= now.since + WATCHED and (known.held or now.end is None or now.end.word != "held"):
+                elif state.t >= now.since + WATCHED and (known.held or not held):
                     break
                 continue
             if not clock.due(state.t):
@@ -194,10 +205,9 @@ def _hold(room: Room, work: Work, last: Sample | None, left: tuple[Iterator[Samp
     if last is None:
         return
     work.stand_still(last.state)
-    for samples in left:
-        for sample in _left(samples):
-            if sample.state.t >= last.state.t + WATCHED:
-                break
+    for samples, device in zip(left, (room.arm, room.hand), strict=True):
+        for _ in islice(_left(samples), round(WATCHED / device.period)):  # Counted: a clock may stand still.
+            pass
 
 
 def _left(samples: Iterator[Sample]) -> Iterator[Sample]:
