@@ -1,9 +1,9 @@
-"""`python -m benchmarks.mirror_losses`: what a mirror says of a hand with nothing wrong whose reports are noisy and lost,
-and how soon it notices a push and a fault then.
+"""`python -m benchmarks.mirror_losses`: a mirror beside hands whose reports are lost and noisy.
 
-Hands and motions as in `benchmarks.mirror`. The host is that of a CAN bus: a lost report of one finger costs that period
-and the next, and while none comes the hand keeps its torques. A burst loses 5 to 30 periods on end. The mirror is not
-told how noisy the encoders are.
+It counts what the mirror says of a hand with nothing wrong, and how soon it notices a push. Hands and motions are those
+of `benchmarks.mirror`. The host is that of a CAN bus: a lost report of one finger costs that period and the next, and
+while none comes the hand keeps its torques. A burst loses 5 to 30 periods on end. The mirror is not told how noisy the
+encoders are.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def learned(spec: HandSpec, seed: int, seconds: float, loss: float) -> Calm:
     usual = np.median(spread, axis=0)
     kept = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
     gains = np.array(each.diagnosis.gains)
-    return Calm.of(kept, moving, each.observer.held, gains, usual, PERIOD, spec)
+    return Calm.of(kept, moving, each.observer.held, gains, PERIOD, spec, usual)
 
 
 def heard(spec: HandSpec, calm: Calm | None, seed: int, seconds: float, loss: float, bursts: float, at: float) -> Said:
@@ -164,8 +164,10 @@ def main() -> None:
                 f"; {PUSH} N·m on a joint noticed in {np.mean(after <= 0.0401):.0%} in 40 ms, "
                 f"{np.mean(after <= 0.4):.0%} in 400 ms, median {1e3 * np.median(after):.0f} ms"
             )  # fmt: skip
-            print(f"noise {1e6 * noise:.0f} µrad, loss {loss:.1%}, bursts {chosen.bursts:.1%}: {chosen.minutes} minutes, "
-                  f"{touches} touches, names {dict(called)}{late}", flush=True)  # fmt: skip
+            print(
+                f"noise {1e6 * noise:.0f} µrad, loss {loss:.1%}, bursts {chosen.bursts:.1%}: {chosen.minutes} minutes, "
+                f"{touches} touches, names {dict(called)}{late}", flush=True,
+            )  # fmt: skip
 
 
 if __name__ == "__main__":

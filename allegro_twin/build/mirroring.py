@@ -158,7 +158,7 @@ def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     gains = np.array(each.diagnosis.gains).reshape(-1, len(recording.spec.fingers))
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
-    return Calm.of(disturbance, moving, each.observer.held, gains, usual, recording.period, recording.spec)
+    return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec, usual)
 
 
 def spec_in(recording: Recording, hand: str) -> HandSpec:

@@ -41,8 +41,8 @@ DEFAULT, PART = 0.02, 0.03
 """N·m, and of a motor's limit, where no free motion says what a touch is."""
 SURE = 8.0
 """Standard deviations of reported from predicted positions that noise never is."""
-ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])
-"""Where every report comes, and without noise."""
+UNKNOWN = frozen([np.inf])
+ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Where every report comes, and without noise.
 SIGMAS = 6.0
 """Of the disturbance that noise alone makes: less is no touch where no free motion says what is."""
 REACH = 3
@@ -74,7 +74,7 @@ class Calm(NamedTuple):
     """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
     """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
-    spread: Vector = frozen([np.inf])
+    spread: Vector = UNKNOWN
     """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
     out with those that it makes now. Infinite where it is not known."""
 
@@ -92,9 +92,9 @@ class Calm(NamedTuple):
         moving: NDArray[np.bool_],
         held: Vector,
         gains: Array,
-        spread: Vector,
         period: float,
         spec: HandSpec,
+        spread: Vector = UNKNOWN,
     ) -> Calm:
         """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
         those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
@@ -116,13 +116,12 @@ class Diagnosis:
         self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.above[0]
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
-        self._rows: list[NDArray[Any]]
-        """By column, the last LONGEST rows twice, so that any of them are one slice."""
+        self._periods: list[tuple[Vector, ...]]
+        self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
         self.interrupted()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
-        self.found: Anomaly | None = None
-        """What is wrong, as soon as that is sure; a slip until something else is."""
+        self.found: Anomaly | None = None  # As soon as that is sure; a slip until something else is.
 
     def interrupted(self) -> None:
         """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
@@ -152,7 +151,9 @@ class Diagnosis:
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
         self._at = np.where(heard, state.position, self._at)
         self._went = np.where(heard, went / np.maximum(since, 1), self._went)
-        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off, SURE * expected))
+        self._periods.append(
+            (estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off, SURE * expected)
+        )
         if len(self._periods) < ROW or weights is None:
             return
         *means, jumps, away, noise = (np.array(each) for each in zip(*self._periods, strict=True))

@@ -124,8 +124,8 @@ def outermost(share: Vector, joints: Sequence[int]) -> int:
 
 
 def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
-    """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the mirror
-    began again."""
+    """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the
+    mirror began again."""
     found, flags = [], touched(disturbance, above, spec)
     for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
         flags[(t >= begun) & (t < begun + SETTLED)] = False

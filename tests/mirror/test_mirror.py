@@ -24,7 +24,7 @@ from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.events import Pace, axes, contacts, thresholds, touched
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recording import load
-from allegro_twin.sim.beside.observer import Observer, gains
+from allegro_twin.sim.beside.observer import Observer, kalman
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
@@ -184,7 +184,8 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
 
 
 def test_heavier_joints_are_corrected_no_faster() -> None:
-    light, heavy = gains(0.003, 0.07, 0.003), gains(0.006, 0.07, 0.003)
+    both = kalman(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
+    light, heavy = both.gains(np.ones(2, dtype=bool)).T
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (light > 0).all()
 

@@ -1,4 +1,4 @@
-"""Kalman gains of joints that are independent: steady while every report comes, and what they must be after missed ones.
+"""Kalman gains of independent joints: steady while every report comes, and what they must be after missed ones.
 
 For every joint, with the states x = (position, speed, disturbance), in a period T:
 
