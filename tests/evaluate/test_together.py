@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.scenario import Phase, Protocol, load_protocol
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Draw, Uncertainty, draws
+from allegro_twin.evaluate.uncertainty import Draw, Stream, Uncertainty, draws
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
@@ -83,6 +84,18 @@ def test_the_same_number_is_the_same_case_for_every_object_and_however_many_are_
     assert few == many[:3]
     assert draws(Uncertainty(), 4, seed=7, first=3) == many[3:7]
     assert draws(Uncertainty(), 3, seed=8) != few
+
+
+def test_what_is_chosen_on_some_draws_is_never_judged_on_them() -> None:
+    """Streams share no draw, whatever their seeds: `plan` chose on the first twenty that `evaluate` then repeated."""
+    streams: tuple[Stream, ...] = get_args(Stream)
+    found = [
+        (each.x, each.y)
+        for stream in streams
+        for seed in range(5)
+        for each in draws(Uncertainty(), 50, seed, stream=stream)
+    ]
+    assert len(set(found)) == len(found) == 50 * 5 * 3
 
 
 def test_draws_fill_their_ranges_and_no_more() -> None:

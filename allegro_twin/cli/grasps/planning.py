@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,7 +17,7 @@ from allegro_twin.library.entries import HAND
 if TYPE_CHECKING:
     from allegro_twin.evaluate.scenario import Scenario
     from allegro_twin.plan.prove import Planned
-    from allegro_twin.plan.search import Search
+    from allegro_twin.plan.search import Budget, Search
     from allegro_twin.sweep.local import Engine
 
 
@@ -39,7 +40,9 @@ def plan(
     ],
     n: Annotated[int, typer.Option("--n", min=1, max=100, help="How many grasps that are apart from each other.")] = 5,
     hand: Hand = HAND,
-    kind: Annotated[str | None, typer.Option("--type", help="Only from this type of the GRASP taxonomy.")] = None,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="Only what its contacts show to be of this type of the GRASP taxonomy.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Where to write; plans/OBJECT otherwise.", callback=options.folder)
     ] = None,
@@ -56,7 +59,17 @@ def plan(
     protocol: Annotated[
         str, typer.Option(help="table_pick; or fc: free in the air, pushed along six axes.")
     ] = "table_pick",
-    seconds: Annotated[float, typer.Option("--time", help="To search at most.", callback=options.positive)] = 120.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--time",
+            help="To search at most, CPU seconds of all processors together; 120 otherwise.",
+            callback=options.positive,
+        ),
+    ] = None,
+    candidates: Annotated[
+        int | None, typer.Option(min=1, help="To search at most, closed in physics; the same seed finds the same.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Another seed finds other grasps.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, help="So many searches side by side, from this seed on.")] = 1,
     engine: Annotated[Engines, typer.Option(help="Where they run: this computer, or a Ray cluster.")] = Engines.local,
@@ -70,21 +83,28 @@ def plan(
     from allegro_twin.description.hands import load_spec
     from allegro_twin.evaluate.scenario import load_protocol
     from allegro_twin.files.output_folder import add_to_run, locked, one_run
-    from allegro_twin.plan.keep import in_words, stored, written
+    from allegro_twin.plan.keep import in_words, proof_of, stored, written
+    from allegro_twin.plan.prove import judge
     from allegro_twin.plan.region import region
-    from allegro_twin.plan.search import Search
+    from allegro_twin.plan.search import Budget, Search
     from allegro_twin.plan.templates import templates
 
     chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
     scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol, "hand": hand})
     load_protocol(protocol)
-    search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
+    search = Search(
+        scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by), kind=kind
+    )
     name = scenario.objects[0].name
+    unlimited = candidates is not None and seconds is None
+    budget = Budget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
     if seeds == 1 and engine is Engines.local:
-        found = _searched(search, n, seconds)
+        found = _searched(search, n, budget)
     else:
-        found = _spread(search, kind, n, seconds, seeds, chosen.engine)
+        found = _spread(search, n, budget, seeds, chosen.engine)
+    judge(found, spec, search.uncertainty, seed, search.folder)
     console.console.print(console.planned(name, found))
+    console.console.print(console.searched(search, seeds), soft_wrap=True)
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
         console.errors.print(f"no grasp holds {name}: of the candidates that physics closed ended {ends}")
@@ -94,38 +114,38 @@ def plan(
         if out is None:
             stack.enter_context(locked(folder))
         with one_run(folder) as staging:
-            paths = [folder / path.relative_to(staging) for path in written(found, name, staging, spec, read_in=folder)]
+            made = written(found, name, staging, spec, search.uncertainty, read_in=folder)
+            paths = [folder / path.relative_to(staging) for path in made]
         for number, planned in enumerate(found, 1):
             if keep is not None:
                 kept = f"{name}_{number}"
-                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept)
+                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept,
+                       proof=proof_of(planned, search.uncertainty))  # fmt: skip
         if pictures:
             add_to_run(folder, _pictured(paths, folder))
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
-def _searched(search: Search, n: int, seconds: float) -> list[Planned]:
+def _searched(search: Search, n: int, budget: Budget) -> list[Planned]:
     """On all processors of this computer."""
     from allegro_twin.cli import console
 
     name = search.scenario.objects[0].name
     with console.progress() as bar:
-        task = bar.add_task(f"{name}: 0 of {n}", total=seconds)
+        task = bar.add_task(f"{name}: 0 of {n}", total=1.0)
         return search.run(
-            n, seconds, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
+            n, budget, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
         )
 
 
-def _spread(search: Search, kind: str | None, n: int, seconds: float, seeds: int, engine: Engine) -> list[Planned]:
+def _spread(search: Search, n: int, budget: Budget, seeds: int, engine: Engine) -> list[Planned]:
     """One search a processor."""
     from allegro_twin.cli import console
     from allegro_twin.plan.spread import side_by_side
 
     with console.progress() as bar:
         task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
-        return side_by_side(
-            search, kind, n, seconds, seeds, engine, lambda done, _total: bar.update(task, completed=done)
-        )
+        return side_by_side(search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done))
 
 
 def new(
