@@ -18,6 +18,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.train import Recipe, load_recipe, train
+from allegro_twin.train.progress import VERSION
 
 pytest.importorskip("torch", reason="training needs the extra rl")
 for name in ("stable_baselines3", "onnx", "onnxruntime", "tensorboard"):
@@ -190,7 +191,7 @@ def test_a_checkpoint_from_another_version_is_refused_in_one_line(whole: Path, t
     with pytest.raises(ConfigError) as caught:
         train(recipe(), tmp_path)
     assert str(caught.value) == (
-        f"{old} is a checkpoint of version 0; this package continues 1: train anew in another folder"
+        f"{old} is a checkpoint of version 0; this package continues {VERSION}: train anew in another folder"
     )
     old.write_bytes(b"half a file")
     with pytest.raises(ConfigError, match="not a readable checkpoint"):
