@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.build.foreign import foreign
-from allegro_twin.build.rig import limits_of
+from allegro_twin.build.rig import check_period, limits_of
 from allegro_twin.build.simulated import object_of
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.control.controllers import PD, Follow, Gravity
@@ -72,6 +72,7 @@ class Bench:
     """Makes trials of one hand: under PD at one set of gains, as their grasp controls force, or in its own loop."""
 
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
+        check_period(period, spec)
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_model(spec)
         self.gains = load_gains(gains, spec)

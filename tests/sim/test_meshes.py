@@ -233,3 +233,54 @@ def test_a_scan_is_refused_by_its_count_before_it_is_read(suffix: str, tmp_path:
         path.write_bytes(bytes(80) + count.to_bytes(4, "little") + bytes(50 * count))
     with pytest.raises(ConfigError, match=f"{count} triangles; at most {TRIANGLES}: decimate it"):
         load_mesh(path)
+
+
+def as_text(path: Path, mesh: Mesh, name: str = "thing") -> Path:
+    """An ASCII .stl file as CAD programs write it."""
+    lines = [f"solid {name}"]
+    for face in mesh.faces:
+        corners = [f"      vertex {x:e} {y:e} {z:e}" for x, y, z in mesh.vertices[face].tolist()]
+        lines += ["  facet normal 0 0 0", "    outer loop", *corners, "    endloop", "  endfacet"]
+    path.write_text("\n".join([*lines, f"endsolid {name}", ""]))
+    return path
+
+
+@pytest.mark.parametrize("name", ["thing", ""])
+def test_an_ascii_stl_is_the_same_solid_as_the_mesh_it_was_written_from(tmp_path: Path, name: str) -> None:
+    vertices, faces = ring(24)
+    mesh = load_mesh(written(tmp_path / "ring.obj", vertices, faces))
+    text = as_text(tmp_path / "ring.STL", mesh, name)
+    found = load_mesh(text)
+    assert len(found.faces) == len(mesh.faces)
+    assert found.volume == pytest.approx(mesh.volume, rel=1e-5)
+    np.testing.assert_allclose(found.extents, mesh.extents, rtol=1e-6)
+    np.testing.assert_allclose(load_mesh(text, 0.5).extents, mesh.extents / 2, rtol=1e-6)
+    np.testing.assert_allclose(middle_of(text), 0.0, atol=1e-6)
+
+
+def test_an_ascii_stl_that_is_cut_short_or_holds_no_numbers_is_refused_in_one_line(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    path = as_text(tmp_path / "ring.stl", Mesh(vertices, np.array(faces)))
+    whole = path.read_text()
+    for number, (text, said) in enumerate(
+        [
+            (whole[: len(whole) // 2], "cut short"),
+            (whole.replace("vertex", "vertex x", 1), "could not convert"),
+            (whole.replace("vertex", "point", 1), "three finite vertices"),
+            (whole.replace("e-02", "e+999", 1), "three finite vertices"),
+            ("solid nothing\nfacet\nendsolid nothing\n", "three finite vertices"),
+        ]
+    ):
+        bad = tmp_path / f"{number}.stl"
+        bad.write_text(text)
+        with pytest.raises(ConfigError, match=rf"{number}\.stl: not a readable mesh: .*{said}"):
+            load_mesh(bad)
+
+
+def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    corners = vertices[np.array(faces)].astype("<f4")
+    body = b"".join(np.zeros(3, "<f4").tobytes() + each.tobytes() + b"\0\0" for each in corners)
+    path = tmp_path / "ring.stl"
+    path.write_bytes(b"solid facet".ljust(80) + len(faces).to_bytes(4, "little") + body)
+    assert len(load_mesh(path).faces) == len(faces)

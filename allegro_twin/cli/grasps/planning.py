@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 Thing = Annotated[
     str, typer.Argument(metavar="OBJECT", help="A name of the catalogue, or a mesh.", autocompletion=complete.objects)
 ]
+Hull = Annotated[bool, typer.Option("--hull", help="Take a mesh's convex hull, as of one whose surface is not closed.")]
 Hand = Annotated[str, typer.Option(help="The model of hand, or a card's path.", autocompletion=complete.models)]
 
 
@@ -53,6 +54,7 @@ def plan(
         float | None, typer.Option(help="kg; of the catalogue, or 500 kg/m³.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
     by: Annotated[
         str | None, typer.Option("--by", metavar="REGION", help="Hold it there, m in its own frame: x>0.045,z<0.03.")
     ] = None,
@@ -90,7 +92,9 @@ def plan(
     from allegro_twin.plan.templates import templates
 
     chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
-    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol, "hand": hand})
+    scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
+        update={"protocol": protocol, "hand": hand}
+    )
     load_protocol(protocol)
     search = Search(
         scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by), kind=kind
@@ -158,6 +162,7 @@ def new(
         float | None, typer.Option(help="kg, of a mesh; 500 kg/m³ otherwise.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
     seed: Annotated[int, typer.Option(min=0, help="Another seed proposes another palm.")] = 0,
     picture: Annotated[bool, typer.Option(help="Of the trial that it makes.")] = True,
 ) -> None:
@@ -170,7 +175,7 @@ def new(
     from allegro_twin.plan.begin import first_guess
     from allegro_twin.plan.keep import write
 
-    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction)
+    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
     with undisturbed():
@@ -183,7 +188,15 @@ def new(
     )
 
 
-def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: float | None, friction: float) -> Scenario:
+def scenario_of(
+    thing: str,
+    up: Literal["x", "y", "z"],
+    scale: float,
+    mass: float | None,
+    friction: float,
+    *,
+    hull: bool = False,
+) -> Scenario:
     """An object on the table before a hand that is still anywhere. Raises ConfigError."""
     from allegro_twin.build.simulated import object_of
     from allegro_twin.evaluate.scenario import Scenario
@@ -194,8 +207,11 @@ def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: floa
     changed: dict[str, object] = {"up": up}
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})
+        changed |= {"collision": "hull"} if hull else {}
     elif scale != 1.0 or mass is not None:
         raise ConfigError(f"--scale and --mass are for meshes; {thing} is of the catalogue")
+    elif hull:
+        raise ConfigError(f"--hull is for meshes; {thing} is of the catalogue")
     placed = type(placed).model_validate(placed.model_dump() | changed)
     anywhere = {"position": (0, 0, 0.2), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
     return Scenario.model_validate(

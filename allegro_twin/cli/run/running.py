@@ -131,14 +131,12 @@ def run(
     live = "web" if web else "native" if view else None
     outputs = Outputs(record, image, video, rrd, live, wire_log, views.size(size), views.checked(camera))
     chosen = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
-    reports = _reports(targets, chosen, outputs, out, count)
-    if not all(report.held for report in reports.values()):
+    if not _reports(targets, chosen, outputs, out, count):
         raise typer.Exit(5)
 
 
-def _reports(
-    targets: list[str], chosen: Options, outputs: Outputs, out: Path | None, count: int | None
-) -> dict[tuple[str, str], Report]:
+def _reports(targets: list[str], chosen: Options, outputs: Outputs, out: Path | None, count: int | None) -> bool:
+    """Do it all; whether every run did what it was for."""
     from allegro_twin.cli.run.runs import configs_of
     from allegro_twin.cli.run.several import Wanted
     from allegro_twin.sweep.local import cores
@@ -148,15 +146,16 @@ def _reports(
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
     if out is None:
-        return _run_all(jobs, Wanted(outputs, None), count or cores())
+        return _run_all(jobs, Wanted(outputs, None), count or cores())[1]
     with options.run_folder(out, REPORT) as staging:
-        reports = _run_all(jobs, Wanted(outputs, staging), count or cores())
+        reports, done = _run_all(jobs, Wanted(outputs, staging), count or cores())
         shown = _written(reports, staging)
     _tell_folder(reports, out, shown=shown)
-    return reports
+    return done
 
 
-def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], Report]:
+def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, str], Report], bool]:
+    """The verdicts, and whether every run did what it was for."""
     from rich.markup import escape
 
     from allegro_twin.cli import console
@@ -165,6 +164,7 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
     told: set[str] = set()
+    done = True
 
     def tell(line: str) -> None:
         console.errors.print(line, soft_wrap=True)
@@ -179,10 +179,13 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], 
                 raise LinkError(ran.outcome.unconfirmed)
             if ran.outcome.report is None:
                 console.console.print(console.final_state(ran.spec, ran.outcome.last))
+                if ran.outcome.missed:
+                    done &= job.cut and ran.outcome.last.t < ran.outcome.motion  # Then it was not asked to arrive.
+                    console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
     _tell(reports, grasps)
-    return reports
+    return reports, done and all(report.held for report in reports.values())
 
 
 def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> None:
