@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from allegro_twin.study import told
-from allegro_twin.study.analysis import Answer, Finding, Versus, analysed, chosen
+from allegro_twin.study.analysis import Answer, Finding, Versus, analysed, choices, chosen
 from allegro_twin.study.folder import read
 from allegro_twin.study.outcomes import Row, outcomes_of
 from allegro_twin.study.protocol import Study
@@ -36,13 +36,15 @@ def _train(rows: Sequence[Row], study: Study) -> Iterator[str]:
     yield f"On train, {study.pairs.train} pairs a hand, so many were held; the overlap is chosen by them and nothing"
     yield "else is concluded from them:"
     yield ""
-    yield f"| hand | {' | '.join(names)} | chosen |"
-    yield "|" + "---|" * (len(names) + 2)
+    yield f"| hand | {' | '.join(names)} | chosen | by these pairs drawn again |"
+    yield "|" + "---|" * (len(names) + 3)
     for hand in study.hands:
         train = outcomes_of(rows, study, hand, "train")
         if train.trials:
             held = " | ".join(str(sum(train.held(name))) for name in names)
-            yield f"| {hand} | {held} | {chosen(train, study.analysis)} |"
+            again = choices(train, study.analysis, study.seed)
+            shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in again.items() if share > 0.0)
+            yield f"| {hand} | {held} | {chosen(train, study.analysis)} | {shares} |"
 
 
 def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> Iterator[str]:

@@ -65,6 +65,8 @@ class Finding:
     chosen: str
     trained: int
     """Pairs on which the overlap was chosen."""
+    choices: Mapping[str, float]
+    """How often each would have been, of such pairs drawn again."""
     arms: tuple[Arm, ...]
     primary: Versus
     versus: tuple[Versus, ...]
@@ -112,6 +114,18 @@ def chosen(train: Outcomes, analysis: Analysis) -> str:
     return good[-1] if good else analysis.candidates[0]
 
 
+def choices(train: Outcomes, analysis: Analysis, seed: int) -> dict[str, float]:
+    """How often each candidate is chosen when the training pairs are drawn again with replacement: shares, in order.
+    An overlap that another draw of so many pairs would not choose says little of the hand."""
+    names = (analysis.baseline, *analysis.candidates)
+    held = np.array([train.held(name) for name in names], np.int64)  # (1 + candidates, pairs)
+    drawn = np.random.default_rng(seed).integers(0, held.shape[1], (analysis.resamples, held.shape[1]))
+    rates = held[:, drawn].mean(axis=2)  # (1 + candidates, resamples)
+    good = rates[1:] >= rates[0] - analysis.allowance - 1e-12
+    last = np.where(good.any(axis=0), len(good) - 1 - np.argmax(good[::-1], axis=0), 0)
+    return {name: float((last == k).mean()) for k, name in enumerate(analysis.candidates)}
+
+
 def finding(hand: str, train: Outcomes, test: Outcomes, study: Study) -> Finding:
     """Everything that is said of one hand."""
     analysis, best = study.analysis, chosen(train, study.analysis)
@@ -126,7 +140,8 @@ def finding(hand: str, train: Outcomes, test: Outcomes, study: Study) -> Finding
     held = [row["held"] for name in test.rows for row in test.rows[name]]
     said = [row["said_held"] for name in test.rows for row in test.rows[name]]
     return Finding(
-        hand, best, len(train.trials), tuple(arm(test, policy.name, study) for policy in study.policies),
+        hand, best, len(train.trials), choices(train, analysis, study.seed),
+        tuple(arm(test, policy.name, study) for policy in study.policies),
         against(best, analysis.baseline),
         (*(against(name, analysis.baseline) for name in others), against(best, analysis.report)),
         _dose(test, doses, None)[0], {sigma: _dose(test, doses, sigma) for sigma in sigmas},

@@ -41,10 +41,16 @@ def block(study: Study, set_: Set) -> int:
     return len(getattr(study, set_)) * len(study.strata.position) * len(study.strata.yaw)
 
 
+def object_of(study: Study, set_: Set, number: int) -> str:
+    """What trial `number` of a set is made with."""
+    objects: tuple[str, ...] = getattr(study, set_)
+    return objects[number % len(objects)]
+
+
 def case(study: Study, set_: Set, number: int, control: Control | None = None) -> Case:
     """Trial `number` of a set, from 0."""
     objects, strata = getattr(study, set_), study.strata
-    row, thing = divmod(number, len(objects))
+    row = number // len(objects)
     turn, cell = divmod(row, len(strata.position) * len(strata.yaw))
     place, yaw = cell % len(strata.position), cell // len(strata.position)
     frictions, times = strata.friction, strata.approach
@@ -59,6 +65,6 @@ def case(study: Study, set_: Set, number: int, control: Control | None = None) -
     if control is not None and control.certain:
         sigma, sigma_yaw, friction = 0.0, 0.0, max(frictions)
     return Case(
-        objects[thing], sigma, sigma_yaw, friction, approach, sigma * x, sigma * y,
+        object_of(study, set_, number), sigma, sigma_yaw, friction, approach, sigma * x, sigma * y,
         float(np.radians(sigma_yaw)) * angle, phase, felt,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from allegro_twin.sweep.store import Store
 TRIALS = "trials"
 FILE = "trials.parquet"
 _ORDER = ("hand", "set", "trial", "policy", "control")
-_FACTS = ("protocol", "engine", "allegro_twin")
+_FACTS = ("protocol", "registration", "engine", "allegro_twin", "code")
 
 
 class Held(NamedTuple):

@@ -15,6 +15,7 @@ from allegro_twin.study.analysis import Answer, Arm, Finding, analysed
 from allegro_twin.study.charts import Difference, differences, doses
 from allegro_twin.study.outcomes import Row
 from allegro_twin.study.protocol import Study
+from allegro_twin.study.registration import status_of
 
 
 def write_report(path: Path, rows: Sequence[Row], study: Study, about: Mapping[str, str]) -> None:
@@ -30,6 +31,7 @@ def page(rows: Sequence[Row], study: Study, about: Mapping[str, str]) -> str:
     title = "Closing while the arm still moves, against reach-then-grasp"
     body = [
         f"<header><h1>{title}</h1><p class='soft'>{facts}</p></header>",
+        f"<p><b>{escape(status_of(about))}</b></p>",
         f"<p><b>{escape(told.answer_of(answer, study))}</b></p>",
         "<p class='soft'>In simulation, with these hands' models, grasps and objects; docs/preemption.md has the "
         "protocol and the limits.</p>",
@@ -75,7 +77,8 @@ def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> 
     )
     return (
         f"<h2>{escape(found.hand)}</h2><p>{escape(told.sentence(found, answer, study))} Chosen on "
-        f"{found.trained} pairs of train.</p>{rates(chart, f'Success with {found.hand}')}"
+        f"{found.trained} pairs of train. {escape(told.choices_of(found))}</p>"
+        f"{rates(chart, f'Success with {found.hand}')}"
         f"<h3>Success against overlap</h3><p class='soft'>{escape(told.half_of(found))}</p>"
         f"{doses(curves, f'Success of {found.hand} by overlap')}{_arms(found.arms)}{_versus(found)}"
         f"<h3>Controls</h3><ul>{checks}</ul><p class='soft'>The force check: held and said so {both}, held and "

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.files.schema import parse
 from allegro_twin.study.bench import Bench, Job
-from allegro_twin.study.draws import block, case
+from allegro_twin.study.draws import block, case, object_of
 from allegro_twin.study.protocol import Set, Study
+from allegro_twin.study.registration import EXPLORATORY, contents_of
 from allegro_twin.study.together import together
 from allegro_twin.sweep.jobs import Sweep
 
@@ -17,12 +19,11 @@ UNIT = 32
 """Trials in a unit, at most: what may have to be made again after an interruption."""
 
 
-def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None) -> Sweep:
+def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None, registration: str = EXPLORATORY) -> Sweep:
     """The trials of some hands: of train, then as many `pairs` of test, or all, in blocks in which each hand comes
-    once: wherever it is cut off, hands, objects and errors have had the same. Raises ConfigError."""
-    most = study.pairs.test if pairs is None else pairs
-    if not 0 <= most <= study.pairs.test:
-        raise ConfigError(f"--pairs {most}: the protocol has {study.pairs.test} pairs of test a hand, and no more")
+    once: wherever it is cut off, hands, objects and errors have had the same. `registration`: what they are stamped
+    with. Raises ConfigError."""
+    most = pairs_of(study, pairs)
     items: list[dict[str, Any]] = []
     train = [study.analysis.baseline, *study.analysis.candidates]
     for set_, count, names in (
@@ -35,8 +36,27 @@ def sweep_of(study: Study, hands: tuple[str, ...], pairs: int | None = None) -> 
             for hand in hands:
                 items += [_item(hand, set_, i, policy) for i in numbers for policy in names]
                 items += [] if set_ == "train" else _controls(study, hand, numbers)
+    contents, inputs = contents_of(study), dict[tuple[str, str], dict[str, str]]()
+    for hand in hands:
+        for thing in (*study.train, *study.test):
+            own = (
+                f"model of {hand}",
+                f"scenario of {thing} with {hand}",
+                f"grasp of {thing} with {hand}",
+                f"object {thing}",
+            )
+            inputs[hand, thing] = {name: contents[name] for name in own}
+    of = [inputs[item["hand"], object_of(study, item["set"], item["trial"])] for item in items]
     return Sweep("allegro_twin.study.work:made", items, {"study": study.model_dump(mode="json")}, UNIT,
-                 {"protocol": study.digest})  # fmt: skip
+                 {"protocol": study.digest, "registration": registration}, of)  # fmt: skip
+
+
+def pairs_of(study: Study, pairs: int | None) -> int:
+    """So many of test, a hand; None: all. Raises ConfigError."""
+    most = study.pairs.test if pairs is None else pairs
+    if not 0 <= most <= study.pairs.test:
+        raise ConfigError(f"--pairs {most}: the protocol has {study.pairs.test} pairs of test a hand, and no more")
+    return most
 
 
 def _item(hand: str, set_: str, number: int, policy: str, control: str = "") -> dict[str, Any]:
@@ -71,12 +91,12 @@ def _job(study: Study, item: Mapping[str, Any]) -> Job:
     return Job(study.policy(item["policy"]), case(study, set_, item["trial"], control), control)
 
 
-_BENCHES: dict[tuple[str, str], Bench] = {}
+_BENCHES: dict[tuple[str, ...], Bench] = {}
 
 
 def _bench(study: Study, hand: str) -> Bench:
-    """Scenes take a while to make, and a process has many units of them."""
-    key = study.digest, hand
+    """Scenes take a while to make, and a process has many units of them; with other files they are others."""
+    key = study.digest, hand, fingerprint(contents_of(study))
     if key not in _BENCHES:
         _BENCHES[key] = Bench(study, hand)
     return _BENCHES[key]

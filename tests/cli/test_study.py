@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -57,3 +58,23 @@ def test_a_slip_is_one_line(
     assert code == 2
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_on_the_command_line_a_study_is_registered_refused_and_called_exploratory(
+    command: Run, protocol: Path, tmp_path: Path
+) -> None:
+    assert command("study", "register", protocol, "--when", "today")[0] == 0
+    words = ("study", "preemption", "--protocol", protocol, "--jobs", 1, "--pairs", 0)
+    code, shown, _ = command(*words, "--out", tmp_path / "a")
+    assert code == 0
+    assert "Registered: protocol, models" in shown
+    content: dict[str, Any] = yaml.safe_load(protocol.read_text())
+    protocol.write_text(yaml.safe_dump(content | {"seed": 8}))
+    code, _, error = command(*words, "--out", tmp_path / "b")
+    assert code == 2
+    assert "small.registration.json (today) no longer fits: the protocol; say --exploratory" in error
+    assert error.count("\n") == 1
+    code, shown, _ = command(*words, "--out", tmp_path / "b", "--exploratory")
+    assert code == 0
+    assert "Exploratory: no registration" in shown
+    assert "Exploratory: no registration" in (tmp_path / "b" / "report.html").read_text()

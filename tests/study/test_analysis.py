@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.study.analysis import analysed, chosen
+from allegro_twin.study.analysis import analysed, choices, chosen
 from allegro_twin.study.outcomes import control_of, outcomes_of
 from allegro_twin.study.page import page
 from allegro_twin.study.protocol import Study, load_study
-from allegro_twin.study.told import answer_of
+from allegro_twin.study.told import answer_of, by_definition, choices_of, sentence
 from tests.study.small import rows
 
 ALIKE = dict.fromkeys(("P0", "P0e", "P25", "P50", "P75", "P90", "Pd", "Pc"), 0.8)
@@ -74,3 +74,27 @@ def test_a_control_is_none_of_the_studys_own_trials(full: Study) -> None:
     assert first[0]["held"] is False
     assert first[1] is not None
     assert first[1]["trial"] == first[0]["trial"]
+
+
+def test_how_settled_the_choice_is_shows_when_training_pairs_are_drawn_again(full: Study) -> None:
+    alike = outcomes_of(rows(full, ALIKE), full, "sih", "train")
+    assert choices(alike, full.analysis, 0) == {"P25": 0.0, "P50": 0.0, "P75": 0.0, "P90": 1.0}
+    near = outcomes_of(rows(full, ALIKE | {"P90": 0.78}), full, "sih", "train")
+    shares = choices(near, full.analysis, 0)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert 0.05 < shares["P90"] < 0.95
+    lost = sum(a and not b for a, b in zip(near.held("P0e"), near.held("P90"), strict=True))
+    assert lost > 0
+    # P90 is chosen where at most one of those that it lost is drawn: 2 points of 60 are 1.2 pairs.
+    share, n = lost / 60, 60
+    expected = (1 - share) ** n + n * share * (1 - share) ** (n - 1)
+    assert shares["P90"] == pytest.approx(expected, abs=0.02)
+    assert choices(near, full.analysis, 0) == shares
+
+
+def test_what_an_overlap_saves_by_definition_is_said_beside_what_was_saved(full: Study) -> None:
+    answer = analysed(rows(full, ALIKE), full)
+    (found,) = answer.findings
+    assert by_definition(found, full) == pytest.approx(0.9 * 0.8)
+    assert "of it -0.72 s by definition" in sentence(found, answer, full)
+    assert choices_of(found) == "Of 60 pairs of train drawn again: P90 100 %."

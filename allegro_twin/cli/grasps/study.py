@@ -21,6 +21,7 @@ def register(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     study = typer.Typer(help="Does closing the hand while the arm still moves beat reach-then-grasp?")
     study.command()(preemption)
+    study.command("register")(registered)
     study.command()(report)
     app.add_typer(study, name="study")
 
@@ -33,26 +34,49 @@ def preemption(
     engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
     address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
     count: Count = None,
+    exploratory: Annotated[
+        bool, typer.Option("--exploratory", help="Although the registration does not fit; the results say so.")
+    ] = False,
 ) -> None:
-    """Make the trials of the pre-registered study, and its report. The same command again goes on after an
-    interruption; results under another protocol are refused."""
+    """Make the trials of a study, and its report. The same command again goes on after an interruption; results under
+    another protocol are refused, and a registration that no longer fits is, too."""
     from allegro_twin.cli import console
     from allegro_twin.cli.grasps.verdicts import engine_of
     from allegro_twin.study.folder import TRIALS
     from allegro_twin.study.protocol import load_study
-    from allegro_twin.study.work import sweep_of
+    from allegro_twin.study.registration import stamp_of
+    from allegro_twin.study.work import pairs_of, sweep_of
     from allegro_twin.sweep.running import run
     from allegro_twin.sweep.store import Store
 
     study = load_study(protocol)
-    sweep = sweep_of(study, study.of(tuple(hand or ())), pairs)
+    hands, count_of = study.of(tuple(hand or ())), pairs_of(study, pairs)
+    sweep = sweep_of(study, hands, count_of, stamp_of(study, protocol, exploratory=exploratory))
     chosen = engine_of(engine.value, address, count)
     with console.progress() as bar:
         task = bar.add_task("trials", total=len(sweep.items))
         run(
-            sweep, Store(out / TRIALS), chosen.engine, lambda done, total: bar.update(task, completed=done, total=total)
+            sweep,
+            Store(out / TRIALS, console.warn),
+            chosen.engine,
+            lambda done, total: bar.update(task, completed=done, total=total),
         )
     _say([out], out)
+
+
+def registered(
+    protocol: Annotated[str, typer.Argument(help="Of conf/studies, or a file; its registration is put beside it.")],
+    when: Annotated[str, typer.Option(help="And of which state of the repository; in words.")],
+) -> None:
+    """Register a study before its first trial: a fingerprint of its protocol, and of all models, grasps, objects and
+    code that its trials are made of. Trials are made under it as long as none of that has changed."""
+    from allegro_twin.cli.console import console
+    from allegro_twin.study.protocol import load_study
+    from allegro_twin.study.registration import place_of, register
+
+    path = place_of(protocol)
+    made = register(load_study(protocol), path, when)
+    console.print(f"{path}: registration {made.digest} of {len(made.contents)} contents", soft_wrap=True)
 
 
 def report(
@@ -78,12 +102,14 @@ def _say(folders: list[Path], folder: Path, where: str = "") -> None:
     from allegro_twin.study import told
     from allegro_twin.study.analysis import analysed
     from allegro_twin.study.folder import gathered, write
+    from allegro_twin.study.registration import status_of
 
     held = gathered(folders)
     write(held, folder, where)
     if len(folders) > 1:
         told_of = ", ".join(f"{count} of {hand}" for hand, count in sorted(held.hands.items()))
         console.print(f"Trials: {told_of}", soft_wrap=True, highlight=False)
+    console.print(status_of(held.stamps), soft_wrap=True, highlight=False)
     answer = analysed(held.table.to_pylist(), held.study)
     for found in answer.findings:
         console.print(told.sentence(found, answer, held.study), soft_wrap=True, highlight=False)
