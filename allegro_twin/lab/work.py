@@ -171,7 +171,11 @@ class Work:
             return Seen(state.t)
         if self._sight is None and self._asked is None:
             self._look_again(state)
-        return self._check(state)
+        told = self.checked
+        found = self._check(state)
+        if found.held:
+            self.checked = told  # What the verdict went by.
+        return found
 
     def _powerless(self) -> End | None:
         hand = self._hand
