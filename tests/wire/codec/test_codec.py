@@ -314,3 +314,20 @@ def test_short_and_long_frames_of_a_known_identifier_are_malformed() -> None:
             for length in range(1, 8):
                 with pytest.raises(ProtocolError, match=f"{length} data bytes instead of 8"):
                     codec.decode(Frame(whole.id, whole.data[:length]))
+
+
+@pytest.mark.parametrize("limit", [0, -1])
+def test_a_limit_of_no_counts_is_refused_and_of_one_count_taken(limit: int) -> None:
+    with pytest.raises(ConfigError, match="pwm_limit must be positive"):
+        Calibration(pwm_limit=(limit, *(375,) * 15))
+    assert Calibration(pwm_limit=(1,) * 16).pwm_limits("v4") == (1,) * 16
+    full = {"v1": 800, "v2": 800, "v3": 1200, "v4": 1200, "v5": 1430, "v5plus": 1430}
+    for version, most in full.items():
+        above = Calibration(pwm_limit=(most + 1,) * 16)
+        assert above.pwm_limits(version) == (most,) * 16  # type: ignore[arg-type]  # A version.
+
+
+@pytest.mark.parametrize("constant", [0.0, -0.1, math.inf, math.nan])
+def test_a_torque_constant_that_is_none_is_refused(constant: float) -> None:
+    with pytest.raises(ConfigError, match="torque_constant must be positive"):
+        Calibration(torque_constant=(constant, *(1.0,) * 15))
