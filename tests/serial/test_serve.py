@@ -34,8 +34,7 @@ class Slow:
 
 def test_a_hand_answers_while_it_computes_its_physics(tmp_path: Path) -> None:
     hand, terminal = Slow(), Terminal(tmp_path / "hand.tty")
-    serving = serve(hand, terminal)
-    thread = threading.Thread(target=lambda: next(serving))
+    thread = threading.Thread(target=lambda: next(serve(hand, terminal)))
     thread.start()
     line = os.open(tmp_path / "hand.tty", os.O_RDWR | os.O_NOCTTY)
     assert hand.begun.wait(20.0)
@@ -44,6 +43,5 @@ def test_a_hand_answers_while_it_computes_its_physics(tmp_path: Path) -> None:
     assert os.read(line, 16) == b"yes"
     thread.join(20.0)
     assert not hand.alone
-    serving.close()
     os.close(line)
     terminal.close()
