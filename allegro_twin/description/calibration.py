@@ -47,6 +47,10 @@ class Calibration:
     torque_order: Literal["reversed", "straight"] = "straight"
     """v1 only: whether a finger's four torques go from tip to palm, as on v2 and v3. Sources disagree; the default is
     that of the manufacturer's ROS drivers, which alone ship calibrations of v1 hands."""
+    convention: Literal["ros", "c"] = "ros"
+    """v1–v3 only: whose formulas the offsets and directions are for, the manufacturer's ROS drivers' or its C driver's.
+    They differ where a direction is -1: C :376 turns an encoder about the middle of its range, and C :340 applies the
+    motors' directions after the order was reversed, so to the joint at the other end of the finger."""
 
     def __post_init__(self) -> None:
         for name in ("encoder_offset", "encoder_direction", "motor_direction", "torque_constant", "pwm_limit"):

@@ -11,10 +11,12 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.spec import Side
 
-_WORDS = {"version": get_args(Version), "side": get_args(Side), "torque_order": ("reversed", "straight")}
+_WORDS = {"version": get_args(Version), "side": get_args(Side), "torque_order": ("reversed", "straight"),
+          "convention": ("ros", "c")}  # fmt: skip
 _WHOLE = ("encoder_offset", "encoder_direction", "motor_direction", "pwm_limit")
 _NUMBERS = (*_WHOLE, "torque_constant")
-_ONLY = {**dict.fromkeys(("encoder_direction", "motor_direction"), ("v1", "v2", "v3")), "torque_order": ("v1",)}
+_OLD = ("v1", "v2", "v3")
+_ONLY = {**dict.fromkeys(("encoder_direction", "motor_direction", "convention"), _OLD), "torque_order": ("v1",)}
 """Keys that only some versions have a use for."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 HIDDEN = "truth"

@@ -80,3 +80,16 @@ def test_the_servos_of_another_hand_are_refused() -> None:
         calibrated(4).check(small_spec(5))
     with pytest.raises(ConfigError, match="takes a limited_position; small_right takes torque"):
         calibrated(4).check(replace(small_spec(4), commands=("torque",)))
+
+
+def test_a_current_limit_of_the_highest_count_is_taken_and_one_that_rounds_above_it_refused() -> None:
+    highest = XM430_W350.named["current_limit"].high * XM430_W350.current_unit
+    for above, taken in ((0.0, True), (0.4, True), (0.6, False), (1.0, False)):
+        limit = highest + above * XM430_W350.current_unit
+        if taken:
+            assert calibrated(current_limit=limit).current_counts == (1193,) * 4
+        else:
+            with pytest.raises(ConfigError, match=r"a XM430-W350 can be given 3\.209 A at most"):
+                calibrated(current_limit=limit)
+    with pytest.raises(ConfigError, match="is less than a count"):
+        calibrated(current_limit=0.4 * XM430_W350.current_unit)

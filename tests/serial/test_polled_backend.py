@@ -390,3 +390,60 @@ def test_switching_off_is_asked_for_three_times_before_it_counts_as_failed(
     bench.backend.close()
     assert bench.hand.limp
     assert not bench.backend.unconfirmed
+
+
+class Scripted(Port):
+    """A line on which each question has the next of some answers."""
+
+    lockstep = True
+
+    def __init__(self, *answers: bytes) -> None:
+        super().__init__("scripted", 1_000_000)
+        self.answers, self._came, self.asked = list(answers), b"", 0
+
+    def now(self) -> float:
+        return 0.0
+
+    def wait(self, until: float) -> None: ...
+
+    def begin(self) -> None: ...
+
+    def rebaud(self, baud: int) -> None: ...
+
+    def close(self) -> None: ...
+
+    def clear(self) -> None:
+        self._came = b""
+
+    def send(self, data: bytes) -> None:
+        self.asked += 1
+        self._came = self.answers.pop(0) if self.answers else b""
+
+    def receive(self, most: int, seconds: float) -> bytes:
+        came, self._came = self._came, b""
+        return came
+
+
+def test_answers_that_were_asked_for_again_are_counted_one_by_one() -> None:
+    def read(heard: bytes) -> bytes | None:
+        return heard if heard == b"yes" else None
+
+    exchange = Exchange(Scripted(b"yes", b"", b"yes", b"mud", b"", b"yes"), "it", 0.01, tries=3)
+    assert (exchange.silent, exchange.garbled, exchange.warnings()) == (0, 0, [])
+    for counted in ((0, 0), (1, 0), (2, 1)):
+        assert exchange(b"?", read, 3) == b"yes"
+        assert (exchange.silent, exchange.garbled) == counted
+    assert exchange.warnings() == [
+        "2 answers did not come and were asked for again", "1 answers were garbled and were asked for again",
+    ]  # fmt: skip
+
+
+def test_it_is_asked_as_often_as_it_is_told_to_and_no_more() -> None:
+    for tries in (1, 3):
+        line = Scripted(b"mud", b"mud", b"mud", b"yes")
+        exchange = Exchange(line, "it", 0.01, tries)
+        with pytest.raises(ProtocolError, match="it on scripted answers what nobody understands: 6d 75 64"):
+            exchange(b"?", lambda heard: heard if heard == b"yes" else None, 3)
+        assert (line.asked, exchange.garbled) == (tries, tries - 1)
+    with pytest.raises(LinkTimeout, match="it on scripted is silent"):
+        Exchange(Scripted(), "it", 0.01, 2)(b"?", lambda heard: None, 3)

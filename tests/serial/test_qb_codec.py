@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.serial.qb.codec import Command, Packet, Parser, answer, lrc, numbers, words
+from allegro_twin.serial.qb.device import QbDevice
 
 PING = bytes.fromhex("3a3a 01 02 00 00")
 GOAL = bytes.fromhex("3a3a 01 06 82 4a38 0000 f0")  # 19000, 0; 82 ^ 4a ^ 38 = f0.
@@ -69,3 +70,22 @@ def test_an_answer_is_that_of_this_device_to_this_command() -> None:
     assert answer(others + mine[:-1], 1, Command.GET_CURRENTS, 4) is None
     assert answer(others + mine, 1, Command.GET_CURRENTS, 4) == words(5, 0)
     assert answer(mine, 1, Command.GET_CURRENTS, 6) is None
+
+
+def test_a_device_says_who_it_is_in_its_firmwares_text_without_a_packet() -> None:
+    device = QbDevice(7)
+    device.receive(Packet(7, Command.ACTIVATE, b"\x03").encoded())
+    device.receive(Packet(7, Command.SET_INPUTS, words(9_000, 0)).encoded())
+    device.sense(np.array([123.0]), np.array([45.0]))
+    for question in (Packet(7, Command.GET_INFO, words(0)).encoded(), Packet(0, Command.GET_INFO, words(0)).encoded(),
+                     b"?\r\n"):  # fmt: skip
+        text = device.receive(question).decode("ascii")
+        assert text.startswith("\r\nFirmware version: ")
+        lines = text.split("\r\n")
+        for line in ("DEVICE INFO", "ID: 7", "Motor reference - Position: 9000 ", "Motor enabled: YES", "1 -> 123",
+                     "Current (mA): 45", "USAGE STATISTICS"):  # fmt: skip
+            assert line in lines
+    cycles = device.receive(Packet(7, Command.GET_INFO, words(1)).encoded())
+    assert cycles.startswith(b"\r\nUSAGE STATISTICS\r\n")
+    assert device.receive(Packet(8, Command.GET_INFO, words(0)).encoded()) == b""
+    assert device.receive(Packet(7, Command.GET_INFO, words(99)).encoded()) == b""

@@ -14,7 +14,8 @@ dynamixel_sdk = pytest.importorskip("dynamixel_sdk", reason="pip install 'allegr
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand  # noqa: E402  # What is missing is said first.
+from allegro_twin.serial.dynamixel.codec.table import MODELS, Model  # noqa: E402  # What is missing is said first.
+from allegro_twin.serial.dynamixel.device.hand import VirtualHand  # noqa: E402  # As above.
 from tests.serial.rigs import Joints, Serving, calibrated, small_spec, soon  # noqa: E402  # As above.
 
 BAUD = 1_000_000
@@ -143,3 +144,47 @@ def test_at_another_speed_nobody_answers(port: Any, packets: Any) -> None:
     assert packets.write1ByteTxRx(port, 3, 8, 1) == (0, 0)
     assert port.setBaudRate(57_600)
     assert packets.ping(port, 3) == (1020, 0, 0)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+def test_scattered_items_are_read_and_written_together_through_indirect_addresses(
+    model: Model, tmp_path: Path, packets: Any
+) -> None:
+    """As e-Manual has it: pointers from 168 on, their data from 224 (XM430) or 208 (XC330) on."""
+    hand = VirtualHand(Joints(small_spec()), calibrated(model=model), BAUD)
+    pointers, data, count = model.indirect[0]
+    with Serving(tmp_path / "hand.tty", hand):
+        port = dynamixel_sdk.PortHandler(str(tmp_path / "hand.tty"))
+        assert port.openPort()
+        assert port.setBaudRate(BAUD)
+        wait = port.setPacketTimeout
+        port.setPacketTimeout = lambda length: (wait(length), port.setPacketTimeoutMillis(PATIENCE))
+        items = (65, 116, 117, 118, 119, 146, 132, 133, 134, 135)  # LED, Goal Position, Temperature, Present Position.
+        for identifier in (3, 4):
+            assert packets.read2ByteTxRx(port, identifier, pointers + 2 * (count - 1)) == (data + count - 1, 0, 0)
+            for k, address in enumerate(items):
+                assert packets.write2ByteTxRx(port, identifier, pointers + 2 * k, address) == (0, 0)
+            assert packets.write1ByteTxRx(port, identifier, 11, 5) == (0, 0)
+            assert packets.write1ByteTxRx(port, identifier, 64, 1) == (0, 0)
+        write = dynamixel_sdk.GroupSyncWrite(port, packets, data, 5)
+        bulk = dynamixel_sdk.GroupBulkRead(port, packets)
+        read = dynamixel_sdk.GroupSyncRead(port, packets, data + 5, 5)
+        for identifier in (3, 4):
+            assert write.addParam(identifier, [1, *(2200 + identifier).to_bytes(4, "little")])
+            assert bulk.addParam(identifier, data, 5)
+            assert read.addParam(identifier)
+        assert write.txPacket() == 0
+        assert soon(lambda: bulk.txRxPacket() == 0 and bulk.getData(3, data, 1) == 1)
+        assert [bulk.getData(k, data + 1, 4) for k in (3, 4)] == [2203, 2204]
+        assert [packets.read4ByteTxRx(port, k, 116)[0] for k in (3, 4)] == [2203, 2204]
+
+        def there() -> bool:
+            return read.txRxPacket() == 0 and all(abs(read.getData(k, data + 6, 4) - 2200 - k) <= 1 for k in (3, 4))
+
+        assert soon(there, 30.0)
+        assert read.getData(3, data + 5, 1) == hand.servos[0].memory.get("present_temperature")
+        many = dynamixel_sdk.GroupBulkWrite(port, packets)
+        assert many.addParam(3, data, 1, [0])
+        assert many.txPacket() == 0
+        assert soon(lambda: packets.read1ByteTxRx(port, 3, 65) == (0, 0, 0))
+        port.closePort()

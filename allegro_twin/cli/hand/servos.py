@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from allegro_twin.config import VIRTUAL_PORT, DynamixelSettings, PolledSettings, RunConfig
 from allegro_twin.errors import ConfigError
+
+_SWITCH = 0.0005
+"""s after which the thread that computes physics lets the one that answers have Python."""
 
 
 def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float | None, *, more: bool) -> None:
@@ -19,6 +23,7 @@ def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float |
     from allegro_twin.description.hands import load_spec
     from allegro_twin.serial.line.serve import Device, serve
     from allegro_twin.serial.line.terminal import Terminal
+    from allegro_twin.wire.host.realtime import ask_short_slice
 
     config = configs[0]
     settings = config.backend
@@ -35,6 +40,8 @@ def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float |
         hand = there = servos.virtual_hand(config, settings, spec, Scene(), step or config.period)
         who = "ids " + ", ".join(str(servo.id) for servo in there.servos)
     terminal, served = Terminal(Path(settings.port)), None
+    ask_short_slice()
+    sys.setswitchinterval(_SWITCH)
     said = f"{spec.name} at {settings.port}, {who} at {settings.baud} baud; Ctrl-C ends it"
     console.console.print(said, highlight=False, soft_wrap=True)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,9 +16,13 @@ BEHIND = 1.0
 PAUSE = 0.02
 """s of silence on the line after which half a packet is none."""
 
+GLANCE = 0.0005
+"""s between two looks whether a step is over, while the line is listened to."""
+
 
 class Device(Protocol):
-    """A hand that does not exist, at its end of a line."""
+    """A hand that does not exist, at its end of a line. `step` may run in one thread while `receive`, `clear` and
+    `seconds` are asked in another: physics take longer than a driver waits for its answer."""
 
     @property
     def period(self) -> float:
@@ -65,21 +70,25 @@ class Served:
 def serve(hand: Device, terminal: Terminal, clock: Callable[[], float] = time.monotonic) -> Iterator[Served]:
     """Be this hand at this terminal; yields after every step, until nobody consumes. Deadlines are absolute.
 
-    Answers come when the bytes have had their time on the line. Raises LinkError when the terminal is gone.
+    Answers come when the bytes have had their time on the line, also while a step is computed: qbAPI gives a device up
+    after 4 ms. Raises LinkError when the terminal is gone.
     """
     served, begin, skipped, line = Served(), clock(), 0, _Line(hand, terminal, clock)
-    while True:
-        due = begin + (served.steps + skipped + 1) * hand.period
-        line.carry(due, served)
-        late = clock() - due
-        if late > BEHIND:
-            lost = int(late / hand.period)
-            skipped += lost
-            served.lost += lost
-        served.late += late > hand.period
-        served.steps += 1
-        hand.step()
-        yield served
+    with ThreadPoolExecutor(1, "physics") as physics:
+        while True:
+            due = begin + (served.steps + skipped + 1) * hand.period
+            line.carry(due, served)
+            late = clock() - due
+            if late > BEHIND:
+                lost = int(late / hand.period)
+                skipped += lost
+                served.lost += lost
+            served.late += late > hand.period
+            served.steps += 1
+            step = physics.submit(hand.step)
+            line.carry_during(step, served)
+            step.result()
+            yield served
 
 
 class _Line:
@@ -101,6 +110,14 @@ class _Line:
                 self._hear(data)
             elif self._clock() >= due:
                 return
+
+    def carry_during(self, step: Future[object], served: Served) -> None:
+        """Until a step is over."""
+        while not step.done():
+            self._say(served)
+            if data := self._terminal.read(GLANCE):
+                served.heard += len(data)
+                self._hear(data)
 
     def _hear(self, data: bytes) -> None:
         now, hand = self._clock(), self._hand

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Protocol
 
@@ -72,6 +73,7 @@ class VirtualHand:
             if not 0 <= event.which < n:
                 raise ConfigError(f"faults.script: which is {event.which}; this hand has {n} actuators")
         self.spoil = Spoiler(plan.noise)
+        self._electronics = threading.Lock()  # They answer while physics are computed.
         self._script = sorted(plan.script, key=lambda event: event.at)
         self.dead, self.torn = np.zeros((2, n), dtype=bool)
         self.mute = self.off = False
@@ -103,28 +105,41 @@ class VirtualHand:
 
     def step(self) -> HandState:
         """Let one period pass."""
+        with self._electronics:
+            self._command()
+        self.state = self.backend.read()
+        with self._electronics:
+            self._pass()
+        return self.state
+
+    def _command(self) -> None:
+        """What the motors do in the period that begins."""
         while self._script and self._script[0].at <= self._on + 1e-9:
             self._do(self._script.pop(0))
         spec, wants = self.backend.spec, self._wants
         goal = self.state.position if wants is None else self.scale.position(np.array(wants, dtype=np.float64))
         useless = self.dead | self.torn | (wants is None)
         self.backend.write(PositionCommand(goal, effort=np.where(useless, 0.0, spec.actuation.torque_limit)))
-        self.state = self.backend.read()
+
+    def _pass(self) -> None:
+        """The period is over."""
+        spec, wants = self.backend.spec, self._wants
         self._steps += 1
         self.now = self._steps * self.period
         self._on += self.period
         if wants is not None:
+            goal = self.scale.position(np.array(wants, dtype=np.float64))
             most = (spec.upper - spec.lower) * self.period / _RUNS
             self._loose += np.where(self.dead, 0.0, np.clip(goal - self._loose, -most, most))
         self.electronics.elapse(self.period)
         self._sense()
-        return self.state
 
     def receive(self, data: bytes, baud: int) -> bytes:
         """What comes back of what a host sends at this speed; at another one it hears noise."""
-        heard = self.spoil(data)
-        answer = b"" if self.mute or self.off or baud != self.baud else self.spoil(self.electronics.receive(heard))
-        self.seconds += (len(data) + len(answer)) * BITS / baud
+        with self._electronics:
+            heard = self.spoil(data)
+            answer = b"" if self.mute or self.off or baud != self.baud else self.spoil(self.electronics.receive(heard))
+            self.seconds += (len(data) + len(answer)) * BITS / baud
         return answer
 
     def clear(self) -> None:

@@ -32,6 +32,8 @@ class Command(IntEnum):
     """Those that are used here."""
 
     PING = 0
+    GET_INFO = 6
+    """Payload: a number of 16 bits, which text; the answer is that text, without a packet around it."""
     ACTIVATE = 128
     GET_ACTIVATE = 129
     SET_INPUTS = 130
@@ -41,6 +43,12 @@ class Command(IntEnum):
     GET_CURR_AND_MEAS = 134
     SET_WATCHDOG = 143
     """Payload: a byte, in 20 ms; 0: none."""
+
+
+INFO_ALL, INFO_CYCLES = 0, 1
+"""What GET_INFO can be asked for."""
+ASK_INFO = b"?"
+"""Asks for INFO_ALL without a packet, whoever is there: qbAPI's RS485GetInfo."""
 
 
 class Packet(NamedTuple):

@@ -8,8 +8,24 @@ from __future__ import annotations
 import math
 
 from allegro_twin.serial.line.settings import WATCHDOG_UNIT
-from allegro_twin.serial.qb.codec import BROADCAST, CLOSED, OFF, ON, Command, Packet, Parser, numbers, words
+from allegro_twin.serial.qb.codec import (
+    ASK_INFO,
+    BROADCAST,
+    CLOSED,
+    INFO_ALL,
+    INFO_CYCLES,
+    OFF,
+    ON,
+    Command,
+    Packet,
+    Parser,
+    numbers,
+    words,
+)
 from allegro_twin.types import Array
+
+VERSION = "allegro-twin virtual v1.0.0"
+"""In place of the firmware's own."""
 
 
 class QbDevice:
@@ -18,13 +34,15 @@ class QbDevice:
     def __init__(self, identifier: int) -> None:
         self.id, self.active, self.watchdog = identifier, OFF, 0
         self.goal = self.tick = self.current = 0
-        self._parser, self._silent = Parser(), 0.0
+        self._parser, self._silent, self._seconds = Parser(), 0.0, 0.0
 
     @property
     def wants(self) -> list[int] | None:
         return [min(max(self.goal, 0), CLOSED)] if self.active == ON else None
 
     def receive(self, data: bytes) -> bytes:
+        if data.strip() == ASK_INFO:
+            return self._info(INFO_ALL)
         return b"".join(self._answer(packet) for packet in self._parser.feed(data))
 
     def clear(self) -> None:
@@ -32,6 +50,7 @@ class QbDevice:
 
     def elapse(self, seconds: float) -> None:
         self._silent += seconds
+        self._seconds += seconds
         if self.watchdog and self._silent > self.watchdog * WATCHDOG_UNIT:
             self.active = OFF
 
@@ -46,6 +65,8 @@ class QbDevice:
         match packet.command:
             case Command.PING:
                 said = b""
+            case Command.GET_INFO if len(given) == 2:
+                return self._info(numbers(given)[0])
             case Command.ACTIVATE if len(given) == 1:
                 if given[0] != OFF:
                     self.goal = self.tick  # Firmware: the goal becomes where the motor is.
@@ -65,3 +86,27 @@ class QbDevice:
             case Command.SET_WATCHDOG if len(given) == 1:
                 self.watchdog = min(given[0], 250)
         return b"" if said is None else Packet(self.id, packet.command, said).encoded()
+
+    def _info(self, which: int) -> bytes:
+        """The firmware's text (prepare_generic_info of its command_processing.c), of what exists here: a program that
+        looks for a line by its name finds it, or that it is not there."""
+        cycles = [
+            "", "USAGE STATISTICS", "",
+            f"Total power on time (sec): {int(self._seconds)}", "",
+        ]  # fmt: skip
+        if which == INFO_CYCLES:
+            lines = cycles
+        elif which == INFO_ALL:
+            lines = [
+                "", f"Firmware version: {VERSION}.", "",
+                "DEVICE INFO", f"ID: {self.id}", "Hand side: RIGHT", "",
+                "MOTOR INFO", f"Motor reference - Position: {self.goal} ", "",
+                f"Motor enabled: {'YES' if self.active == ON else 'NO'}", "",
+                "MEASUREMENTS INFO", "Sensor value:", f"1 -> {self.tick}", "2 -> 0", "3 -> 0",
+                f"Current (mA): {self.current}", "",
+                "DEVICE PARAMETERS", "Startup activation: NO", "Input mode: USB", "Control mode: Position",
+                "Position limit active: 1", f"Position limit motor: inf -> 0  sup -> {CLOSED}", *cycles,
+            ]  # fmt: skip
+        else:
+            return b""
+        return "\r\n".join([*lines, ""]).encode("ascii")

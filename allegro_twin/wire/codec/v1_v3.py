@@ -129,19 +129,24 @@ class V1To3:
 
 
 def _torques(version: Version, calibration: Calibration) -> Torques:
-    """The motor's direction is its joint's, so it goes on before the order is reversed (R :417, L main:230)."""
+    """The motor's direction is its joint's, so it goes on before the order is reversed (R :417, L main:230); by the C
+    driver's convention after it (C :340)."""
     full, constant, direction = FULL_SCALE[version], calibration.torque_constant, calibration.motor_direction
-    scale = [sign * full / value for sign, value in zip(direction, constant, strict=True)]
     backwards = version != "v1" or calibration.torque_order == "reversed"
+    if calibration.convention == "c" and backwards:
+        direction = tuple(sign for finger in range(4) for sign in direction[4 * finger : 4 * finger + 4][::-1])
+    scale = [sign * full / value for sign, value in zip(direction, constant, strict=True)]
     identifiers = [_from_host(SET_TORQUE + finger) for finger in range(4)]
     return Torques(identifiers, ">", scale, int(full), backwards=backwards)
 
 
 def _positions(calibration: Calibration) -> Positions:
-    """(count · direction - 32768 - offset) · scale. Drivers look at command and source and ignore the destination."""
+    """(count · direction - 32768 - offset) · scale; by the C driver's convention direction · (count - 32768 - offset) ·
+    scale (C :376). Drivers look at command and source and ignore the destination."""
     k = _RAD_PER_COUNT
     scale = [sign * k for sign in calibration.encoder_direction]
-    at = [(-_MIDDLE - offset) * k for offset in calibration.encoder_offset]
+    turned = calibration.encoder_direction if calibration.convention == "c" else (1,) * len(scale)
+    at = [sign * (-_MIDDLE - offset) * k for sign, offset in zip(turned, calibration.encoder_offset, strict=True)]
     reports = {
         CONTROL_DATA << 6 | destination << 3 | FIRST_FINGER + finger: finger
         for destination in range(8)

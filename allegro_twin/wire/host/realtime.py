@@ -31,7 +31,7 @@ def ask_short_slice() -> bool:
     # struct sched_attr: size, policy, flags, nice, priority, runtime, deadline, period (linux/sched/types.h).
     nice = os.getpriority(os.PRIO_PROCESS, 0)
     wanted = struct.pack("=IIQiIQQQ", 48, os.SCHED_OTHER, 0, nice, 0, SLICE, 0, 0)
-    return ctypes.CDLL(None).syscall(number, 0, wanted, 0) == 0
+    return bool(ctypes.CDLL(None).syscall(number, 0, wanted, 0) == 0)
 
 
 def ask(wanted: bool | Literal["try"]) -> None:

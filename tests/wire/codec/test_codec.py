@@ -162,6 +162,26 @@ def test_torques_of_the_first_three_versions_carry_the_motors_direction(version:
     np.testing.assert_allclose(read.torque, torque.torque)
 
 
+def test_by_the_c_drivers_convention_a_hand_turns_as_that_driver_believes() -> None:
+    """C :376 and :296-351 by hand: the encoder's direction is about the middle of its range, and the motors' come after
+    the order was reversed."""
+    signs, offset = (1, -1, -1, -1) * 4, (120,) * 16
+    made = Calibration(offset, signs, signs, convention="c")
+    codec, plain = make_codec("v2", made), make_codec("v2")
+    count = 40_000
+    report = Frame(plain.encode(m.FingerPosition(0, (0.0,) * 4)).id, count.to_bytes(2, "little") * 4)
+    read = codec.decode(report)
+    assert isinstance(read, m.FingerPosition)
+    angle = np.radians(333.3 / 65536) * (count - 32768 - 120)
+    np.testing.assert_allclose(read.position, [angle, -angle, -angle, -angle])
+    assert codec.encode(read).data == report.data
+    torque = m.SetTorque(1, (0.1, 0.2, 0.3, 0.4))
+    sent = [0.4, -0.3, -0.2, -0.1]  # Reversed, then times (1, -1, -1, -1).
+    assert codec.encode(torque).data == b"".join(round(800 * each).to_bytes(2, "big", signed=True) for each in sent)
+    ours = replace(made, convention="ros")
+    assert make_codec("v2", ours).encode(torque) != codec.encode(torque)
+
+
 def test_torques_run_from_tip_to_palm_on_v2_and_v3_and_as_configured_on_v1() -> None:
     asked = m.SetTorque(0, (0.1, 0.2, 0.3, 0.4))
     backwards = Calibration(torque_order="reversed")
@@ -294,3 +314,20 @@ def test_short_and_long_frames_of_a_known_identifier_are_malformed() -> None:
             for length in range(1, 8):
                 with pytest.raises(ProtocolError, match=f"{length} data bytes instead of 8"):
                     codec.decode(Frame(whole.id, whole.data[:length]))
+
+
+@pytest.mark.parametrize("limit", [0, -1])
+def test_a_limit_of_no_counts_is_refused_and_of_one_count_taken(limit: int) -> None:
+    with pytest.raises(ConfigError, match="pwm_limit must be positive"):
+        Calibration(pwm_limit=(limit, *(375,) * 15))
+    assert Calibration(pwm_limit=(1,) * 16).pwm_limits("v4") == (1,) * 16
+    full = {"v1": 800, "v2": 800, "v3": 1200, "v4": 1200, "v5": 1430, "v5plus": 1430}
+    for version, most in full.items():
+        above = Calibration(pwm_limit=(most + 1,) * 16)
+        assert above.pwm_limits(version) == (most,) * 16  # type: ignore[arg-type]  # A version.
+
+
+@pytest.mark.parametrize("constant", [0.0, -0.1, math.inf, math.nan])
+def test_a_torque_constant_that_is_none_is_refused(constant: float) -> None:
+    with pytest.raises(ConfigError, match="torque_constant must be positive"):
+        Calibration(torque_constant=(constant, *(1.0,) * 15))

@@ -78,7 +78,7 @@ def test_a_hand_without_a_wire_block_is_wired_like_the_nominal_one(tmp_path: Pat
     [
         (f"encoder_offset: {[0] * 15}", "wire.encoder_offset needs 16 values, one a joint; it has 15"),
         ("encoder_ofset: 0", "wire: no key named 'encoder_ofset'; did you mean 'encoder_offset'"),
-        ("3: 0", "wire: no key named '3'; there are: encoder_direction"),
+        ("3: 0", "wire: no key named '3'; there are: convention, encoder_direction"),
         (f"motor_direction: {[1] * 15 + [2]}", "wire.motor_direction must be 1 or -1 for every joint"),
         ("encoder_offset: 1.5", "wire.encoder_offset needs a whole number for every joint, not 1.5"),
         ("encoder_direction: true", "wire.encoder_direction needs a whole number for every joint, not True"),
@@ -94,6 +94,8 @@ def test_a_hand_without_a_wire_block_is_wired_like_the_nominal_one(tmp_path: Pat
         ),
         ("pwm_limit: 0", "wire.pwm_limit must be positive"),
         ("pwm_limit: 0.5", "wire.pwm_limit needs a whole number for every joint, not 0.5"),
+        ("version: v4\n  convention: c", "wire.convention means nothing to a v4 hand, only to v1, v2, v3"),
+        ("convention: d", "wire.convention must be one of ros, c, not 'd'"),
         ("version: v2\n  torque_order: straight", "wire.torque_order means nothing to a v2 hand, only to v1"),
     ],
 )

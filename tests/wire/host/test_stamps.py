@@ -49,3 +49,19 @@ def test_times_never_go_back_and_are_never_of_the_future(frames: list[tuple[floa
             last = t
         if emptied:
             stamps.empty(now)
+
+
+def test_clocks_that_drift_apart_are_followed_by_a_thousandth_of_the_time_and_no_faster() -> None:
+    stamps = Stamps()
+    assert stamps(1000.0, 10.0) == 10.0
+    assert stamps(1010.0, 20.5) == pytest.approx(20.0 + 1e-3 * 10.5)  # Read 0.5 s late: 10.5 s of creep.
+    assert stamps(1020.0, 30.015) == pytest.approx(30.015)  # Within what the creep allows it is the reading's time.
+
+
+def test_a_stamp_a_little_before_the_queue_was_empty_is_jitter_and_one_well_before_it_a_clock_that_was_set() -> None:
+    for before, back in ((0.0014, False), (0.0017, True)):  # The creep of half a second adds half a millisecond.
+        stamps = Stamps()
+        stamps(1000.0, 10.0)
+        stamps.empty(10.5)
+        stamps(1000.5 - before, 10.51)
+        assert (stamps.offset > -989.995) == back

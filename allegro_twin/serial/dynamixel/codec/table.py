@@ -116,8 +116,8 @@ _XM430 = (
     _r(144, 2, "present_input_voltage", 120),
     _r(146, 1, "present_temperature", 25),
 )
-# What is otherwise on the XC330-M288. It has no acceleration limit; on where its indirect data begin the manual (208)
-# and the SDK's file (224) disagree, so it has none here.
+# What is otherwise on the XC330-M288. It has no acceleration limit, and 20 indirect addresses in one block. Where their
+# data begin the manual says 208, and the SDK's file 224: the manual's holds here, for it lists every item.
 _XC330_M288 = (
     _r(0, 2, "model_number", 1240),
     _rw(8, 1, "baud_rate", 1, 0, 6),
@@ -178,7 +178,7 @@ def _with(base: tuple[Field, ...], changed: tuple[Field, ...], without: str) -> 
 
 
 XM430_W350 = Model("XM430-W350", _XM430, 2.69e-3, 4.1 / 2.3, ((168, 224, 28), (578, 634, 28)))
-XC330_M288 = Model("XC330-M288", _with(_XM430, _XC330_M288, "acceleration_limit"), 1e-3, 0.93 / 1.80)
+XC330_M288 = Model("XC330-M288", _with(_XM430, _XC330_M288, "acceleration_limit"), 1e-3, 0.93 / 1.80, ((168, 208, 20),))
 MODELS = {model.name: model for model in (XM430_W350, XC330_M288)}
 
 

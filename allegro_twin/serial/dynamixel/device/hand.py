@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
@@ -40,6 +41,7 @@ class VirtualHand:
         self.servos = [Servo(calibration.model, servo.id, baud) for servo in calibration.servos]
         self.bus = Bus(self.servos)
         self.faults = Faults(plan or FaultPlan(), self.servos)
+        self._electronics = threading.Lock()  # They answer while physics are computed.
         self.now = 0.0
         """s since `restart`."""
         self._on = 0.0
@@ -84,6 +86,15 @@ class VirtualHand:
 
     def step(self) -> HandState:
         """Let one period pass."""
+        with self._electronics:
+            self._command()
+        self.state = self.backend.read()
+        with self._electronics:
+            self._pass()
+        return self.state
+
+    def _command(self) -> None:
+        """What the motors do in the period that begins."""
         self.faults.happen(self._on)
         wants = [self._pull(k, servo.wants) for k, servo in enumerate(self.servos)]
         if wants != self._told:
@@ -92,18 +103,20 @@ class VirtualHand:
                 self._currents, self._effort = currents, self.calibration.effort(np.array(currents))
             self.backend.write(PositionCommand(self.calibration.position(np.array(goals)), effort=self._effort))
             self._told = wants
-        self.state = self.backend.read()
+
+    def _pass(self) -> None:
+        """The period is over."""
         self._steps += 1
         self.now = self._steps * self.period
         self._on += self.period
         for servo in self.servos:
             servo.elapse(self.period)
         self._sense()
-        return self.state
 
     def receive(self, data: bytes, baud: int) -> bytes:
         """What comes back of what a host sends at this speed."""
-        return self.faults.spoil(self.bus.receive(self.faults.spoil(data), baud))
+        with self._electronics:
+            return self.faults.spoil(self.bus.receive(self.faults.spoil(data), baud))
 
     def _pull(self, k: int, wants: Wants) -> Wants:
         """What is left at the actuator of what a servo wants: nothing where its tendon is torn, and its shaft runs."""
