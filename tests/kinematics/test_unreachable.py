@@ -150,3 +150,18 @@ def test_a_reached_target_is_its_own_nearest_point() -> None:
     np.testing.assert_array_equal(nearest.distance, 0.0)
     np.testing.assert_array_equal(nearest.point, points)
     np.testing.assert_allclose(finger.fk(nearest.posture).position, points, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("key", THUMBS, ids=str)
+def test_no_valley_of_q0_hides_a_point_of_the_thumb_that_is_nearer(key: Key) -> None:
+    finger, mirrored = FINGERS[key], np.array([1.0, 1.0 if key[0] == "right" else -1.0, 1.0])
+    # Where until 24 November 2026 the nearest was missed by 1.4 mm.
+    named = np.array([0.0622468489824457, 0.12483806447462033, -0.08667845008255133]) * mirrored
+    rng = np.random.default_rng(17)
+    beside = finger.fk(postures(finger, 150, 17)).position + rng.normal(0.0, 0.03, (150, 3))
+    targets = np.concatenate([named[None], beside])
+    found = finger.ik(targets).nearest().distance
+    assert found[0] == pytest.approx(0.0132123811007, abs=1e-10)
+    for q0 in np.linspace(finger.lower[0], finger.upper[0], 41):
+        held_there = finger.ik(targets, q0=np.full(len(targets), q0)).nearest().distance
+        assert (found <= held_there + 1e-10).all()

@@ -1,19 +1,33 @@
-"""The nearest point that the thumb can reach. For every q₀ it is closed-form, as a finger's is; and q₀ is sought."""
+"""The nearest point that the thumb can reach. For every q₀ it is closed-form, as a finger's is; and q₀ is sought.
+
+The square of the distance, S(q₀), is the least of those of all postures behind joint 0, each of which goes with q₀ as
+
+    |T|² + |p|² − 2 (T_x p_x + R ρ cos(q₀ − φ)),    R, ρ: how far target and tip are from joint 0's axis.
+
+So S has as many valleys as there are ways to bend, with ridges between them, but bends upwards by at most K = 2 R ρ.
+Of a valley's lowest place m, where the slope is zero, that says for any other place
+
+    S(q₀) ≤ S(m) + K/2 (q₀ − m)²,    |S'(q₀)| ≤ K |q₀ − m| where it falls towards m.
+
+What two places leave possible between them is searched until nothing lower can be, or less than NARROW is left.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import ceil, cos, inf, sin, sqrt
+from math import ceil, cos, hypot, inf, sin, sqrt
 from typing import TypeAlias
 
 from allegro_twin.kinematics.forms.planar import TOLERANCE
 from allegro_twin.kinematics.search.arcs import Arc, nearest_of
 from allegro_twin.kinematics.search.curve import Posture
-from allegro_twin.kinematics.search.minima import Place, minima
+from allegro_twin.kinematics.search.minima import Place, Way, minimum
 from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
+_NARROW = 0.02  # rad. Ours: no two valleys are nearer.
+_THERE = 1e-24  # m²: nothing is nearer than the target itself.
 Seen: TypeAlias = tuple[float, float, Posture]
 """With one q₀ the square of the least distance, m², its slope by q₀ and the posture."""
 
@@ -26,6 +40,7 @@ class ThumbNearest:
     ) -> None:
         self._links, self._aside, self._up, self._low, self._high = links, aside, up, low, high
         self._both = two_links(links, low[2:], high[2:])
+        self._reach = hypot(aside, up) + sum(links)
 
     def at(self, x: float, y: float, z: float, mode: Mode, angle: float) -> tuple[float, Posture | None]:
         """The least distance, m, and the posture that has it; inf and none where none has the angle of the mode."""
@@ -52,11 +67,8 @@ class ThumbNearest:
             square, _, posture = seen(low)
             return sqrt(square), posture
         count = 2 * ceil((high - low) / (2 * _STEP))
-        found = [seen(low + (high - low) * k / count) for k in range(count + 1)]
-        places: list[Place[Seen]] = [(at[2][0], at[0], at[1], at) for at in found]
-        for ends in pairwise(places):
-            found += [place[3] for place in minima(seen, _cost, *ends)]
-        square, _, posture = min(found, key=_square)
+        taus = [low + (high - low) * k / count for k in range(count + 1)]
+        square, _, posture = _lowest(seen, taus, 2.0 * hypot(y, z) * self._reach)
         return sqrt(square), posture
 
     def _seen(self, x: float, y: float, z: float, q0: float, swing: float | None, reach: Reach) -> Seen:
@@ -90,8 +102,49 @@ class ThumbNearest:
         return reach
 
 
-def _cost(at: Seen) -> tuple[float, float]:
+def _lowest(seen: Way[Seen], taus: Sequence[float], bend: float) -> Seen:
+    """The lowest place between some, of what bends upwards by at most `bend`, m²/rad²."""
+    places: list[Place[Seen]] = []
+    for tau in taus:
+        at = seen(tau)
+        places.append((tau, at[0], at[1], at))
+    best = min(places, key=_cost)[3]
+    open_ = list(pairwise(places))
+    while open_ and best[0] > _THERE:
+        low, high = open_.pop()
+        if not _may_hide(low, high, bend, best[0]):
+            continue
+        if low[2] < 0.0 < high[2]:
+            tau, cost, _, at = minimum(seen, _value, low, high)
+            between = (tau, cost, 0.0, at)
+        else:
+            middle = (low[0] + high[0]) / 2.0
+            at = seen(middle)
+            between = (middle, at[0], at[1], at)
+        best = min(best, between[3], key=_square)
+        open_ += [ends for ends in ((low, between), (between, high)) if ends[1][0] - ends[0][0] > _NARROW]
+    return best
+
+
+def _may_hide(low: Place[Seen], high: Place[Seen], bend: float, best: float) -> bool:
+    """Whether a valley that is lower than the best may lie between two places."""
+    (a, cost, ga, _), (b, then, gb, _) = low, high
+    first = a - ga / bend if ga < 0.0 else a
+    last = b - gb / bend if gb > 0.0 else b
+    if first > last:
+        return False
+    m = (a + b) / 2.0 + (cost - then) / (bend * (b - a))
+    m = first if m < first else last if m > last else m
+    half = bend / 2.0
+    return max(cost - half * (m - a) * (m - a), then - half * (b - m) * (b - m)) < best
+
+
+def _value(at: Seen) -> tuple[float, float]:
     return at[0], at[1]
+
+
+def _cost(place: Place[Seen]) -> float:
+    return place[1]
 
 
 def _square(at: Seen) -> float:
