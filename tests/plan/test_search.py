@@ -19,12 +19,12 @@ from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.evaluate.statistics import wilson
 from allegro_twin.evaluate.timeline import stage
 from allegro_twin.evaluate.uncertainty import draws
-from allegro_twin.files.schema import load
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.library.entries import GraspFile
 from allegro_twin.library.gains import load_gains
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp
+from allegro_twin.library.sources import read_file
 from allegro_twin.plan.begin import first_guess
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.ease import eased
@@ -85,6 +85,13 @@ def test_a_grasp_that_is_kept_is_there_by_name_for_either_hand(
     np.testing.assert_array_equal(library.grasp("ball_1", left).squeeze, SPEC.mirrored(planned.grasp.squeeze))
 
 
+def grasp_beside(scenario: Path) -> GraspFile:
+    """The entry in the file that was written with a scenario."""
+    (listed,) = read_file(scenario.parent / "grasps" / scenario.name)
+    assert isinstance(listed.entry, GraspFile)
+    return listed.entry
+
+
 def files(planned: list[Planned], folder: Path) -> dict[str, bytes]:
     """What is written of them, judged on few draws."""
     judge(planned, SPEC, SEARCHED, SEED, Path(), count=2)
@@ -138,7 +145,7 @@ def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
     held = sum(verdict.held for verdict in Bench(SPEC).verdicts(cases))
     assert (planned.judged, planned.judged_held) == (few, held)
     (path,) = written([planned], "ball", tmp_path, SPEC, search.uncertainty)
-    proof = load(GraspFile, path.parent / "grasps" / "ball_1.yaml").planned
+    proof = grasp_beside(path).planned
     assert proof is not None
     low, high = wilson(held, few)
     assert (proof.held, proof.draws, proof.protocol) == (held, few, "table_pick 2")
@@ -156,7 +163,7 @@ def test_what_is_written_claims_the_type_that_its_contacts_show(
     (path,) = written([planned], "ball", tmp_path, SPEC)
     (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
     assert verdict.report is not None
-    stored = load(GraspFile, path.parent / "grasps" / "ball_1.yaml")
+    stored = grasp_beside(path)
     assert stored.observed == verdict.report.observed
     assert stored.observed is not None
     assert (stored.taxonomy.number, stored.taxonomy.name) == (stored.observed.number, stored.observed.name)
