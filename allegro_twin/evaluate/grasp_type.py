@@ -146,6 +146,8 @@ class _Grasp:
         return self._side() if self.sides else self._pad()
 
     def _palm(self) -> Observed:
+        if not self.hand:
+            return self._none("a hand without fingers", "palm")
         missing = [f for f in self.hand if f not in self.fingers]
         if self.opposes and self.abducted:
             return self._without(missing) if missing else self._is(self._wrapped())

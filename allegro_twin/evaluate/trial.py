@@ -126,7 +126,7 @@ class Trial:
 
     def observed(self) -> Observed | None:
         """The type of grasp that its contacts showed on average over that phase; None before it."""
-        if not self._borne:
+        if not self._borne or not self.backend.spec.fingers:
             return None
         force, normal, _ = (np.mean([each[k] for each, _ in self._borne], axis=0) for k in range(3))
         stance = self._borne[-1][1]
@@ -144,7 +144,7 @@ class Trial:
             if force[p, k] > 0.0
         ]
         fingers = tuple(name for name in names if name != thumb)
-        reach = max(float(stance.length[k]) for k, name in enumerate(names) if name != thumb)
+        reach = max((float(stance.length[k]) for k, name in enumerate(names) if name != thumb), default=1.0)
         straight = dict(zip(names, stance.straight.tolist(), strict=True))
         return observed(Seen(bearings, fingers, self._shape(), thumb, 90.0 if thumb is None else up, straight, reach))
 

@@ -190,10 +190,11 @@ class Prover:
 
 
 def judge(
-    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0
-) -> None:
-    """Count how often each holds in the whole trial of its own protocol, in `JUDGED` draws that no search has seen."""
-    drawn = draws(uncertainty, JUDGED, seed, stream="judge")
+    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0,
+    count: int = JUDGED,
+) -> None:  # fmt: skip
+    """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
+    drawn = draws(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
         bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)

@@ -32,7 +32,8 @@ def grasps() -> Table:
     for listed in Library().list("grasp"):
         assert isinstance(listed.entry, GraspFile)
         kind = listed.entry.kind_of_grasp
-        table.add_row(listed.name, kind.type or "", str(kind), listed.entry.description)
+        said = str(kind) if listed.entry.observed is not None else f"{kind} (claimed)"
+        table.add_row(listed.name, kind.type or "", said, listed.entry.description)
     return table
 
 

@@ -95,8 +95,8 @@ class Surfaces:
             reach = points[-1] - points[0]
             apart = max(float(np.linalg.norm(reach)), 1e-9)
             rows.append((reach @ turn / apart, length, apart / max(length, 1e-9)))
-        direction, length_, straight = zip(*rows, strict=True)
-        return Stance(np.array(direction), np.array(length_), np.array(straight))
+        direction, length_, straight = zip(*rows, strict=True) if rows else ([], [], [])
+        return Stance(np.array(direction).reshape(-1, 3), np.array(length_), np.array(straight))
 
     def _surface(self, data: mujoco.MjData, part: int, body: int, normal: Array) -> int:
         if part == len(self._sites):
