@@ -55,7 +55,7 @@ class Case:
         recipe = load_recipe(RECIPES[self.policy])
         more: dict[str, Any] = {"timestep": self.timestep}
         if self.acts == CONSTANT:
-            more["control"] = "absolute"
+            more |= {"control": "absolute", "state": False}  # A critic's numbers change no episode.
         return recipe.task, sets(recipe)[self.objects].model_copy(update=more)
 
     def player(self) -> Policy:

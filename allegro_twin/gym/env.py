@@ -85,7 +85,10 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             self._pictures = None
 
     def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each."""
+        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each.
+
+        Of the goals as they are given: those of an observation are what encoders or a camera tell, so with noise or
+        delay this is not what the step has paid, which follows from what is truly achieved."""
         task = self.engine.task
         assert isinstance(task, Goals)
         return task.reward(achieved_goal, desired_goal, _dropped(info))
