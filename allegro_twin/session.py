@@ -137,7 +137,7 @@ class _Beside:
 
 def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
     """Judged by where the joints truly are in a simulation, and by what any other hand reports."""
-    goal = goal_of(config, rig.spec)
+    goal = None if config.task.posture is None else goal_of(config, rig.spec)  # Without a task nothing was asked for.
     if goal is None or config.backend.kind == "replay":  # In a recording others did what happened.
         return ""
     off = np.abs((last.position if rig.sim is None else rig.sim.true_position) - goal)

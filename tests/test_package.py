@@ -38,6 +38,8 @@ def built(folder: Path, target: str) -> Path:
 def test_the_wheel_has_the_license_the_types_and_the_data(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     assert {"allegro_twin/py.typed", "allegro_twin/_data/conf/sim_right.yaml"} <= names
+    examples = {f"allegro_twin/_data/examples/{path.name}" for path in (ROOT / "examples").iterdir() if path.is_file()}
+    assert "allegro_twin/_data/examples/hand_tracking.csv" in examples <= names
     (license_file,) = (name for name in names if name.endswith(".dist-info/licenses/LICENSE"))
     assert wheel.read(license_file) == (ROOT / "LICENSE").read_bytes()
     assert b"Apache License" in wheel.read(license_file)
@@ -87,6 +89,8 @@ def test_what_is_built_runs_in_an_environment_of_its_own(version: str, target: s
         [*quiet, f"{made}[view]"],
         [str(own / "allegro-twin"), "list"],
         [str(own / "allegro-twin"), "envs"],
+        [str(own / "allegro-twin"), "examples", "mine"],
+        [str(own / "python"), "mine/01_move_home.py"],
         [str(own / "allegro-twin"), "run", "lemon", "--out", str(tmp_path / "out")],
         [str(own / "python"), "-c", TOUR],
     ):

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from allegro_twin.cli import complete, console
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.errors import ConfigError, HandError, RecordingError
 from allegro_twin.files.output_folder import UNFINISHED, locked, one_run
 from allegro_twin.files.whole import check_place
 
@@ -69,10 +69,13 @@ def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
     try:
         with one_run(folder, last, keep=True) as staging:
             yield staging
-    except BaseException:
+    except BaseException as error:
         if (folder / UNFINISHED).exists():
             said = f"what was written until then is in {folder / UNFINISHED}; the rest of {folder} is as it was"
-            console.warn(said)
+            if isinstance(error, HandError):
+                error.args = (f"{error}; {said}",)  # An error is one line.
+            else:
+                console.warn(said)
         raise
 
 

@@ -26,7 +26,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 @cache
 def data_root() -> Path:
-    """The folder that holds models/, conf/ and scenarios/: inside an installed wheel, else the checkout."""
+    """The folder that holds models/, conf/, scenarios/ and examples/: inside an installed wheel, else the checkout."""
     inside = _PACKAGE / "_data"
     return inside if inside.is_dir() else _PACKAGE.parent
 

@@ -152,9 +152,7 @@ def _listening(host: str, port: int) -> socket.socket:
         return socket.create_server((host, port), family=family, backlog=64)
     except PermissionError as error:
         raise ConfigError(f"port {port} is not for everyone; choose one above 1023 with --port") from error
-    except socket.gaierror as error:
+    except (OSError, UnicodeError) as error:  # The second for what cannot be a name.
+        if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+            raise ConfigError(f"port {port} is taken by another program; choose another with --port") from error
         raise ConfigError(f"--host {host}: no address of this computer") from error
-    except OSError as error:
-        if error.errno == errno.EADDRNOTAVAIL:
-            raise ConfigError(f"--host {host}: no address of this computer") from error
-        raise ConfigError(f"port {port} is taken by another program; choose another with --port") from error

@@ -40,7 +40,6 @@ def config(tmp_path: Path) -> Any:
         content = {
             "hand": hand or {},
             "backend": {"kind": "can", "version": "v4", "interface": "allegro-virtual", **backend},
-            "task": {"posture": "home"},
             "controller": {"kind": "pid", "gravity": [0, 0, -9.81]},
             "seconds": 0.6,
         }

@@ -149,6 +149,7 @@ WRITERS = {
     "excite": ["excite", "can_virtual", "--pose", "up"],
     "schemas": ["schemas"],
     "gallery": ["gallery"],
+    "examples": ["examples"],
 }
 
 
@@ -165,7 +166,7 @@ def test_every_command_that_writes_a_folder_is_tried_here() -> None:
 @pytest.mark.parametrize("name", sorted(WRITERS))
 def test_the_second_writer_into_a_folder_is_refused_in_one_line(command: Run, tmp_path: Path, name: str) -> None:
     with another_writer(tmp_path / "f"):
-        where = [tmp_path / "f"] if name in ("collect", "schemas", "gallery") else ["--out", tmp_path / "f"]
+        where = [tmp_path / "f"] if name in ("collect", "schemas", "gallery", "examples") else ["--out", tmp_path / "f"]
         code, _, said = command(*WRITERS[name], *where)
     assert code == 2
     assert "another program writes into this folder; wait for it to end" in said

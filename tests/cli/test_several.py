@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 
 from allegro_twin.cli.run import several
+from allegro_twin.files.output_folder import FILES, UNFINISHED
 from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
 from tests.patience import comes_true
 
 SUITE = Path(__file__).resolve().parents[2]
 MINUTES = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 600\n"
-MOMENT = MINUTES.replace("600", "0.3")
+MOMENT = MINUTES.replace("600", "0.3").replace("task: {posture: home}\n", "")  # Which it could not reach.
 TOO_FAST = "backend: {kind: sim}\ncontroller: {kind: torque, torque: 0.3}\nlimits: {velocity: 0.5}\nseconds: 1\n"
 
 
@@ -106,7 +107,7 @@ def two_running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]
     allegro = [sys.executable, "-m", "allegro_twin", "run", *paths, "--out", str(folder / "out"), "--jobs", "2"]
     program = subprocess.Popen(allegro, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
-        recordings = [folder / "out" / name for name in ("a.arrow", "b.arrow")]
+        recordings = [folder / "out" / UNFINISHED / name for name in ("a.arrow", "b.arrow")]
         assert within(60, lambda: all(path.exists() and path.stat().st_size > 100_000 for path in recordings))
         yield program, children(program.pid)
     finally:
@@ -122,11 +123,13 @@ def test_an_interruption_ends_all_processes_and_their_recordings_are_whole(
         assert len(workers) == 2
         program.send_signal(signalled)
         _, errors = program.communicate()
-    assert (program.returncode, errors) == (130, "")
+    out = tmp_path / "out" / UNFINISHED
+    assert program.returncode == 130
+    assert errors == f"what was written until then is in {out}; the rest of {out.parent} is as it was\n"
     assert not any(alive(worker) for worker in workers)
-    out = tmp_path / "out"
-    assert {path.name for path in out.iterdir()} == {"a.arrow", "b.arrow"}  # And nothing hidden, begun or half-written.
-    assert all(len(load(path)) > 100 for path in out.iterdir())
+    assert [path.name for path in out.parent.iterdir()] == [UNFINISHED]  # It was no run.
+    assert {path.name for path in out.iterdir()} == {"a.arrow", "b.arrow", FILES}  # And nothing begun or half-written.
+    assert all(len(load(out / name)) > 100 for name in ("a.arrow", "b.arrow"))
 
 
 def test_processes_end_with_the_program_that_started_them_even_if_it_is_killed(tmp_path: Path) -> None:
@@ -142,4 +145,6 @@ def test_a_run_whose_process_is_killed_is_one_line_that_names_it(tmp_path: Path)
             os.kill(worker, signal.SIGKILL)
         _, errors = program.communicate()
     assert program.returncode == 2
-    assert errors == ("allegro-twin: a, right hand: its process was killed by signal 9; --jobs 1 runs it in this one\n")
+    said = "allegro-twin: a, right hand: its process was killed by signal 9; --jobs 1 runs it in this one; what was"
+    assert errors.startswith(said)
+    assert errors.count("\n") == 1

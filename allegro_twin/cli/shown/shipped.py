@@ -16,6 +16,7 @@ def register(app: typer.Typer) -> None:
     app.command("list")(list_)
     app.command()(envs)
     app.command()(gallery)
+    app.command()(examples)
 
 
 def list_(
@@ -47,6 +48,23 @@ def envs(
     from allegro_twin.cli.policies import environments
 
     console.console.print(environments.listed(task))
+
+
+def examples(
+    folder: Annotated[Path, typer.Argument(help="Where they go.", callback=options.folder)],
+) -> None:
+    """Copy the example scripts, and the tracked hand that `teleop` plays, into a folder of your own."""
+    from allegro_twin.cli import console
+    from allegro_twin.files.assets import data_root
+    from allegro_twin.files.whole import whole_file
+
+    found = sorted(path for path in (data_root() / "examples").iterdir() if path.suffix in (".py", ".csv"))
+    if there := [path.name for path in found if (folder / path.name).exists()]:
+        raise ConfigError(f"{folder}: has {there[0]} already; give another folder")
+    for path in found:
+        with whole_file(folder / path.name) as temporary:
+            temporary.write_bytes(path.read_bytes())
+    console.console.print(f"{len(found)} files in {folder}/: python {folder}/{found[0].name}", soft_wrap=True)
 
 
 def gallery(

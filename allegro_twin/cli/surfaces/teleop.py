@@ -51,6 +51,7 @@ def teleop(
     from allegro_twin.cli.performers import on_hand
     from allegro_twin.cli.run.looking import show_live
     from allegro_twin.config import load_config
+    from allegro_twin.files.assets import find
     from allegro_twin.teleop.apart import Apart
     from allegro_twin.teleop.camera import Webcam
     from allegro_twin.teleop.leading import live, replay
@@ -62,7 +63,7 @@ def teleop(
     if source == WEBCAM and model is None:
         raise ConfigError("--from webcam needs --model hand_landmarker.task, MediaPipe's; docs/teleop.md says whence")
     settings = on_hand(load_config(config), other)
-    track = None if source == WEBCAM else read_track(Path(source))
+    track = None if source == WEBCAM else read_track(find(source, "tracked hand", "examples", ".csv"))
     side: Side = tracked or (None if track is None else track.side) or "right"
     sys.setswitchinterval(_TURNS)
     with ExitStack() as stack:
