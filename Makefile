@@ -8,7 +8,8 @@ PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 # What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-all docs test tests types test-lowest test-socketcan test-socketcan-timing test-all bench models install tutorials clean
+.PHONY: demo demo-all docs test tests types test-rl test-panel test-realtime test-socketcan test-socketcan-timing test-long \
+        test-lowest test-all mutants bench models install tutorials clean
 
 demo: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo --side both --out out
@@ -16,11 +17,12 @@ demo: $(READY)
 demo-all: $(READY)
 	$(BIN)/allegro-twin run scenarios/demo scenarios/more --side both --out out || test $$? -eq 5
 
-# Beside the tests, which wait for time now and then, the types and the guest of SocketCAN, one after the other.
+# All that the base and the extra dev can run, on a computer that may be busy with other work. The tests wait for time now and
+# then: the types beside them.
 test: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(MAKE) --no-print-directory --jobs=2 tests types test-socketcan
+	$(MAKE) --no-print-directory --jobs=2 tests types
 
 tests: $(READY)
 	$(PYTEST)
@@ -28,15 +30,46 @@ tests: $(READY)
 types: $(READY)
 	$(BIN)/mypy
 
+# Learning: PyTorch and its learners, which are gigabytes.
+RL := $(VENV)/.rl
+test-rl: $(RL)
+	$(PYTEST) --whole rl tests/train tests/policy tests/gym tests/lab/test_pick.py tests/test_arrays.py tests/test_examples.py
+
+$(RL): $(READY)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[rl,rsl]'
+	@touch $@
+
+# The panel in a browser: apt-get install chromium.
+PANEL := $(VENV)/.panel
+test-panel: $(PANEL)
+	$(PYTEST) --whole panel tests/panel
+
+$(PANEL): $(READY)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[panel]' playwright
+	@touch $@
+
+# Programs that talk to each other while time passes: alone on a computer that has time, one after the other.
+test-realtime: $(READY) test-socketcan
+	$(BIN)/pytest -m 'realtime and not long'
+
 test-socketcan: $(READY)
 	$(BIN)/python -m tests.socketcan.guest --color=no
 
 test-socketcan-timing: $(READY)
-	$(BIN)/python -m tests.socketcan.emulated
-
-test-all: test
-	$(PYTEST) -m long
 	$(BIN)/python -m tests.socketcan.emulated --color=no
+
+test-long: $(READY)
+	$(PYTEST) -m 'long and not realtime'
+	$(BIN)/pytest -m 'long and realtime'
+
+test-all: test test-realtime test-rl test-panel test-long test-socketcan-timing
+
+# Small errors that no test sees: an hour and more. docs/tests.md has the last result.
+MUTANTS ?= --count 200 --seed 1 --bar 0.9
+mutants: $(RL)
+	$(BIN)/python -m tests.mutants --map
+	$(BIN)/python -m tests.mutants --map -m 'realtime and not long'
+	$(BIN)/python -m tests.mutants $(MUTANTS)
 
 # Every lower bound of pyproject.toml, as it stands there, but of the extras that bring PyTorch or Ray, which are gigabytes.
 # A newer click's warnings about an older typer are not ours.

@@ -74,7 +74,7 @@ def violation(state: HandState, limits: Limits, spec: HandSpec) -> str | None:
     down, up = (-limits.velocity, limits.velocity) if limits.speeds is None else limits.speeds(state.position)
     fastest = np.where(state.velocity < 0.0, -down, up)
     if (np.abs(state.velocity) > fastest).any():
-        joint = int(np.argmax(np.abs(state.velocity) / fastest))
+        joint = int(np.nanargmax(np.abs(state.velocity) / fastest))
         speed, limit = state.velocity[joint], fastest[joint]
         where = "" if limit == limits.velocity[joint] else f" at {state.position[joint]:.2f} rad"
         return f"{spec.joints[joint]} moves at {speed:.2f} rad/s, over its limit of {limit:.2f} rad/s{where}"

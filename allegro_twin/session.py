@@ -13,6 +13,7 @@ import numpy as np
 
 from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.build import Rig
+from allegro_twin.build.references import goal_of
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
@@ -22,6 +23,11 @@ from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
     from allegro_twin.evaluate.held import Report
+
+
+REACHED = 0.03
+"""rad. A joint that is further from where it was to go is not there, as of a motion of `Hand`. Dry friction alone keeps
+the joints of a hand that closes its own loop up to 0.021 rad away (SIH, simulated)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +56,10 @@ class Outcome:
     report: Report | None
     notes: tuple[str, ...]
     """What was asked for and could not be had, and warnings."""
+    motion: float = 0.0
+    """How long the controller's motion takes, s; 0 where it has none of its own."""
+    missed: str = ""
+    """Which joints are not where the task was to bring them, and by how much; empty where they all are."""
     unconfirmed: str = ""
     """Why it is not sure that the hand was left limp; empty when it is."""
 
@@ -67,6 +77,11 @@ def perform(
 
     Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
     """
+    if rig.trial is not None and rig.seconds is not None and rig.seconds < rig.trial.seconds - 1e-9:
+        raise ConfigError(
+            f"seconds {rig.seconds:g}: the trial takes {rig.trial.seconds:.1f} s, and without its end there is no "
+            "verdict; leave `seconds` out, or run a config without a scenario"
+        )
     notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
     with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
         samples = to_the_end(run(rig.backend, rig.controller))
@@ -80,13 +95,16 @@ def perform(
         for sample in samples:
             last = sample.state
             advance(last.t)
-        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         assert last is not None  # The loop yields at least the state after reset.
+        missed = _missed(rig, config, last, beside.motion)
+        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         report = rig.trial.report() if rig.trial is not None else None
         _concluded(viewers, report)
         if rig.there is not None:
             notes += rig.there.warnings()
-    return Outcome(last, report, tuple(notes), "" if rig.there is None else rig.there.unconfirmed)
+    return Outcome(
+        last, report, tuple(notes), beside.motion, missed, "" if rig.there is None else rig.there.unconfirmed
+    )
 
 
 class _Beside:
@@ -94,6 +112,8 @@ class _Beside:
 
     def __init__(self, rig: Rig) -> None:
         self._rig, self._target = rig, np.empty(0)
+        self.motion = 0.0
+        """How long the controller's motion takes, s."""
 
     def followed(self, samples: Iterator[Sample]) -> Iterator[Sample]:
         """A stage that keeps up with the samples."""
@@ -105,6 +125,7 @@ class _Beside:
             state = sample.state
             if path is None and reference is not None:
                 path, began = reference.begin(state.position), state.t
+                self.motion = float(getattr(path, "seconds", 0.0))
             if path is not None:
                 self._target = path(state.t - began).position
             yield sample
@@ -112,6 +133,21 @@ class _Beside:
     def __call__(self) -> dict[str, Array]:
         found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}
         return found | {"target": self._target} if self._target.size else found
+
+
+def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
+    """Judged by where the joints truly are in a simulation, and by what any other hand reports."""
+    goal = goal_of(config, rig.spec)
+    if goal is None or config.backend.kind == "replay":  # In a recording others did what happened.
+        return ""
+    off = np.abs((last.position if rig.sim is None else rig.sim.true_position) - goal)
+    far = [joint for joint in np.argsort(-off) if not off[joint] <= REACHED]
+    if not far:
+        return ""
+    name = config.task.posture if isinstance(config.task.posture, str) else "the posture"
+    joints = ", ".join(f"{rig.spec.readable[joint]} {off[joint]:.2f}" for joint in far)
+    early = f"; the motion takes {motion:.1f} s" if last.t < motion else ""
+    return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
 
 
 @contextmanager

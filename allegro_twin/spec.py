@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -190,20 +191,46 @@ class HandSpec:
     def posture(self, values: ArrayLike, what: str = "posture") -> Vector:
         """Joint positions inside the limits, shape (n,), rad. Raises ConfigError naming the joint and the excess."""
         array = self.vector(values, what)
-        excess = np.maximum(self.lower - array, array - self.upper)
-        worst = int(np.argmax(excess))
-        if excess[worst] > 1e-9:
-            raise ConfigError(
-                f"{what}: {self.readable[worst]} = {array[worst]:.4f} rad is "
-                f"{excess[worst]:.4f} rad outside its limits [{self.lower[worst]:.4f}, {self.upper[worst]:.4f}]"
-            )
+        if said := self.beyond(array, self.lower, self.upper, 1e-9):
+            raise ConfigError(f"{what}: {said}")
         return array
+
+    def reachable(self, values: ArrayLike, what: str = "posture") -> Vector:
+        """As `posture`, for joint positions that were read from a hand: what a joint gives at its stop, GIVE at most,
+        is clipped."""
+        array = self.vector(values, what)
+        if said := self.beyond(array, self.lower, self.upper, GIVE):
+            raise ConfigError(f"{what}: {said}")
+        return frozen(np.clip(array, self.lower, self.upper))
+
+    def beyond(self, posture: Vector, lower: Vector, upper: Vector, give: float, of: str = "outside its limits") -> str:
+        """Which joint of a posture, (n,), rad, is furthest beyond two bounds, (n,) each, rad, and by how much, with
+        the digits that show it; empty where none is by more than `give`, rad."""
+        excess = np.maximum(lower - posture, posture - upper)
+        worst = int(np.argmax(excess))
+        value, least, most, over = (float(each[worst]) for each in (posture, lower, upper, excess))
+        if over <= give:
+            return ""
+        digits = 4 if over >= 0.001 else 2 - math.floor(math.log10(over))
+        said = (
+            f"{self.readable[worst]} = {value:.{digits}f} rad is {over:.{digits}f} rad {of} "
+            f"[{least:.{digits}f}, {most:.{digits}f}]"
+        )
+        if least <= math.radians(value) <= most and abs(value) > math.pi:
+            said += f"; positions are in radians: {value:g}° is {math.radians(value):.4f} rad"
+        return said
 
     def mirrored(self, position: Array) -> Array:
         """The same posture on the hand of the other side, shape (..., n), rad."""
         other = np.array(position, dtype=np.float64)
         other[..., list(self.mirror_flips)] *= -1.0
         return other
+
+
+GIVE = 0.02
+"""rad that a joint position read from a hand may lie beyond the joint's limit: a joint that leans on its stop gives. By
+the models of the five hands 0.0007 rad under gravity, and 0.011 rad where a joint meets its stop under all its torque
+(tests/test_set_points.py); about twice that, for a real stop is softer or harder than a model's."""
 
 
 def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:

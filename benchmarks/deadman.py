@@ -1,7 +1,8 @@
 """What of a core hands and their keepers take in real time, and how soon a hand is cut off where there is no keeper.
 
 The hands are a program of their own; the time is from the program's last call to the servo-off frame. With keepers:
-benchmarks/deaths.py.
+benchmarks/deaths.py. `python -m benchmarks.deadman load [SECONDS]`: how often a busy computer cuts a
+healthy program off.
 """
 
 from __future__ import annotations
@@ -41,6 +42,48 @@ def figures() -> Iterator[Figure]:
         driver, keeper = _shares(hands)
         yield f"share of a core, hands driven: {hands}, torque alone", 100.0 * driver, 30.0 * hands, "%"
         yield "  each keeper", 100.0 * keeper, 2.0, "%"
+
+
+def gaps(busy: int, seconds: float) -> tuple[list[float], float]:
+    """s between two calls of a program that drives a hand beside so many busy loops; the share of its time for which it
+    was ready to run and had no core."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        driven = _Driven(Path(folder), deadman=None, keeper=True)
+        stack.callback(driven.close)
+        driven.backend.reset()
+        for _ in range(busy):
+            loop = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            stack.callback(loop.wait)
+            stack.callback(loop.kill)
+        found, waited, begin = list[float](), _waited(), time.monotonic()
+        last, feed = [begin], driven.backend._watch.feed
+
+        def fed() -> None:
+            feed()
+            now = time.monotonic()
+            found.append(now - last[0])
+            last[0] = now
+
+        driven.backend._watch.feed = fed  # type: ignore[method-assign]
+        while time.monotonic() < begin + seconds:
+            driven.step()
+        return found, (_waited() - waited) / (time.monotonic() - begin)
+
+
+def table(seconds: float = 60.0) -> Iterator[str]:
+    """How often a deadman would have cut off a healthy program, by load."""
+    patiences = (0.05, 0.1, 0.2, 0.3, 0.5)
+    yield "| busy loops | load | waits for a core | longest gap | " + " | ".join(f"{p:g} s" for p in patiences) + " |"
+    yield "|---|---|---|---|" + "---|" * len(patiences)
+    for busy in (0, 4, 12, 24):
+        found, waits = gaps(busy, seconds)
+        cuts = " | ".join(str(sum(gap > patience for gap in found)) for patience in patiences)
+        yield f"| {busy} | {os.getloadavg()[0]:.0f} | {waits:.0%} | {1000 * max(found):.0f} ms | {cuts} |"
+
+
+def _waited() -> float:
+    """s for which this process was ready to run and had no core."""
+    return 1e-9 * float(Path("/proc/self/schedstat").read_text().split()[1])
 
 
 def _sleep() -> None:
@@ -124,5 +167,9 @@ def _spent(process: int) -> float:
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["load"]:
+        for line in table(*map(float, sys.argv[2:3])):
+            print(line, flush=True)
+        sys.exit()
     for what, measured, bar, unit in figures():
         print(f"{what:<58}{measured:>10.2f} {unit:<2}{bar:>8} {unit}")

@@ -36,7 +36,7 @@ Link = Literal["slcan", "socketcand"]
 LINKS: tuple[Link, ...] = ("slcan", "socketcand")
 TORQUE = 0.05
 """N·m on every joint: each of them pushes when its program dies."""
-SOON, PATIENCE, TRIES = 200.0, 10.0, 5
+SOON, PATIENCE, TRIES = 400.0, 10.0, 5
 """ms within which the hand must be limp; s after which it will never be; how often a program is started for one try."""
 SIGNALS = {name: getattr(signal, f"SIG{name}") for name in ("HUP", "QUIT", "TERM", "KILL", "STOP", "INT")}
 INSIDE = {

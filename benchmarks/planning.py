@@ -20,9 +20,10 @@ import numpy as np
 from allegro_twin.build.trials import Bench, Case
 from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.evaluate.uncertainty import draws
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.plan.search import Search
+from allegro_twin.plan.prove import SEARCHED
+from allegro_twin.plan.search import Budget, Search
 from allegro_twin.plan.templates import templates
 
 WANTED = 5
@@ -34,14 +35,14 @@ def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]
     spec = load_spec()
     search = Search(scenario_of(name, "z", 1.0, None, 0.8), spec, templates(spec), seed=seed)
     wall, cpu = time.monotonic(), time.process_time()
-    found = search.run(WANTED, seconds)
+    found = search.run(WANTED, Budget(cpu=seconds))
     row: dict[str, Any] = {
         "object": name, "found": len(found), "seconds": round(time.monotonic() - wall, 1),
-        "cpu_seconds": round(time.process_time() - cpu, 1), "ends": dict(search.ends),
+        "cpu_seconds": round(time.process_time() - cpu, 1), "candidates": search.closed, "ends": dict(search.ends),
         "margins": [round(each.margin, 2) for each in found],
     }  # fmt: skip
     if found and unseen:
-        drawn = draws(Uncertainty(position=0.005, torque=0.0), unseen, seed=UNSEEN)
+        drawn = draws(SEARCHED, unseen, seed=UNSEEN, stream="judge")
         cases = [Case(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
         row["held"] = round(float(np.mean([v.held for v in Bench(spec).verdicts(cases, hasty=True)])), 3)
     return row

@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train import load_recipe, train
-from allegro_twin.train.report import compare, filmed, write
+from allegro_twin.train.report import SELECTION, compare, filmed, write
 
 task = sys.argv[1] if len(sys.argv) > 1 else "Reach"
 steps = int(sys.argv[2]) if len(sys.argv) > 2 else None  # None: as many as the recipe in conf/training says
@@ -24,7 +24,8 @@ with Progress() as bar:
 
     trained = train(recipe, folder, advance)  # Checkpoints, curve.csv, TensorBoard's log and policy.onnx are in folder.
 
-compared = compare(trained.policy, recipe, episodes=50)
+# Whoever trains again because of this looks elsewhere in the end: `allegro-twin evaluate` has episodes of its own.
+compared = compare(trained.policy, recipe, episodes=50, seed=SELECTION)
 for each in compared:
     print(f"{each.name}: success {each.policy.rate:.1%}, without action {each.still.rate:.1%}")
 write(compared, folder / "evaluation.json")

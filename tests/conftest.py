@@ -30,6 +30,8 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
 from allegro_twin.wire.host.backend import CanBackend
 
+pytest_plugins = ["tests.cpu", "tests.skips"]
+
 if threading.current_thread() is threading.main_thread():
     # A shell's background job ignores Ctrl-C and one of nohup a hangup, and so would every program that a test starts
     # and ends so.

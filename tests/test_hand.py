@@ -28,6 +28,7 @@ from allegro_twin.sim.engine.guide import Guide
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, Sample, Vector
 from tests.conftest import can_config
+from tests.patience import wait_for
 
 
 def config(side: str = "right", **blocks: object) -> RunConfig:
@@ -254,10 +255,10 @@ def test_every_way_out_leaves_the_hand_limp() -> None:
 def test_in_the_background_time_passes_on_its_own_and_stop_stays_there() -> None:
     with Hand.open(config(), background=True) as hand:
         first = hand.state.t
-        time.sleep(0.15)
-        assert hand.state.t > first
+        wait_for(lambda: hand.state.t > first, "time")
         hand.move_to("home", 0.5, wait=False)
-        time.sleep(0.3)
+        begun = hand.state.t
+        wait_for(lambda: hand.state.t > begun + 0.3, "the hand's time")
         hand.stop()
         hand.wait()
         here = hand.state.position

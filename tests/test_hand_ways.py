@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +19,7 @@ from allegro_twin.library.named import grasp_names, load_posture, posture_names
 from allegro_twin.spec import Side
 from allegro_twin.types import Sample, TorqueCommand, Vector
 from tests.conftest import can_config
+from tests.patience import wait_for
 
 ARRIVED, CLIPPED = 0.03, 1.0  # rad; s that a joint may be given 99 % of its clip without a break.
 JAMMED = [
@@ -132,7 +132,8 @@ def test_in_the_background_a_wish_in_the_middle_of_a_motion_is_planned_from_wher
     with Hand.open(config(posture="fist"), background=True) as hand:
         hand.move_to("fist")
         hand.move_to("open", 4.0, wait=False)
-        time.sleep(0.15)
+        begun = hand.state.t
+        wait_for(lambda: hand.state.t > begun + 0.15, "the hand's time")
         hand.move_to("rock", 4.0)
         assert np.abs(hand.state.position - load_posture("rock", hand.spec)).max() < ARRIVED
 

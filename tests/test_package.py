@@ -30,7 +30,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 def built(folder: Path, target: str) -> Path:
     """A `wheel` or an `sdist`, as `pip` would have it made."""
     command = [sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return next(folder.glob("*.whl" if target == "wheel" else "*.tar.gz"))
 
@@ -90,7 +90,7 @@ def test_what_is_built_runs_in_an_environment_of_its_own(version: str, target: s
         [str(own / "allegro-twin"), "run", "lemon", "--out", str(tmp_path / "out")],
         [str(own / "python"), "-c", TOUR],
     ):
-        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=900)
+        done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, (words, done.stdout[-1000:], done.stderr[-2000:])
     assert (tmp_path / "out" / "lemon_right.png").is_file()
 

@@ -116,6 +116,14 @@ def test_too_fast_and_too_hot_are_faults_that_name_the_joint_and_the_limit() -> 
     assert violation(state(), LIMITS, SPEC) is None
 
 
+def test_a_speed_that_is_unknown_trips_nothing_and_hides_no_other() -> None:
+    velocity = np.zeros(16)
+    velocity[2], velocity[6] = math.nan, -13.0
+    assert "joint_6.0 moves at -13.00 rad/s" in str(violation(state(velocity=velocity), LIMITS, SPEC))
+    velocity[6] = 0.0
+    assert violation(state(velocity=velocity), LIMITS, SPEC) is None
+
+
 def test_after_a_trip_the_hand_is_limp_and_only_reset_leads_out() -> None:
     fast = state(1, velocity=np.full(16, 20.0))
     hand = ScriptedHand(fast, state(1))

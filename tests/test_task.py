@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +18,7 @@ from allegro_twin.evaluate.held import Report
 from allegro_twin.files.assets import data_root
 from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.session import Outputs
+from tests.patience import wait_for
 from tests.wire.test_two_processes import program
 
 SIM = "{kind: sim}"
@@ -155,14 +155,12 @@ def test_every_object_is_held_by_a_hand_in_simulation_on_a_bus_and_in_another_pr
     )
     config = written(tmp_path, backend, f"{{scenario: {name}}}")
     with program("firmware", config, "--report", verdict) as hand:
-        deadline = time.monotonic() + 60.0
-        while not tty.exists() and time.monotonic() < deadline:
-            time.sleep(0.1)
+        wait_for(lambda: tty.exists() or hand.poll() is not None)
         with program("run", config) as driver:
-            said, _ = driver.communicate(timeout=120)
+            said, _ = driver.communicate()
         assert driver.returncode == 0, said
         hand.send_signal(signal.SIGTERM)
-        hand.communicate(timeout=30)
+        hand.communicate()
     (told,) = json.loads(verdict.read_text())["trials"].values()
     assert told["held"], told
     assert yaml.safe_load(config.read_text())["task"] == {"scenario": name}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from allegro_twin.backend import HandBackend
 from allegro_twin.build.controllers import make_controller
-from allegro_twin.build.rig import Rig, guarded
+from allegro_twin.build.rig import Rig, check_period, guarded
 from allegro_twin.build.simulated import simulated, trial_of
 from allegro_twin.config import CanSettings, DynamixelSettings, PolledSettings, ReplaySettings, RunConfig, SimSettings
 from allegro_twin.description.hands import load_spec
@@ -43,6 +43,7 @@ def assemble(config: RunConfig) -> Rig:
 
 def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    check_period(config.period, spec)
     sim, trial = simulated(settings, config.task, spec, config.period)
     controller, motion = make_controller(config, spec, trial)
     seconds = motion if trial is None else trial.seconds
@@ -53,6 +54,7 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     from allegro_twin.build.wired import Scene, make_can, spec_of
 
     spec = spec_of(config)
+    check_period(config.period, spec)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
     return replace(_at_work(config, spec, backend, scene), wire=backend)
@@ -64,6 +66,7 @@ def _served(config: RunConfig, settings: DynamixelSettings | PolledSettings) -> 
     from allegro_twin.build.wired import Scene
 
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
+    check_period(config.period, spec)
     scene = Scene()
     if isinstance(settings, PolledSettings):
         polled = make_polled(config, settings, spec, scene)

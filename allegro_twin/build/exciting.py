@@ -31,23 +31,32 @@ class Task:
     pose: Pose
     seconds: float
     seed: int
+    """Of the motion in this file."""
+    asked: int
+    """The seed that the files of this pose share."""
     file: Path
 
 
 def task_of(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> Task | None:
     """What is left of a pose in a folder: nothing, all, or the rest of what was interrupted, in a file of its own.
-    Raises ConfigError or RecordingError."""
+    Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
     lie, there, files = pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
     for file in files:
         try:
-            there += len(load(file, partial=True)) * config.period
+            recording = load(file, partial=True)
         except RecordingError:
             file.unlink()  # Nothing was written into it yet.
+            continue
+        if (asked := recording.meta.get("excitation", {}).get("asked", seed)) != seed:
+            raise ConfigError(
+                f"{file} has the motion of seed {asked}, not {seed}: give --seed {asked}, or another --out"
+            )
+        there += len(recording) * config.period
     left = seconds - there
     if left < min(SHORTEST, seconds / 2.0):
         return None
     number = max((int(file.stem.rpartition("_")[2]) for file in files), default=0) + 1
-    return Task(lie, max(left, SHORTEST) + APPROACH, seed + 97 * number, folder / f"{name}_{number}.arrow")
+    return Task(lie, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow")
 
 
 def laid(config: RunConfig, lie: Pose) -> RunConfig:
@@ -96,5 +105,5 @@ def _meta(rig: Rig, config: RunConfig, todo: Task, motion: Excitation) -> dict[s
         found |= rig.sim.meta()
     return found | {
         "calibration": rig.wire.calibration,
-        "excitation": {"pose": todo.pose.name, "seed": motion.seed, "scale": motion.scale},
+        "excitation": {"pose": todo.pose.name, "asked": todo.asked, "seed": motion.seed, "scale": motion.scale},
     }

@@ -12,8 +12,8 @@ from allegro_twin.evaluate.interchange.grasps import Grasps
 from allegro_twin.evaluate.interchange.read import read_grasps
 from allegro_twin.evaluate.scenario import ObjectSettings, Scenario
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.library.entries import Taxonomy
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.taxonomy import Taxonomy
 from allegro_twin.sim.things.meshes import SUFFIXES, middle_of
 from allegro_twin.spec import HandSpec
 

@@ -14,13 +14,14 @@ from allegro_twin.description.calibration import Calibration, Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import find, read_yaml
 from allegro_twin.identify.motions.motion import calibration_of
 from allegro_twin.identify.results.gap import breaks_away, drive_of
 from allegro_twin.identify.results.stored import shift
 from allegro_twin.loop import to_the_end
 from allegro_twin.mirror.anomalies import Anomaly
 from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.events import Contact, axes, contacts
+from allegro_twin.mirror.events import Contact, contacts
 from allegro_twin.mirror.mirror import STOPS, Mirror
 from allegro_twin.replay.backend import ReplayBackend, samples_of
 from allegro_twin.replay.recording import Recording, load
@@ -64,8 +65,27 @@ def make_mirror(
     mine = load_spec(spec.model, spec.side, hand, version)
     own = np.array(wiring.calibration.torque_constant, dtype=float)
     drive = drive_of(mine, own, shift(version, used, wiring.calibration.encoder_offset))
-    observer = Observer(spec, drive, period, bristly=breaks_away(mine.drive))
+    observer = Observer(spec, drive, period, bristly=breaks_away(mine.drive), noise=noise_in(hand, mine))
     return Mirror(spec, observer, np.array(used.torque_constant, dtype=float), calm, stop, gravity)
+
+
+def noise_in(hand: str, spec: HandSpec) -> Vector:
+    """Standard deviation of reported positions as a hand's file has it, (n,), rad: as `identify` found it, or what its
+    encoders are said to add; 0 where it says nothing. Raises ConfigError."""
+    found = np.zeros(spec.n_joints)
+    if spec.drive is not None:
+        found = np.hypot(spec.drive.encoder_noise, spec.drive.quantisation / np.sqrt(12.0))
+    table = read_yaml(find(hand, "hand", "conf/hands")) if hand else {}
+    measured = (table.get("identified") or {}).get("noise")
+    if measured is None:
+        return found
+    try:
+        row = np.broadcast_to(np.asarray(measured, dtype=np.float64), (spec.n_joints,))
+    except (TypeError, ValueError):
+        row = np.full(spec.n_joints, np.nan)
+    if not (row >= 0.0).all() or not np.isfinite(row).all():
+        raise ConfigError(f"{hand}: identified.noise needs a number of rad from 0 for each of {spec.n_joints} joints")
+    return np.maximum(found, row)
 
 
 def left_out(spec: HandSpec, hand: str) -> str:
@@ -127,17 +147,18 @@ def mirrored(path: Path, hand: str, free: Path | None, gravity: Vector | None = 
     palm frame, m/s², where neither hand nor recording says it. Raises HandError."""
     recording = load(path)
     spec, calm = recording.spec, Calm.usual(recording.spec) if free is None else limits(free, hand, gravity)
-    t, disturbance, off, moving, each = _seen(recording, hand, calm, gravity)
-    above = axes(calm.above, moving)
+    t, disturbance, off, _, each, above, _ = _seen(recording, hand, calm, gravity)
     return Mirrored(t, disturbance, off, above, tuple(contacts(t, disturbance, above, spec)), each.anomaly)
 
 
 def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:
     """What a free motion does not reach. Raises HandError."""
     recording = load(free)
-    _, disturbance, _, moving, each = _seen(recording, hand, None, gravity)
+    _, disturbance, _, moving, each, _, spread = _seen(recording, hand, None, gravity)
     gains = np.array(each.diagnosis.gains).reshape(-1, len(recording.spec.fingers))
-    return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec)
+    usual = np.median(spread, axis=0)
+    disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
+    return Calm.of(disturbance, moving, each.observer.held, gains, recording.period, recording.spec, usual)
 
 
 def spec_in(recording: Recording, hand: str) -> HandSpec:
@@ -170,18 +191,20 @@ def mirror_of(recording: Recording, hand: str, calm: Calm | None, gravity: Vecto
 
 def _seen(
     recording: Recording, hand: str, calm: Calm | None, gravity: Vector | None
-) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror]:
+) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
+    """Row by row: times, disturbances, reported minus predicted, which joints moved; the mirror; and, row by row, what
+    was a touch and how far noise alone spreads disturbances."""
     each = mirror_of(recording, hand, calm, gravity)
-    t, disturbance, off, moving = [], [], [], []
+    t, rows = [], []
     for sample in each.watched(played(recording)):
         latest = each.latest()
         t.append(sample.state.t)
-        disturbance.append(latest["disturbance"])
-        off.append(sample.state.position - latest["predicted"])
-        moving.append(each.moving)
+        off = sample.state.position - latest["predicted"]
+        rows.append((latest["disturbance"], off, each.moving, each.above, each.observer.spread))
     if len(t) < 2:
         raise ConfigError(f"{recording.path} has one row: a mirror needs a motion")
-    return np.array(t[1:]), np.array(disturbance[1:]), np.array(off[1:]), np.array(moving[1:]), each
+    disturbance, off, moving, above, spread = (np.array(column) for column in zip(*rows[1:], strict=True))
+    return np.array(t[1:]), disturbance, off, moving, each, above, spread
 
 
 def played(recording: Recording) -> Iterator[Sample]:

@@ -53,9 +53,19 @@ def wanted_of(
         return Wanted(trial.reference, None, trial.grasp, *begins)
     if config.task.grasp is not None:
         return _in_the_open(load_grasp(config.task.grasp, spec), spec)
-    posture = _first(spec) if config.task.posture is None else posture_of(config.task.posture, spec)
+    posture = goal_of(config, spec)
+    assert posture is not None
     moves = Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)])
     return Wanted(moves, _longest(spec, settings.speed) + STAY)
+
+
+def goal_of(config: RunConfig, spec: HandSpec) -> Vector | None:
+    """Where a position controller is to bring the joints, (n,), rad; None where the task is another. Raises
+    ConfigError."""
+    task, other = config.task, not isinstance(config.controller, PositionSettings | FollowSettings)
+    if other or task.scenario is not None or task.grasp is not None:
+        return None
+    return _first(spec) if task.posture is None else posture_of(task.posture, spec)
 
 
 def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:

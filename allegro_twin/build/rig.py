@@ -58,6 +58,25 @@ class Rig:
         return self.there is not None and not self.there.lockstep
 
 
+SLOWEST_LOOP = 0.01
+"""s. The longest period in which a loop outside the hand keeps its joints: `home` under PID is reached within 0.001 rad
+at 0.01 s, simulated and behind CAN; at 0.02 s joints on CAN stay 0.03 rad away, at 0.1 s simulated ones 0.26 rad."""
+SLOWEST_SETPOINTS = 0.1
+"""s, of set-points for a hand that closes its own loop. The loops need no less (the simulated hands reach their posture
+at 0.3 s, too), but the guard looks once a period: in 0.1 s a joint at its limit of 12 rad/s moves by 1.2 rad."""
+
+
+def check_period(period: float, spec: HandSpec, where: str = "period") -> None:
+    """Raises ConfigError for a control period, s, with which nobody can drive the hand, or arm."""
+    own = "torque" not in spec.commands
+    slowest = SLOWEST_SETPOINTS if own else SLOWEST_LOOP
+    if period <= slowest + 1e-12:
+        return
+    what = "set-points for its own loop" if own else "its joints' loop"
+    hint = f"; it is in seconds: {period:g} ms is {period / 1e3:g}" if period / 1e3 <= slowest else ""
+    raise ConfigError(f"{where} {period:g} s: {spec.name} needs {what} every {slowest:g} s at least{hint}")
+
+
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:
     """A backend behind the config's limits, and for a hand whose fingers could hook into each other behind a look at
     where they would go. Raises ConfigError."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from allegro_twin.build.foreign import foreign
-from allegro_twin.build.rig import limits_of
+from allegro_twin.build.rig import check_period, limits_of
 from allegro_twin.build.simulated import object_of
 from allegro_twin.config.run import LimitSettings
 from allegro_twin.control.controllers import PD, Follow, Gravity
@@ -72,6 +72,7 @@ class Bench:
     """Makes trials of one hand: under PD at one set of gains, as their grasp controls force, or in its own loop."""
 
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
+        check_period(period, spec)
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_model(spec)
         self.gains = load_gains(gains, spec)
@@ -169,11 +170,16 @@ def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
 
 def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool = False) -> dict[str, Any]:
     """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
-    stopped has not shown. `metrics`: with those of the contacts, of the first direction that has them."""
+    stopped has not shown. `type` is the one that its contacts show, `claimed` the grasp's own.
+    `metrics`: with those of the contacts, of the first direction that has them."""
     worst = min(verdicts, key=lambda v: (v.held, -np.inf if v.report is None else v.report.margin))
+    seen = None if worst.report is None else worst.report.observed
     named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
     row: dict[str, Any] = {
-        "object": case.scenario.objects[0].name, "grasp": case.grasp.name, "type": case.grasp.taxonomy.name,
+        "object": case.scenario.objects[0].name, "grasp": case.grasp.name,
+        "type": "not seen" if seen is None else seen.name, "claimed": case.grasp.taxonomy.name,
+        "virtual_fingers": "" if seen is None else seen.virtual_fingers,
+        "carries": "" if seen is None else seen.carries,
         "hand": case.scenario.model, "side": side, "protocol": f"{named} {case.ruled.version}",
         "held": all(verdict.held for verdict in verdicts),
         "reason": worst.stopped if worst.report is None else worst.report.reason,

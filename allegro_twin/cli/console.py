@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.hand.grasps import Grasped
     from allegro_twin.identify.motions.limits import FoundLimits
     from allegro_twin.plan.prove import Planned
+    from allegro_twin.plan.search import Search
     from allegro_twin.spec import HandSpec
     from allegro_twin.train.evaluation import Evaluation
     from allegro_twin.train.report import Compared
@@ -85,19 +86,35 @@ def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
 
 
 def planned(name: str, found: Sequence[Planned]) -> Table:
-    """One row a grasp, best first. The intervals do not know that the search has chosen among its own draws."""
+    """One row a grasp, best of the search first. What it chose on and what came after stand apart."""
     from allegro_twin.build.outcomes import rate
 
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
-    for title in ("", "from", "like", "type", "held in\ndraws", "limits\nleft", "at\nlimit"):
-        table.add_column(title, justify="left" if title in ("from", "like", "type") else "right")
+    words = ("from", "like", "type")
+    for title in ("", *words, "chosen on\ndraws", "held in\nfresh draws", "limits\nleft", "at\nlimit"):
+        table.add_column(title, justify="left" if title in words else "right")
     for number, each in enumerate(found, 1):
-        drawn = str(rate("", each.held, each.tried)) if each.tried else ""
         table.add_row(
-            str(number), each.candidate.direction, each.candidate.template, each.grasp.taxonomy.name,
-            drawn, f"{each.margin:.0%}", f"{each.stall:.0%}",
+            str(number), each.candidate.direction, each.candidate.template, str(each.grasp.kind),
+            f"{each.held} of {each.tried}" if each.tried else "",
+            str(rate("", each.judged_held, each.judged)) if each.judged else "",
+            f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
+
+
+def searched(search: Search, seeds: int) -> str:
+    """How much was searched, and how the same is found again."""
+    from allegro_twin.plan.prove import JUDGED
+
+    closed, times = search.closed, f"{search.cpu:.0f} CPU-s"
+    again = f"--seed {search.seed} --candidates {closed} finds the same"
+    if seeds > 1:
+        again = "; ".join(f"seed {seed}: --candidates {count}" for seed, count in search.counts.items())
+    return (
+        f"Searched: {closed} candidates closed in physics, {times}; {again}. Judged afterwards on {JUDGED} draws of "
+        "their own, in the whole trial."
+    )
 
 
 def _stalls(report: Report) -> str:
@@ -119,9 +136,11 @@ def phases(title: str, report: Report) -> Table:
         table.add_row(phase.name, *numbers, *forces, verdict)
     from allegro_twin.evaluate.again import stalled
 
+    seen = report.observed
+    acts = "" if seen is None else f"\n{seen}: {seen.virtual_fingers or seen.why}; {seen.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}"
+        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}{acts}"
     )
     return table
 
@@ -189,14 +208,17 @@ def identity(model: HandSpec, mine: HandSpec, margin: float) -> Table:
     return table
 
 
-def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
-    """Success of a policy in each set of episodes, and without any action, with where the rate lies."""
+def compared(found: Sequence[Compared], recipe: Recipe, seed: int) -> Table:
+    """Success of a policy in each set of episodes, those of the seeds from `seed` on, and without any action, with
+    where the rate lies."""
     from allegro_twin.gym.tasks import task_type
     from allegro_twin.train.report import quartiles
 
-    table = Table(title="success in the same episodes (95 % interval)", title_justify="left", title_style="bold")
+    title = f"success in the same episodes, seeds from {seed} (95 % interval)"
+    table = Table(title=title, title_justify="left", title_style="bold")
     kind = task_type(recipe.task)
-    more = (f"{kind.counted}, {kind.unit}: mean (quartiles)",) if kind.counted else ()
+    more = [f"{kind.counted}, {kind.unit}: mean (quartiles)"] if kind.counted else []
+    more += [f"{name.replace('_', ' ')}, share of time: policy, no action" for name in kind.shares]
     for column in ("objects", "episodes", "policy", "no action", *more):
         table.add_column(column, justify="left" if column == "objects" else "right")
     for each in found:
@@ -204,6 +226,8 @@ def compared(found: Sequence[Compared], recipe: Recipe) -> Table:
         if (counted := each.policy.counted) is not None:
             low, median, high = quartiles(counted)
             shares.append(f"{counted.mean():.1f} ({low:.1f}, {median:.1f}, {high:.1f})")
+        for name in kind.shares:
+            shares.append(", ".join(f"{found.shares[name].mean():.0%}" for found in (each.policy, each.still)))
         table.add_row(each.name, str(len(each.policy.success)), *shares)
     return table
 

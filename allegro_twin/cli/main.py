@@ -1,5 +1,5 @@
-"""The command line. Exit codes: 0 done, 2 config, file or usage, 3 link, 4 fault or a motion that met something, 5 the
-grasp failed, 130 interrupted."""
+"""The command line. Exit codes: 0 done, 2 config, file or usage, 3 link, 4 fault or a motion that met something, 5 what
+was asked for was not done: a grasp that does not hold, a posture that is not reached; 130 interrupted."""
 
 from __future__ import annotations
 

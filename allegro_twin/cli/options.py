@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from allegro_twin.cli import complete
+from allegro_twin.cli import complete, console
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.output_folder import UNFINISHED, locked, one_run
 from allegro_twin.files.whole import check_place
 
 Config = Annotated[
@@ -49,14 +51,29 @@ def port(param: typer.CallbackParam, value: int) -> int:
     return value
 
 
-def folder(param: typer.CallbackParam, value: Path | None) -> Path | None:
-    """A callback for a folder to write into, which is made. Raises RecordingError."""
+def folder(context: typer.Context, param: typer.CallbackParam, value: Path | None) -> Path | None:
+    """A callback for a folder to write into, which is made, and this command's alone until it ends. Raises
+    RecordingError."""
+    if value is None or context.resilient_parsing:  # The shell asks what may follow.
+        return value
     try:
-        if value is not None:
-            value.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(f"{option(param)} {value}: cannot be a folder to write into: {error.strerror}") from error
+        context.with_resource(locked(value))
+    except RecordingError as error:
+        raise RecordingError(f"{option(param)} {error}") from error
     return value
+
+
+@contextmanager
+def run_folder(folder: Path, last: str = "") -> Iterator[Path]:
+    """`one_run` of a folder, with what was recorded before an interruption or a fault kept, and said."""
+    try:
+        with one_run(folder, last, keep=True) as staging:
+            yield staging
+    except BaseException:
+        if (folder / UNFINISHED).exists():
+            said = f"what was written until then is in {folder / UNFINISHED}; the rest of {folder} is as it was"
+            console.warn(said)
+        raise
 
 
 def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | None]:

@@ -110,8 +110,8 @@ class CanSettings(Settings):
     """Ask the hand who it is and refuse the wrong one; `false` for a hand that does not answer."""
     timeout: Positive = 0.05
     """s without a whole report after which the hand counts as silent."""
-    deadman: Positive | None = 0.1
-    """s without a call from the program after which the hand is cut off; null: never."""
+    deadman: Positive | None = 0.3
+    """s without a call from the program after which the hand is cut off; null: never. docs/safety.md says why 0.3."""
     keeper: bool = True
     """Have a process of its own watch, which also leaves the hand limp when the program dies; docs/safety.md."""
     velocity_cutoff: Positive = 30.0

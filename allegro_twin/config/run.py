@@ -50,6 +50,8 @@ class LimitSettings(Settings):
 class RunConfig(Settings):
     """Everything that `allegro-twin run` needs."""
 
+    another_kind = "arm"  # Of a cell: conf/lab_*.yaml.
+
     hand: HandSettings = HandSettings()
     backend: Annotated[
         SimSettings | CanSettings | DynamixelSettings | QbSettings | SchunkSettings | ReplaySettings,

@@ -99,7 +99,7 @@ class PD:
         target = memory.path(state.t - memory.began)
         torque = laws.pd(
             target.position - state.position,
-            target.velocity - state.velocity,
+            laws.known(target.velocity - state.velocity),
             self.gains.kp,
             self.gains.kd,
             0.0 if self.gravity is None else self.gravity(state),
@@ -163,7 +163,7 @@ class PID:
         target = memory.path(state.t - memory.began)
         torque, integral = laws.pid(
             target.position - state.position,
-            target.velocity - state.velocity,
+            laws.known(target.velocity - state.velocity),
             memory.integral,
             state.t - memory.t,
             self.gains.kp,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from allegro_twin.control.centroid import holding, joint_torques, pressing, resting
 from allegro_twin.control.contact import Stall, stalling, touching
 from allegro_twin.control.controllers import PD, Following, Gravity
+from allegro_twin.control.laws import known
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector
 
 FingertipsOf: TypeAlias = Callable[[Vector], tuple[Array, Array]]
@@ -112,7 +113,7 @@ class CentroidGrasp:
         posture = resting(jacobians, self.posture_stiffness * (memory.rest - state.position))
         press = joint_torques(jacobians, forces)
         lost = self.friction * np.clip(press / self.friction, -1.0, 1.0)
-        return press + lost + posture - self.damping * state.velocity
+        return press + lost + posture - self.damping * known(state.velocity)
 
 
 class Wrapped(NamedTuple):
@@ -163,7 +164,7 @@ class EnvelopGrasp:
         wrap = (self.closing_scale + part * (self.scale - self.closing_scale)) * self.torque
         memory = self._felt(state, memory, wrap, since)
         spring = self.stiffness * np.nan_to_num(memory.rest - state.position)
-        wrap = wrap + spring + self.gravity(state) - self.damping * state.velocity
+        wrap = wrap + spring + self.gravity(state) - self.damping * known(state.velocity)
         return TorqueCommand(np.where(self.torque != 0.0, wrap, command.torque)), memory
 
     def _felt(self, state: HandState, memory: Wrapped, push: Vector, since: float) -> Wrapped:

@@ -18,6 +18,11 @@ class Integrated(NamedTuple):
     """The integral term after this step, N·m."""
 
 
+def known(rate: Array) -> Array:
+    """Joint speeds as damping wants them: a speed that is unknown, NaN, damps nothing."""
+    return np.where(np.isnan(rate), 0.0, rate)
+
+
 def pd(error: Array, rate_error: Array, kp: Array, kd: Array, feedforward: Array | float = 0.0) -> Array:
     """τ = Kp e + Kd ė + τ_ff."""
     return kp * error + kd * rate_error + feedforward

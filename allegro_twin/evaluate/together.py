@@ -203,6 +203,7 @@ class _Group:
                 continue
             sims.look(row, self._scratch)
             self.seen[row].append(self._probes[row].touch() | {"tick": np.array([tick])})
+            self.trials[row].feel(tick * self.period, self._scratch)
             if self._measure is not None and tick == self._moment[row]:
                 self._measured[row] |= self._measure(self.trials[row], self._scratch)
 

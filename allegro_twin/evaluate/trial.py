@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.evaluate.grasp_type import Bearing, Seen, Shape, observed
 from allegro_twin.evaluate.held import FULL, Observations, Report, Rule, Window, judge
 from allegro_twin.evaluate.scenario import Protocol, Scenario, load_protocol
 from allegro_twin.evaluate.timeline import plan, stage
 from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.taxonomy import Observed
 from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.contact.surfaces import SURFACES, Borne, Stance, Surfaces, edges
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.appearance import scene_look
@@ -68,6 +72,8 @@ class Trial:
         push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
         self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
         self._probe = Probe(model, self.backend.data, spec, name)
+        self._surfaces, self._borne = Surfaces(model, spec, name), list[tuple[Borne, Stance]]()
+        self._holding = next((window for window in self.windows if window.check), None)
         limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
         self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
@@ -109,7 +115,47 @@ class Trial:
         """Keep what the verdict needs of one moment; a session's first state begins anew."""
         if state.tick == 0:
             self._rows.clear()
+            self._borne.clear()
+        self.feel(state.t, self.backend.data)
         self._rows.append((state.t, state.torque, self._probe()))
+
+    def feel(self, t: float, data: Any) -> None:
+        """Keep what carries, in the first phase that checks; `data`: MuJoCo's of this trial at `t` s."""
+        if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
+            self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
+
+    def observed(self) -> Observed | None:
+        """The type of grasp that its contacts showed on average over that phase; None before it."""
+        if not self._borne:
+            return None
+        force, normal, _ = (np.mean([each[k] for each, _ in self._borne], axis=0) for k in range(3))
+        stance = self._borne[-1][1]
+        names = [finger.name for finger in self.backend.spec.fingers]
+        thumb = next((name for name in names if "thumb" in name.lower() or name.lower() == "th"), None)
+        up = (
+            0.0
+            if thumb is None
+            else float(np.degrees(np.arcsin(np.clip(stance.direction[names.index(thumb), 0], -1, 1))))
+        )
+        bearings = [
+            Bearing(part, surface, float(force[p, k]), tuple((normal[p, k] / force[p, k]).tolist()))
+            for p, part in enumerate(self._surfaces.parts)
+            for k, surface in enumerate(SURFACES)
+            if force[p, k] > 0.0
+        ]
+        fingers = tuple(name for name in names if name != thumb)
+        reach = max(float(stance.length[k]) for k, name in enumerate(names) if name != thumb)
+        straight = dict(zip(names, stance.straight.tolist(), strict=True))
+        return observed(Seen(bearings, fingers, self._shape(), thumb, 90.0 if thumb is None else up, straight, reach))
+
+    def _shape(self) -> Shape:
+        thing = self.things[0].thing
+        box = edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
+        short, middle, long = sorted(box.tolist())
+        fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(thing.shape, 1.0)
+        if thing.shape == "mesh":
+            fill = thing.mesh().volume / float(np.prod(box))
+        return Shape(short, middle, long, float(fill))
 
     def report(self) -> Report:
         """The verdict. Raises HandError when the trial was not run to its end."""
@@ -137,6 +183,7 @@ class Trial:
             seen, self.windows, self.rule,
             parts=self._probe.parts, joints=spec.readable, torque_limit=spec.actuation.torque_limit,
         )  # fmt: skip
+        report = replace(report, observed=self.observed())
         return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
 
     def _loads(self, seen: Observations) -> list[str]:

@@ -7,7 +7,7 @@ compared on the same cases.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,10 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion, product,
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.sim.things.objects import Placement
 
+Stream: TypeAlias = Literal["evaluate", "search", "judge"]
+"""What draws are for. Those of one stream are never those of another, whatever their seeds: what was chosen on some is
+judged on others."""
+_STREAMS: dict[Stream, tuple[int, ...]] = {"evaluate": (), "search": (0x5EA7C4,), "judge": (0x10D6E,)}
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 
@@ -78,9 +82,12 @@ class Draw:
         return Placement(larger, (x + self.x, y + self.y, z), (w, i, j, k))
 
 
-def draws(uncertainty: Uncertainty, n: int, seed: int = 0, first: int = 0) -> list[Draw]:
-    """Draws `first` to `first + n` of a seed."""
-    return [_draw(uncertainty, np.random.default_rng([seed, number])) for number in range(first, first + n)]
+def draws(uncertainty: Uncertainty, n: int, seed: int = 0, first: int = 0, stream: Stream = "evaluate") -> list[Draw]:
+    """Draws `first` to `first + n` of a seed of a stream."""
+    return [
+        _draw(uncertainty, np.random.default_rng([*_STREAMS[stream], seed, number]))
+        for number in range(first, first + n)
+    ]
 
 
 def _draw(of: Uncertainty, random: np.random.Generator) -> Draw:

@@ -20,7 +20,19 @@ def json_schema(model: type[Settings], title: str) -> dict[str, Any]:
     for name, part in [(model.__name__, schema), *schema.get("$defs", {}).items()]:
         if name in known:
             _describe(part, known[name])
+    if model.another_kind:
+        schema = _unless(model.another_kind, schema)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema | {"title": title}
+
+
+def _unless(key: str, schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema that holds for files without a key, which says that a file is of another kind; with all keys where
+    editors look for their texts."""
+    whole = {name: content for name, content in schema.items() if name != "$defs"}
+    texts = {name: {"description": each["description"]} for name, each in schema["properties"].items()
+             if "description" in each}  # fmt: skip
+    return {"type": "object", "properties": texts, "$defs": schema.get("$defs", {}),
+            "if": {"required": [key]}, "else": whole}  # fmt: skip
 
 
 def _describe(part: dict[str, Any], model: type[Settings]) -> None:

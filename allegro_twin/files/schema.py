@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -21,6 +21,9 @@ class Settings(BaseModel):
     """Frozen settings in which an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    another_kind: ClassVar[str] = ""
+    """A key of files that stand in the same folder and are of another kind; a schema leaves them alone."""
 
 
 def load(model: type[S], path: Path) -> S:

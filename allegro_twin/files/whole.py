@@ -21,7 +21,7 @@ def check_place(path: Path) -> None:
     except OSError as error:
         if isinstance(error, RecordingError):
             raise
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise RecordingError(f"cannot write {path}: no permission")
 
@@ -40,7 +40,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     except RecordingError:
         raise
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
     finally:
         with suppress(OSError):  # What went wrong with it was said above.
             temporary.unlink(missing_ok=True)
@@ -58,10 +58,11 @@ def whole_folder(path: Path) -> Iterator[Path]:
     except RecordingError:
         raise
     except OSError as error:
-        raise _refused(path, error) from error
+        raise refused(path, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _refused(path: Path, error: OSError) -> RecordingError:
+def refused(path: Path, error: OSError) -> RecordingError:
+    """What the disk has against a file or folder."""
     return RecordingError(f"cannot write {path}: {error.strerror or error}")

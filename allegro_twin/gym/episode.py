@@ -41,6 +41,8 @@ class Episode:
         """What was drawn at the last reset, a row each."""
         self.counted = 0.0
         """What the episode has come to, where its task counts something: rad turned, goals reached."""
+        self.shares: dict[str, float] = {}
+        """Shares of the episode's time, by name, where its task tells such."""
 
     @property
     def spec(self) -> HandSpec:
@@ -77,7 +79,7 @@ class Episode:
     def reset(self) -> HandState:
         self.report = self.engine.reset(_ROW, [seeding.np_random(self.seed)[0]])
         self._tick, self.reward, self.success, self.over = 0, 0.0, False, False
-        self.counted = 0.0
+        self.counted, self.shares = 0.0, dict.fromkeys(self.engine.task.shares, 0.0)
         self._most = None
         if self.engine.worlds.leads:
             self._most = np.array(self._ranges())
@@ -124,6 +126,7 @@ class Episode:
         self.reward, self.success = float(outcome.reward[0]), bool(outcome.success[0])
         if name := engine.task.counted:
             self.counted = float(outcome.terms[name][0])
+        self.shares = {each: float(outcome.terms[each][0]) for each in engine.task.shares}
         self.over = bool(outcome.failed[0] or engine.count[0] >= engine.limit)
 
     def _state(self) -> HandState:

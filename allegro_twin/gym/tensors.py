@@ -10,6 +10,7 @@ from allegro_twin.arrays import tensors
 from allegro_twin.gym.engine import Engine
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import read_settings
+from allegro_twin.gym.snapshot import put_back, taken
 from allegro_twin.gym.spaces import action_space, observation_space
 
 
@@ -61,6 +62,27 @@ class TensorVectorEnv:
         torch = self.xp.torch
         self._shared(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
+    def saved(self) -> dict[str, Any] | None:
+        """Everything that decides how the simulations go on, what `load` takes, as tensors and numbers. None on a Warp
+        device, whose runs are not equal anyway."""
+        if self._own is not np:
+            return None
+        torch = self.xp.torch
+        return {
+            path: torch.from_numpy(part.view(np.int64) if part.dtype == np.uint64 else part)
+            if isinstance(part, np.ndarray)
+            else part
+            for path, part in taken(self).items()
+        }
+
+    def load(self, content: dict[str, Any] | None) -> bool:
+        """Go on where another of the same settings was saved, on processors; False where that cannot be, and nothing
+        has changed. Raises ConfigError for one of other settings."""
+        if content is None or self._own is not np:
+            return False
+        put_back(self, {path: _array(part) for path, part in content.items()})
+        return True
+
     def _begin(self, rows: Any) -> None:
         self._episode[rows] += 1
         self.engine.begin(rows, Draws.counted(self._key[rows], self._episode[rows]))
@@ -74,3 +96,7 @@ class TensorVectorEnv:
         if isinstance(tree, tuple):
             return tuple(self._shared(part) for part in tree)
         return self.xp.torch.from_numpy(tree)
+
+
+def _array(part: Any) -> Any:
+    return part.cpu().numpy() if hasattr(part, "numpy") else part

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import GIVE, HandSpec
 from allegro_twin.types import Vector, frozen
+
+_ROUNDING = 1e-9  # rad.
 
 
 class Bounds:
@@ -17,6 +19,8 @@ class Bounds:
         self._spec = spec
         self._margin: Vector = np.zeros(spec.n_joints)
         self.use_margin = False
+        self.clipped = 0
+        """Set-points from outside that lay beyond the limits by no more than GIVE, and were clipped to them."""
 
     @property
     def limits(self) -> tuple[Vector, Vector]:
@@ -37,14 +41,22 @@ class Bounds:
             raise ConfigError(f"a margin of {given[0]} leaves some joint no range, or is negative")
         self._margin, self.use_margin = margin, True
 
-    def check(self, posture: Vector) -> Vector:
-        """The posture. Raises ConfigError naming the joint that comes too near its limit."""
-        lower, upper = self.limits
-        outside = np.maximum(lower - posture, posture - upper)
-        worst = int(np.argmax(outside))
-        if outside[worst] > 1e-9:
-            raise ConfigError(
-                f"posture: {self._spec.readable[worst]} = {posture[worst]:.4f} rad is {outside[worst]:.4f} rad inside "
-                f"the margin of its limits [{lower[worst]:.4f}, {upper[worst]:.4f}]; set_margin or use_margin change it"
-            )
+    def check(self, posture: Vector, what: str = "posture", give: float = _ROUNDING) -> Vector:
+        """A posture inside the hand's limits, which may be beyond the margin by no more than `give`, rad. Raises
+        ConfigError naming the joint that comes too near its limit."""
+        said = self._spec.beyond(posture, *self.limits, give, "inside the margin of its limits")
+        if said:
+            raise ConfigError(f"{what}: {said}; set_margin or use_margin change it")
+        return posture
+
+    def admit(self, values: ArrayLike, what: str) -> Vector:
+        """The set-point for joint positions that somebody outside asks for, (n,), rad: the only way in for programs
+        and people. Beyond the limits, margin included, by no more than GIVE it is clipped to them, and counted; a
+        program that sends back what it has read asks for no more. Raises ConfigError, which names `what` asked and the
+        joint, for all else."""
+        asked = self._spec.vector(values, what)
+        self._spec.reachable(asked, what)
+        posture = frozen(np.clip(self.check(asked, what, GIVE), *self.limits))
+        if np.abs(posture - asked).max() > _ROUNDING:
+            self.clipped += 1
         return posture

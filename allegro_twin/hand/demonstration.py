@@ -7,10 +7,8 @@ import numpy as np
 from allegro_twin.control.motion import Motion
 from allegro_twin.control.teach import taught
 from allegro_twin.errors import ConfigError
-from allegro_twin.spec import HandSpec
+from allegro_twin.spec import GIVE, HandSpec
 from allegro_twin.types import Array, Sample, Vector
-
-_GIVE = 0.02  # rad.
 
 
 class Demonstration:
@@ -39,4 +37,4 @@ class Demonstration:
         """A joint that leans on its stop gives a little; what is taught ends at the limit. Anything further beyond it
         stays, and is refused by whoever is asked to repeat it."""
         inside: Array = np.clip(positions, self._spec.lower, self._spec.upper)
-        return np.where(np.abs(inside - positions) <= _GIVE, inside, positions)
+        return np.where(np.abs(inside - positions) <= GIVE, inside, positions)

@@ -65,7 +65,7 @@ class Direct:
         if not SLOWEST <= speed <= FASTEST:
             raise ConfigError(f"speed must be from {SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}")
         spec, mover = self._rig.spec, self._mover
-        goal = self._bounds.check(spec.posture(posture))
+        goal = self._bounds.admit(posture, what)
         start = np.clip(mover.state.position, spec.lower, spec.upper)
         mover.ways.check_line(on_line(start, goal), what)
         mover.steer(goal, speed, what)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Self, TypeAlias
 
@@ -129,6 +130,12 @@ class Hand:
         """Lowest and highest joint positions that motions may ask for, margin included, (n,) each, rad."""
         return self._bounds.limits
 
+    @property
+    def clipped(self) -> int:
+        """How many set-points lay beyond the limits by no more than a joint gives at its stop, `spec.GIVE`, and were
+        clipped to them: as of a program that sends back what it has read. What lies further beyond is refused."""
+        return self._bounds.clipped
+
     def set_margin(
         self, general: float | None = None, *, percent: float | None = None, per_joint: ArrayLike | None = None
     ) -> None:
@@ -177,7 +184,7 @@ class Hand:
         start = np.clip(self.state.position, self.spec.lower, self.spec.upper)
         agreed(self.spec, self._mover.model, start, targets)
         moves = straight(self.spec, start, targets, speed, euler, mover.model)
-        rows = [self._posture(waypoint.posture) for waypoint in moves.waypoints]
+        rows = [self._posture(waypoint.posture, what) for waypoint in moves.waypoints]
         mover.ways.check_line(np.array([start, *rows]), what)
         mover.follow(mover.position_kind, moves, what)
         if wait:
@@ -229,9 +236,9 @@ class Hand:
         shown: one of the library's trajectories, or what a demonstration gave. Raises as `move_to` does."""
         if isinstance(motion, str):
             motion = load_trajectory(motion, self.spec)
-        path, what = motion.path(speed), motion.name or "the motion"
-        for row in motion.positions:
-            self._posture(row)
+        what = motion.name or "the motion"
+        motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
+        path = motion.path(speed)
         self.move_to(motion.positions[0], approach)
         self._mover.follow(self._mover.still_kind, Following(path), what)
         if wait:
@@ -245,6 +252,7 @@ class Hand:
         """Call somebody with every sample for a while: a plot, a scripted guide."""
         return self._mover.listening(listener)
 
-    def _posture(self, posture: Posture) -> Vector:
-        values = load_posture(posture, self.spec) if isinstance(posture, str) else self.spec.posture(posture)
-        return self._bounds.check(values)
+    def _posture(self, posture: Posture, what: str = "the posture") -> Vector:
+        if isinstance(posture, str):
+            return self._bounds.check(load_posture(posture, self.spec), posture)
+        return self._bounds.admit(posture, what)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from allegro_twin.control.pursuit import Pursuit
 from allegro_twin.control.timed import Timed
@@ -12,7 +13,7 @@ from allegro_twin.control.trajectory import FASTEST, Following
 from allegro_twin.errors import ConfigError
 from allegro_twin.hand.cartesian import agreed
 from allegro_twin.hand.facade import Hand
-from allegro_twin.types import Array, Vector, frozen
+from allegro_twin.types import Array, Vector
 
 _STEP = 0.02  # rad between two postures at which a way is looked at.
 _MOST = 4000  # Such postures: some seconds of looking.
@@ -28,17 +29,18 @@ class Outside:
         self._pursuit: Pursuit | None = None
         self._mover.ways.touching(self._mover.state.position)  # Its model is made now, not at the first wish.
 
-    def track(self, posture: Vector, what: str = "joint_cmd") -> None:
+    def track(self, posture: ArrayLike, what: str = "joint_cmd") -> Vector:
         """Be at a posture, (n,), rad, and go there at no more than the speed; the next one may come at any time.
-        `what` asks stands in messages."""
-        goal, pursuit = self._inside(posture, what), self._driving
+        `what` asks stands in messages. What the hand is asked for, (n,), rad: `Bounds.admit`."""
+        goal, pursuit = self._hand._bounds.admit(posture, what), self._driving
         here = self._mover.state.position if pursuit is None else pursuit.goal
         self._look(np.array([here, goal]), what)
         if pursuit is not None:
             pursuit.goal = goal
-            return
+            return goal
         self._pursuit = Pursuit(goal, self._speed)
         self._mover.follow(self._mover.position_kind, self._pursuit, what)
+        return goal
 
     def nominal(self) -> None:
         """Raises ConfigError for a hand whose fingertips are not where the nominal one has them."""
@@ -67,8 +69,8 @@ class Outside:
         times = np.asarray(times, dtype=np.float64)
         if not len(times) or not np.isfinite(times).all() or times[0] < 0.0 or (np.diff(times) <= 0.0).any():
             raise ConfigError(f"{what}: time_from_start must ascend from 0, s; it is {_few(times)}")
-        for row in postures:
-            self._inside(row, what)
+        if len(postures):
+            postures = np.array([self._hand._bounds.admit(row, what) for row in postures])
         if times[0] < 1e-9:
             if (off := float(np.abs(postures[0] - here).max())) > _HERE:
                 raise ConfigError(f"{what}: its first point is {off:.2f} rad from the hand, at once: give it a time")
@@ -81,11 +83,6 @@ class Outside:
         self._mover.follow(self._mover.position_kind, Following(path), what)
         return path.seconds
 
-    def _inside(self, posture: Vector, what: str) -> Vector:
-        """A posture that the hand may be asked for. Raises ConfigError that names `what` asked."""
-        self._hand.spec.posture(posture, what)
-        return self._hand._bounds.check(frozen(posture))
-
     def _check(self, path: Timed, what: str) -> None:
         spans = np.abs(np.diff(path.postures, axis=0)).max(axis=1)
         count = int(min(max(math.ceil(float(spans.sum()) / _STEP), 2 * len(path.times), 20), _MOST))
@@ -94,8 +91,11 @@ class Outside:
         if fastest > FASTEST:
             raise ConfigError(f"{what}: asks for {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
         rows = np.array([point.position for point in points])
-        for row in rows[1:]:
-            self._inside(row, what)
+        (lower, upper), start = self._hand.limits, rows[0]
+        least, most = np.minimum(lower, start), np.maximum(upper, start)  # A joint that rests beyond them comes back.
+        for row in rows[1:]:  # A smooth curve may swing beyond the postures that it goes through.
+            if said := self._hand.spec.beyond(row, least, most, 1e-9):
+                raise ConfigError(f"{what}: on its way, {said}")
         self._look(rows, what)
 
     def _look(self, rows: Array, what: str) -> None:

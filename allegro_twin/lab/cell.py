@@ -25,7 +25,7 @@ from allegro_twin.sim.contact.apart import Apart
 from allegro_twin.sim.model.mounted import Mounted
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.things.objects import Placement, named, orientation
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
 """rad. Elbow up and the hand down, from where it turns to either side alike (docs/lab.md)."""
@@ -53,16 +53,17 @@ class Room:
     """Of the hand, (n,), rad."""
     stiffness: Vector
     """Of its controller, (n,), N·m/rad."""
+    forces: Array
+    """What its motors give at the least and at the most, (2, n), N·m: a tendon only pulls."""
     apart: Apart
     """What is in the way of arm and hand."""
-    itself: Itself | None = None
-    """What a camera at the wrist sees of arm and hand."""
+    itself: Itself
+    """What the camera sees of arm and hand."""
 
     def close(self) -> None:
         """Let go of everything."""
         self.camera.close()
-        if self.itself is not None:
-            self.itself.close()
+        self.itself.close()
         self.cell.close()
 
 
@@ -79,13 +80,15 @@ def make_room(settings: LabSettings) -> Room:
 
     security, posture = waiting(made(None, ()), settings.security)
     cell = made(posture, things)
+    motors = [cell.world.model.actuator(name).id for name in spec.joints]
+    forces = cell.world.model.actuator_forcerange[motors].T.copy()  # Before the hand limits its own efforts.
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp,
+        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         Apart(cell.spec, Mounted(spec, cell.mount), cell.base.position),
-        Itself(cell, settings.camera) if settings.at_the_wrist else None,
+        Itself(cell, settings.camera),
     )  # fmt: skip
 
 

@@ -9,20 +9,21 @@ import numpy as np
 
 from allegro_twin.lab.check import Checked, came_on
 from allegro_twin.lab.settings import ValidateSettings
-from allegro_twin.lab.states import End, Seen
 from allegro_twin.types import Array, Vector
 
 _SURE = 4.0  # Standard deviations: one in 16,000 is farther off by chance.
 
 
-def drifted(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings) -> str:
-    """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or ""."""
+def drifted(idle: Sequence[Vector], before: Sequence[Vector], settings: ValidateSettings, others: int = 0) -> str:
+    """What the sensor felt more before the approach than where it waited, (6,) each and touched by nothing; or "".
+    `others`: so many other objects are on the table, one of which the hand may have touched."""
     if not idle or not before:
         return ""
     off = float(np.abs(came_on(idle, before)).max())
     if off <= _allowed(len(idle), len(before), settings):
         return ""
-    return f"its zero moved by {off:.1f} N between waiting and the approach, where nothing touched the hand"
+    said = f"its zero moved by {off:.1f} N between waiting and the approach, where nothing "
+    return said + (f"but one of {others} other objects can have touched the hand" if others else "touched the hand")
 
 
 def doubted(
@@ -53,13 +54,6 @@ def with_doubt(found: Checked, why: str, settings: ValidateSettings) -> Checked:
         return found
     way = "decide by fingers" if settings.by == "force" else "the fingers decide, so the verdict stands"
     return replace(found, doubt=f"the force sensor is suspect: {why}; {way}, and tare it anew or see to it")
-
-
-def verdict(t: float, found: Checked, settings: ValidateSettings) -> Seen:
-    """What the state machine hears: the verdict, or a fault where the sensor that decides is doubted."""
-    if found.doubt and settings.by == "force":
-        return Seen(t, fault=End("fault", "force sensor", found.doubt))
-    return Seen(t, held=found.held, doubt=found.doubt)
 
 
 def _allowed(first: int, second: int, settings: ValidateSettings) -> float:

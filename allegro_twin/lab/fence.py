@@ -63,11 +63,10 @@ class Fence:
         if fastest > FASTEST:
             raise CommandError(f"fingers: {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
         rows = np.array([point.position for point in points])
-        for row in rows[1:]:
-            try:
-                spec.posture(row, "fingers")
-            except ConfigError as error:
-                raise CommandError(str(error)) from error
+        least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
+        for row in rows[1:]:  # A joint that rests beyond its limit comes back.
+            if said := spec.beyond(row, least, most, 1e-9):
+                raise CommandError(f"fingers: {said}")
         apart = self._apart(rows[1:])
         if apart.min() < -_GIVES:
             moment, pair = np.unravel_index(int(apart.argmin()), apart.shape)

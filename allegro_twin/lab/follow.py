@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.steering import Steering
 from allegro_twin.control.timed import Timed
 from allegro_twin.control.trajectory import Path, SetPoint
-from allegro_twin.errors import CommandError
+from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.fence import Fence
@@ -117,7 +117,11 @@ class Led:
         times = np.asarray(times, dtype=np.float64)
         if not len(times) or not np.isfinite(times).all() or times[0] <= 0.0 or (np.diff(times) <= 0.0).any():
             raise CommandError(f"fingers: times must ascend from above 0 s; they are {times[:6].tolist()}")
-        here = self.fingers(t).position
+        here, spec = self.fingers(t).position, self.room.hand.spec
+        try:
+            postures = np.array([spec.reachable(row, "fingers") for row in postures])
+        except ConfigError as error:
+            raise CommandError(str(error)) from error
         rates = None if velocities is None else np.vstack([np.zeros_like(here), velocities])
         return Timed(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
 

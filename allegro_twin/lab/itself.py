@@ -1,4 +1,4 @@
-"""What a camera at the wrist sees of arm and hand: drawn alone, as their encoders say, it is cut out of a cloud."""
+"""Self filter: what a camera sees of arm and hand, drawn alone as their encoders say, is cut out of a cloud."""
 
 from __future__ import annotations
 

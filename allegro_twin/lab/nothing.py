@@ -32,6 +32,7 @@ _PEAK = 15.0 / 8.0  # Peak over mean speed of a motion from rest to rest.
 _REST = 0.5  # s. After the squeeze, at least, until nothing moves;
 _STILL, _LONGEST = 2e-3, 4.0  # and that is rad/s, or s after the squeeze at the latest: slow motors creep.
 _TOUCH = 0.001  # m. Fingers nearer than this touch each other.
+_OFF = np.radians(3.0)  # Of an encoder at worst: more shows when the hand is calibrated.
 _FINE = 0.5  # m/s². Of gravity in the palm's frame, which hardly matters: the hand carries itself.
 
 
@@ -51,16 +52,22 @@ class Nothing(NamedTuple):
     the others tell whether something is there. All, where every finger meets another."""
 
 
-def meeting(hand: HandSettings, position: Vector) -> NDArray[np.bool_]:
-    """Which joints are of fingers that touch each other where they are, (n,), `position` in rad: what is between those
+def meeting(hand: HandSettings, postures: Array) -> NDArray[np.bool_]:
+    """Which joints are of fingers that touch each other in postures, (..., n), rad → (..., n): what is between those
     two is a finger. Fingers that were brushed on the way may hook into each other that are apart around nothing."""
     spec, apart = _apart(hand.model, hand.side)
-    found = np.zeros(spec.n_joints, np.bool_)
+    rows = np.atleast_2d(postures)
+    found = np.zeros(rows.shape, np.bool_)
     fingers = {finger.name: list(finger.joints) for finger in spec.fingers}
-    for (one, other), gap in zip(apart.pairs, apart(position[None])[0], strict=True):
-        if one != other and one in fingers and other in fingers and gap < _TOUCH:
-            found[fingers[one] + fingers[other]] = True
-    return found
+    for (one, other), gaps in zip(apart.pairs, apart(rows).T, strict=True):
+        if one != other and one in fingers and other in fingers:
+            found[np.ix_(gaps < _TOUCH, fingers[one] + fingers[other])] = True
+    return found.reshape(postures.shape)
+
+
+def misread(position: Vector) -> Array:
+    """Where a hand may be that reads a `position`, (n,), rad, with any one encoder off to either side, (2n, n)."""
+    return np.asarray(position + np.concatenate([np.eye(len(position)), -np.eye(len(position))]) * _OFF)
 
 
 @cache

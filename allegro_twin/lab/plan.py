@@ -13,10 +13,11 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.cell import Room
 from allegro_twin.lab.choice import Body, Way, body_of, ways
+from allegro_twin.lab.clutter import box_of
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.verdict import place
-from allegro_twin.sim.contact.apart import Met
+from allegro_twin.sim.contact.apart import OTHERS, Met
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -50,6 +51,9 @@ _ROOM = 0.08
 _STEP = 0.02
 """rad between two postures of a far way that are looked at: 16 mm at the end of a stretched arm."""
 
+_CLOSING = 16
+"""Postures of the approach, of the fingers on their way, and of the lift that are looked at beside other objects."""
+
 
 class Reached(NamedTuple):
     """A way that the arm reaches."""
@@ -63,23 +67,30 @@ class Reached(NamedTuple):
     """Those of the grasp and of the end of the lift."""
 
 
-def best_way(solid: Solid, room: Room) -> Reached:
+def best_way(solid: Solid, room: Room, others: Sequence[Array] = ()) -> Reached:
     """The way whose approach, grasp and lift the arm reaches with the least turn of a joint from where it waits, and on
-    which it comes near to nothing.
+    which it comes near to nothing: neither to the table nor to `others`, points of each other object, (k, 3), m.
 
     Raises ConfigError where no stored grasp is for the thing, the arm reaches none of the ways, or something is in all.
     """
     body, first = body_of(solid), ""
+    if len(others) > OTHERS:
+        raise ConfigError(
+            f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
+        )
     room.apart.see(body.kind, body.extents, body.position, body.yaw)
+    room.apart.beside([box_of(points) for points in others])
     for one in within_reach(body, room.cell, room.posture, room.settings.lift):
         for each in (one, *_higher(one, room.cell)):
             met = in_the_way(each, room)
             if met is None:
                 return each
             first = first or f"{met} on the way to its {one.way.card.name} grasp"
+    where = ", ".join(place(box_of(points)[0]) for points in others)
+    beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
         f"{room.cell.spec.name} does not get to the {body.kind} at {place(body.position)}: {first}, and something is "
-        "in every other; move the thing, or turn it"
+        f"in every other{beside}; move the thing, or turn it"
     )
 
 
@@ -108,8 +119,10 @@ def within_reach(
 
 
 def in_the_way(one: Reached, room: Room) -> Met | None:
-    """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift."""
-    open_hand, shaped = room.open, room.library.grasp(one.way.card.grasp, room.hand.spec).preshape
+    """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift; to other
+    objects also while the hand goes there, closes, and lifts."""
+    grasp = room.library.grasp(one.way.card.grasp, room.hand.spec)
+    open_hand, shaped = room.open, grasp.preshape
     shaping = Steering(open_hand)
     shaping.head_for(0.0, shaped, OPENING)
     begin, t = room.posture, 0.0
@@ -119,7 +132,17 @@ def in_the_way(one: Reached, room: Room) -> Met | None:
         if met is not None:
             return met
         begin, t = end, t + float(times[-1])
-    return next(filter(None, (room.apart.of_arm(at, shaped) for at in one.there)), None)
+    met = next(filter(None, (room.apart.of_arm(at, shaped) for at in one.there)), None)
+    if met is not None or not room.apart.crowded:
+        return met
+    part = np.linspace(0.0, 1.0, _CLOSING)[:, None]
+    there, up = one.there
+    arm = np.concatenate(
+        [begin + part * (there - begin), there + 0.0 * part, there + 0.0 * part, there + part * (up - there)]
+    )
+    hand = np.concatenate([shaped + 0.0 * part, shaped + part * (grasp.close - shaped),
+                           grasp.close + part * (grasp.squeeze - grasp.close), grasp.squeeze + 0.0 * part])  # fmt: skip
+    return room.apart.of_others(arm, hand)
 
 
 def way_of(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:

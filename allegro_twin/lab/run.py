@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -15,15 +16,15 @@ from allegro_twin.lab.check import Checked
 from allegro_twin.lab.grip import Wish, fingers
 from allegro_twin.lab.law import Guide, Guided
 from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.states import End, Now, Rules, State, begun, decided
-from allegro_twin.lab.work import Work
+from allegro_twin.lab.states import End, Now, Rules, Seen, State, begun, decided, endless, kept
+from allegro_twin.lab.work import WATCHED, Work
 from allegro_twin.loop import run, together
 from allegro_twin.perception.fits.model import Solid
-from allegro_twin.types import Sample
+from allegro_twin.types import Array, Sample
 
 Stage = Callable[[Iterable[Sample]], Iterator[Sample]]
+_STIRRED = 0.005  # m. Another object that has moved less stands where it stood.
 _SLACK = (0.01, 0.1)  # m and rad: how far friction may keep the hand from its target, as of `Impedance`.
-_STOP = 0.5  # s. How long the arm is watched standing still after the end.
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,10 @@ class Report:
     """How far the solid's middle is from the thing's, m; NaN where nothing was found. Only a simulation knows."""
     lifted: float
     """How much higher the thing is than it was, m. Only a simulation knows."""
+    thing: str = ""
+    """Its name: of those in the scene the one that is nearest to what was seen last. Only a simulation knows."""
+    moved: tuple[tuple[str, float], ...] = ()
+    """Other objects that are not where they were, and how far, m. Only a simulation knows."""
 
     @property
     def truly(self) -> bool:
@@ -61,17 +66,27 @@ def perform(
     """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
     `prepared` of the run's memory before anything moves.
 
-    Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is.
+    Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
+    state has its longest time, and so has the run, by the periods of arm and hand.
     """
-    work, seen, now = Work(room), _Story(room), begun(0.0)
+    work, now = Work(room), begun(0.0)
+    seen = _Story(room, work)
     prepared(work)
     law = law_of(room, work.guide)
     grip = fingers(Wish(work.fingers), room.settings.hand.gains, room.hand.spec, room.model)
     arms, hands = arm(run(room.arm, law)), hand(run(room.hand, grip))
     rules, clock = rules_of(room.settings), _Clock(room.settings)
     last: Sample | None = None
+    passed = [0.0, 0.0]  # Of the arm's and the hand's periods, s: counted, for a clock may stand still.
     try:
         for turn, sample in together((arms, room.arm.period), (hands, room.hand.period)):
+            passed[turn] += (room.arm, room.hand)[turn].period
+            if passed[turn] > rules.longest:
+                now = endless(now, sample.state.t, rules, ("arm", "hand")[turn])
+                seen.enter(now, entered)
+                if last is not None:
+                    work.stand_still(last.state)
+                break
             if turn == 1:
                 work.hand_is(sample.state)
                 continue
@@ -81,7 +96,14 @@ def perform(
                 work.enter(now, state)
             work.felt(now, state)
             if now.state == "Done":
-                if state.t >= now.since + _STOP:
+                held = now.end is not None and now.end.word == "held"
+                known = work.keeps(now, state) if held else Seen(state.t)
+                after = kept(now, known, rules)
+                if after is not now:
+                    now = after
+                    seen.enter(now, entered)
+                    work.enter(now, state)
+                elif state.t >= now.since + WATCHED and (known.held or not held):
                     break
                 continue
             if not clock.due(state.t):
@@ -96,7 +118,7 @@ def perform(
         seen.enter(now, entered)
         _hold(room, work, last, (arms, hands))
     assert now.end is not None
-    return seen.report(now, work)
+    return seen.report(now)
 
 
 def rules_of(settings: LabSettings) -> Rules:
@@ -128,29 +150,39 @@ class _Clock:
 class _Story:
     """What is remembered for the report."""
 
-    def __init__(self, room: Room) -> None:
-        self._room, self._name = room, room.settings.objects[0].name
+    def __init__(self, room: Room, work: Work) -> None:
+        self._room, self._work = room, work
         self._events: list[tuple[float, State]] = []
-        self._first: float | None = None
-        self._error = float("nan")
-        self._at = np.zeros(3)
+        self._first: dict[str, Array] = {}
+        self._at: dict[str, Array] = {}
 
     def enter(self, now: Now, entered: Callable[[Now], None]) -> None:
-        thing = self._room.cell.thing(self._name).position
-        if self._first is None:
-            self._first = float(thing[2])
+        if not self._first:
+            self._first = self._at = self._places()
         if now.state == "ToTargetPose":
-            self._at = thing
+            self._at = self._places()
         self._events.append((now.since, now.state))
         entered(now)
 
-    def report(self, now: Now, work: Work) -> Report:
+    def report(self, now: Now) -> Report:
         assert now.end is not None
-        assert self._first is not None
-        error = float("nan") if work.solid is None else float(np.linalg.norm(work.solid.position - self._at))
-        lifted = float(self._room.cell.thing(self._name).position[2]) - self._first
+        work, first, last = self._work, self._first, self._places()
+        error, chosen = float("nan"), self._room.settings.objects[0].name
+        if work.solid is not None:
+            off = {name: float(np.linalg.norm(work.solid.position - at)) for name, at in self._at.items()}
+            chosen = min(off, key=off.__getitem__)
+            error = off[chosen]
+        lifted = float((last[chosen] - first[chosen])[2])
+        ways = {name: float(np.linalg.norm(last[name] - first[name])) for name in last if name != chosen}
+        moved = tuple((name, way) for name, way in ways.items() if way > _STIRRED)
         name = None if work.way is None else work.way.card.name
-        return Report(now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted)
+        return Report(
+            now.end, tuple(self._events), now.tries, work.solid, name, work.checked, error, lifted, chosen, moved
+        )
+
+    def _places(self) -> dict[str, Array]:
+        """Where every object really is, (3,), m."""
+        return {thing.name: self._room.cell.thing(thing.name).position for thing in self._room.settings.objects}
 
 
 def law_of(room: Room, guide: Guide) -> Guided:
@@ -173,10 +205,9 @@ def _hold(room: Room, work: Work, last: Sample | None, left: tuple[Iterator[Samp
     if last is None:
         return
     work.stand_still(last.state)
-    for samples in left:
-        for sample in _left(samples):
-            if sample.state.t >= last.state.t + _STOP:
-                break
+    for samples, device in zip(left, (room.arm, room.hand), strict=True):
+        for _ in islice(_left(samples), round(WATCHED / device.period)):  # Counted: a clock may stand still.
+            pass
 
 
 def _left(samples: Iterator[Sample]) -> Iterator[Sample]:

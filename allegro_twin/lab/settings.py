@@ -109,7 +109,7 @@ class ValidateSettings(Settings):
     """kg: what weighs more is there. 100 samples detect it (docs/lab.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
-    torque: Positive = 0.15
+    torque: Positive = 0.1
     """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
     around nothing, sum up to more than this."""
     most: Positive = 1.7

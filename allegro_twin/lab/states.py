@@ -22,6 +22,10 @@ _NEXT: dict[State, State] = {
 }
 
 
+_LATE = 0.2
+"""s. A machine that is asked by a slow clock leaves a state so much later."""
+
+
 @dataclass(frozen=True, slots=True)
 class End:
     """How it ended."""
@@ -72,10 +76,26 @@ class Rules:
     timeouts: dict[State, float]
     retries: int
 
+    @property
+    def longest(self) -> float:
+        """s that a run may last in all, whatever its states do: every state at its latest, in every try, and the check
+        after the end."""
+        each = sum(most + _LATE for most in self.timeouts.values())
+        return (self.retries + 1) * each + self.timeouts["Validate"] + 2.0
+
 
 def begun(t: float) -> Now:
     """At the start."""
     return Now("ToSecurityPose", t)
+
+
+def endless(now: Now, t: float, rules: Rules, whose: str) -> Now:
+    """The end of a run that is longer than it can be, by the clock of `whose` periods."""
+    said = (
+        f"the run was in {now.state} after {rules.longest:.0f} s of the {whose}'s periods, and all states last less: "
+        f"the {whose}'s clock or the state machine stands still"
+    )
+    return _over(now, t, End("fault", "endless", said))
 
 
 def decided(now: Now, seen: Seen, rules: Rules) -> Now:
@@ -104,6 +124,20 @@ def decided(now: Now, seen: Seen, rules: Rules) -> Now:
     if seen.done:
         return replace(now, state=_NEXT[now.state], since=seen.t)
     return _again(now, seen.t, rules, _stuck(now, rules)) if late else now
+
+
+def kept(now: Now, seen: Seen, rules: Rules) -> Now:
+    """What an end comes to while arm and hand are watched after it: held for as long as nothing says otherwise."""
+    if now.end is None or now.end.word != "held":
+        return now
+    if seen.fault is not None:
+        return _over(now, seen.t, seen.fault)
+    if seen.held is False:
+        said = "; ".join(filter(None, ("it was held after the lift, and is no longer", seen.doubt)))
+        return _over(now, seen.t, End("fault", "dropped", said))
+    if seen.held is None and seen.t - now.since >= rules.timeouts["Validate"] - 1e-9:
+        return _over(now, seen.t, End("fault", "not confirmed", "the second check was not over; see to the camera"))
+    return now
 
 
 def _again(now: Now, t: float, rules: Rules, end: End) -> Now:

@@ -13,23 +13,28 @@ from allegro_twin.control.steering import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.lab.camera_check import Sight, sighted
 from allegro_twin.lab.cell import Room
-from allegro_twin.lab.check import Checked, checked, kept_apart, stopped, weighed
+from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
 from allegro_twin.lab.choice import Way
-from allegro_twin.lab.doubt import doubted, drifted, verdict, with_doubt
+from allegro_twin.lab.clutter import beside
+from allegro_twin.lab.doubt import doubted, drifted, with_doubt
 from allegro_twin.lab.grip import OPENING
 from allegro_twin.lab.law import Guide
-from allegro_twin.lab.nothing import around_nothing, meeting, squeezing
+from allegro_twin.lab.motor_check import MotorCheck
+from allegro_twin.lab.nothing import around_nothing, meeting, misread, squeezing
 from allegro_twin.lab.plan import best_way, way_of
 from allegro_twin.lab.states import End, Now, Seen
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.perception.fits.model import Solid
 from allegro_twin.perception.pipeline import Found
 from allegro_twin.perception.verdict import Refused, stale
-from allegro_twin.types import HandState, Vector
+from allegro_twin.types import Array, HandState, Vector
 
 _STILL = 0.02  # rad/s, of the fastest joint of an arm that rests.
 _REST = 0.2  # s. After a motion, until what hangs on the flange has come to rest.
+WATCHED = 0.5
+"""s. How long arm and hand are watched after the end, and what is held is then looked at again."""
 _LOOSE = 3.0  # Times the tolerance after the lift: the load pulls the spring down.
 
 
@@ -56,6 +61,12 @@ class Work:
         self._there = 0.0  # When the fingers will be.
         self._squeezed = False
         self._hand: HandState | None = None
+        self._motors = MotorCheck(room.hand.spec, room.stiffness, room.forces, room.hand.period)
+        self._found: Found | None = None
+        self.others: tuple[Array, ...] = ()
+        """Points of each other object on the table, at the last look, (k, 3), world, m."""
+        self._grasped = room.security  # The palm, before the lift.
+        self._sight: Sight | None = None
         samples = room.settings.validation.samples
         self._idle: deque[Vector] = deque(maxlen=samples)
         self._before: deque[Vector] = deque(maxlen=samples)
@@ -84,14 +95,21 @@ class Work:
             case "ClosingHand":
                 assert self._grasp is not None
                 self._squeezed = False
+                if self._hand is not None:
+                    self._motors.begin(self._hand, self._grasp.squeeze)
                 self._head_for(t, self._grasp.close, self._grasp.speed)
             case "ToLiftedPose":
                 assert self.way is not None
                 self._after.clear()
+                self._grasped = self.room.cell.palm(state)
                 up = np.array([0.0, 0.0, self.room.settings.lift])
                 self._go(t, Pose(self.way.palm.position + up, self.way.palm.rotation), self.room.settings.arm.lift)
+            case "Validate":
+                self._look_again(state)
             case "Done":
                 self.stand_still(state)
+                self._after.clear()
+                self._sight, self._asked = None, None
 
     def stand_still(self, state: HandState) -> None:
         """The arm stays where it is."""
@@ -105,7 +123,7 @@ class Work:
             kept = self._idle
         elif now.state == "ToTargetPose" and not self._left and state.t >= self._there + _REST:
             kept = self._before
-        elif now.state == "Validate" and state.t >= now.since + _REST:
+        elif now.state == "Done" or (now.state == "Validate" and state.t >= now.since + _REST):
             kept = self._after
         if kept is not None:
             flange = self.room.cell.model.pose(state.position).rotation
@@ -114,6 +132,8 @@ class Work:
     def hand_is(self, state: HandState) -> None:
         """Every state of the hand."""
         self._hand = state
+        gravity = self.room.model.gravity_torque(state.position, state.gravity)
+        self._motors.see(state, self.fingers(state.t), gravity)
 
     def know(self, now: Now, state: HandState) -> Seen:
         """What the state machine has to know of this moment; pictures are taken here."""
@@ -122,6 +142,9 @@ class Work:
             return Seen(state.t, fault=End("fault", "arm at a limit", full))
         if self._blocked is not None:
             return Seen(state.t, fault=self._blocked)
+        weak = self._powerless()
+        if weak is not None:
+            return Seen(state.t, fault=weak)
         match now.state:
             case "Look":
                 self._look(state)
@@ -137,6 +160,50 @@ class Work:
             return Seen(state.t)  # The tare.
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
+
+    def keeps(self, now: Now, state: HandState) -> Seen:
+        """Whether what was said to be held after the lift still is, once there are as many samples and a picture again;
+        that the run is not over until then."""
+        weak = self._powerless()
+        if weak is not None:
+            return Seen(state.t, fault=weak)
+        if state.t < now.since + WATCHED:
+            return Seen(state.t)
+        if self._sight is None and self._asked is None:
+            self._look_again(state)
+        return self._check(state)
+
+    def _powerless(self) -> End | None:
+        hand = self._hand
+        return None if hand is None else self._motors.fault(hand, self.fingers(hand.t))
+
+    def _look_again(self, state: HandState) -> None:
+        """Take a picture of what is in the hand."""
+        self._sight, self._asked = None, (self.room.camera.capture(self.room.cell.world.data), state.position)
+
+    def _sighted(self, state: HandState, hand: HandState) -> Sight | None:
+        """What the picture says that was taken after the lift; None while it is not there yet."""
+        if self._sight is not None or self._asked is None:
+            return self._sight
+        frame, posture = self._asked
+        if state.t < frame.ready - 1e-9:
+            return None
+        self._asked, room = None, self.room
+        if frame.number == self._last.number or self._found is None:
+            self._sight = Sight(fresh=False)
+            return self._sight
+        self._last = frame
+        cloud, moved = room.itself.cut_out(frame.cloud, posture, hand.position), (self._grasped, room.cell.palm(state))
+        self._sight = sighted(
+            frame,
+            cloud,
+            self._found,
+            np.concatenate([np.empty((0, 3)), *self.others]),
+            moved,
+            room.settings.lift,
+            room.settings.perception,
+        )
+        return self._sight
 
     def _go(self, t: float, palm: Pose, seconds: float) -> None:
         self._there = max(self._there, self.guide.straight(t, self.room.cell.flange_for(palm), seconds))
@@ -196,34 +263,44 @@ class Work:
             self._refused = None if old is None else End("fault", "camera", old.sentence)
             return
         self._last = frame
-        cloud = frame.cloud
-        if room.itself is not None:
-            cloud = room.itself.cut_out(cloud, posture, room.open if self._hand is None else self._hand.position)
+        alone = room.itself.cut_out(frame.cloud, posture, room.open if self._hand is None else self._hand.position)
+        cloud = alone if room.settings.at_the_wrist else frame.cloud
         seen = room.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
         self.looked(frame, seen)
         if not isinstance(seen, Found):
             self._refused = End("refused", seen.reason, seen.sentence)
             return
         try:
-            best = best_way(seen.solid, room)
+            self.others = beside(frame, alone, seen, room.settings.perception)
+            best = best_way(seen.solid, room, self.others)
             self.way, self._through = best.way, best.through
         except ConfigError as error:
             self._refused = End("refused", "no_grasp", str(error))
             return
-        self.solid, self.seen_at = seen.solid, frame.time
+        self.solid, self.seen_at, self._found = seen.solid, frame.time, seen
 
     def _check(self, state: HandState) -> Seen:
         room, settings = self.room, self.room.settings.validation
         if len(self._after) < settings.samples or self._hand is None or self.way is None or self._grasp is None:
             return Seen(state.t)
-        hand, friction = self._hand, room.hand.spec.actuation.frictionloss
+        hand, spec, friction = self._hand, room.hand.spec, room.hand.spec.actuation.frictionloss
+        dead, sight = self._motors.dead(hand), self._sighted(state, hand)
+        if dead is not None or sight is None:
+            return Seen(state.t, fault=dead)
         axes = room.cell.base.rotation @ room.cell.model.pose(state.position).rotation
-        press = stopped(hand.torque, room.model.gravity_torque(hand.position, hand.gravity), friction)
+        gravity = room.model.gravity_torque(hand.position, hand.gravity)
+        torque = self._motors.given(hand, self.fingers(hand.t), gravity)
         nothing = around_nothing(room.settings.hand, self._grasp.name, self.way.palm.rotation)
-        meet = meeting(room.settings.hand, hand.position)
-        between = kept_apart(hand.position, nothing, room.stiffness, friction, meet)
-        found = checked(weighed(self._before, self._after, axes), press, between, settings)
-        why = drifted(self._idle, self._before, settings)
+        press = pressing(hand.position, torque - gravity, nothing, room.stiffness, friction)
+        squeeze = between(press, nothing, meeting(room.settings.hand, hand.position))
+        stop, weight = stopped(torque, gravity, friction), weighed(self._before, self._after, axes)
+        found = checked(weight, stop, squeeze, sight, settings)
+        why = drifted(self._idle, self._before, settings, len(self.others))
         why = why or doubted(found, self._before, self._after, axes, settings)
         self.checked = with_doubt(found, why, settings)
-        return verdict(state.t, self.checked, settings)
+
+        def sure() -> bool:
+            meet = meeting(room.settings.hand, misread(hand.position))
+            return surely(press, nothing, meet, [finger.joints for finger in spec.fingers], settings.torque)
+
+        return verdict(state.t, self.checked, sight, sure, settings)

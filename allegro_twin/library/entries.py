@@ -18,6 +18,7 @@ from allegro_twin.control.trajectory import Profile
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Settings, Where, parse
 from allegro_twin.library.grip import EnvelopGrip, Grip
+from allegro_twin.library.taxonomy import Observed, Taxonomy
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 
@@ -27,17 +28,6 @@ moves several fingers."""
 Kind: TypeAlias = Literal["posture", "grasp", "trajectory"]
 HAND = "allegro"
 """Whose an entry is that does not say."""
-
-
-class Taxonomy(Settings):
-    """Place in the GRASP taxonomy of Feix et al. (IEEE Trans. Human-Machine Systems 46(1), 2016)."""
-
-    number: Annotated[int, Field(ge=1, le=33)]
-    name: str
-    type: Literal["power", "intermediate", "precision"]
-    opposition: Literal["palm", "pad", "side"]
-    virtual_fingers: str = ""
-    """What acts against what."""
 
 
 class PostureFile(Settings):
@@ -53,6 +43,23 @@ class PostureFile(Settings):
     angles: Angles
 
 
+class Proof(Settings):
+    """Where a planned grasp comes from, and how often it holds in draws that it was not chosen on."""
+
+    seed: Annotated[int, Field(ge=0)]
+    candidates: Annotated[int, Field(ge=0)]
+    """How many physics closed in its search: the same seed and as many candidates find it again."""
+    held: Annotated[int, Field(ge=0)]
+    draws: Annotated[int, Field(ge=0)]
+    low: Annotated[float, Field(ge=0, le=1)]
+    high: Annotated[float, Field(ge=0, le=1)]
+    """95 % Wilson interval of the rate."""
+    protocol: str
+    """Name and version of what it was judged under."""
+    uncertainty: str
+    """What was drawn, in half-widths: m, degrees, fractions."""
+
+
 class GraspFile(Settings):
     """A grasp as it is stored."""
 
@@ -62,6 +69,9 @@ class GraspFile(Settings):
     hand: str = HAND
     """The model of hand that it is of."""
     taxonomy: Taxonomy
+    """The type that it claims to be."""
+    observed: Observed | None = None
+    """The type that the contacts of its trial (`evidence`) show; None: nobody has looked."""
     object_size: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] | None = None
     """Smallest and largest width between the fingers of the objects that it is for, m; None: not said."""
     side: Side = "right"
@@ -77,12 +87,19 @@ class GraspFile(Settings):
     """How it holds on; None: by position alone, at the squeeze."""
     evidence: str = ""
     """The scenario in which it holds an object, or `posture: ` and why it is only a posture."""
+    planned: Proof | None = None
+    """Of what `plan` found."""
 
     @model_validator(mode="after")
     def _ordered(self) -> GraspFile:
         if self.object_size is not None and self.object_size[0] > self.object_size[1]:
             raise ValueError(f"object_size: the smallest width comes first, not {list(self.object_size)}")
         return self
+
+    @property
+    def kind_of_grasp(self) -> Taxonomy | Observed:
+        """The type that it is: the one observed, else the one that it claims."""
+        return self.taxonomy if self.observed is None else self.observed
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -141,8 +158,9 @@ def parse_entry(content: Any, source: Where) -> Entry:
 
 
 def posture_entry(position: ArrayLike, spec: HandSpec, description: str = "") -> PostureFile:
-    """An entry from joint positions of the spec's hand, shape (n,), rad. Raises ConfigError outside the limits."""
-    values = spec.posture(position)
+    """An entry from joint positions of the spec's hand, shape (n,), rad, which may be as it reports them: clipped by
+    `spec.reachable`. Raises ConfigError outside the limits."""
+    values = spec.reachable(position)
     return PostureFile(description=description, side=spec.side, angles=_angles(values, spec), **_whose(spec))
 
 
@@ -160,12 +178,14 @@ def grasp_entry(
 
 
 def trajectory_entry(times: ArrayLike, positions: ArrayLike, spec: HandSpec, description: str = "") -> TrajectoryFile:
-    """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad."""
+    """An entry from times, shape (k,), s, and joint positions of the spec's hand, shape (k, n), rad, which may be as it
+    reports them: clipped by `spec.reachable`. Raises ConfigError outside the limits."""
+    rows = [spec.reachable(row, f"positions[{number}]").tolist() for number, row in enumerate(np.asarray(positions))]
     content = {
         "description": description,
         "side": spec.side,
         "times": np.asarray(times, dtype=np.float64).tolist(),
-        "positions": np.asarray(positions, dtype=np.float64).tolist(),
+        "positions": rows,
         **_whose(spec),
     }
     entry = parse(TrajectoryFile, content, "trajectory")

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from allegro_twin.control.trajectory import Profile, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.library.entries import GraspFile, Taxonomy, grasp_entry, joint_values, mirrored_grip
+from allegro_twin.library.entries import GraspFile, grasp_entry, joint_values, mirrored_grip
 from allegro_twin.library.grip import CentroidGrip, EnvelopGrip, Grip
+from allegro_twin.library.taxonomy import Observed, Taxonomy
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -18,12 +19,20 @@ class Grasp:
 
     name: str
     taxonomy: Taxonomy
+    """The type that it claims to be."""
     speed: float
     profile: Profile
     preshape: Vector
     close: Vector
     squeeze: Vector
     grip: Grip | None = None
+    observed: Observed | None = None
+    """The type that its contacts have shown; None: nobody has looked."""
+
+    @property
+    def kind(self) -> Taxonomy | Observed:
+        """The type that it is: the one observed, else the one that it claims."""
+        return self.taxonomy if self.observed is None else self.observed
 
     def waypoint(self, stage: str, seconds: float | None = None) -> Waypoint:
         """One of `preshape`, `close`, `squeeze` as a waypoint: at the grasp's speed, or in a given time."""
@@ -36,14 +45,16 @@ def build_grasp(name: str, stored: GraspFile, spec: HandSpec, where: str) -> Gra
     postures = joint_values(stored, spec, where)
     grip = stored.grip if stored.side == spec.side else mirrored_grip(stored.grip, spec)
     _check_grip(grip, spec, where)
-    return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip)
+    return Grasp(name, stored.taxonomy, stored.speed, stored.profile, **postures, grip=grip, observed=stored.observed)
 
 
 def entry_of(grasp: Grasp, spec: HandSpec, description: str = "", evidence: str = "") -> GraspFile:
     """The entry that `build_grasp` makes it from. Raises ConfigError outside the limits."""
     postures = {stage: getattr(grasp, stage) for stage in GraspFile.joint_fields}
     entry = grasp_entry(postures, spec, grasp.taxonomy, description, evidence)
-    return entry.model_copy(update={"speed": grasp.speed, "profile": grasp.profile, "grip": grasp.grip})
+    return entry.model_copy(
+        update={"speed": grasp.speed, "profile": grasp.profile, "grip": grasp.grip, "observed": grasp.observed}
+    )
 
 
 def _check_grip(grip: Grip | None, spec: HandSpec, where: str) -> None:

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from typing import get_args
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.library.entries import GraspFile, Kind, Taxonomy, joint_values
+from allegro_twin.library.entries import GraspFile, Kind, joint_values
 from allegro_twin.library.sources import Listed
+from allegro_twin.library.taxonomy import KINDS, Control, Observed, Taxonomy
 from allegro_twin.spec import HandSpec
 
-_TYPES = get_args(Taxonomy.model_fields["type"].annotation)
+_TYPES = get_args(Control)
 
 
 def matching(
@@ -22,12 +23,13 @@ def matching(
     object_size: float | tuple[float, float] | None,
 ) -> Iterator[Listed]:
     """Those that pass every filter that is not None; see `Library.list`. Raises ConfigError."""
-    _known(entries, taxonomy)
+    if taxonomy is not None:
+        check_type(taxonomy)
     for listed in entries:
         entry = listed.entry
         if kind is not None and listed.kind != kind:
             continue
-        if taxonomy is not None and not (isinstance(entry, GraspFile) and _is(entry.taxonomy, taxonomy)):
+        if taxonomy is not None and not (isinstance(entry, GraspFile) and is_of_type(entry.kind_of_grasp, taxonomy)):
             continue
         if fingers is not None and not (isinstance(entry, GraspFile) and len(entry.fingers) == fingers):
             continue
@@ -37,19 +39,23 @@ def matching(
             yield listed
 
 
-def _known(entries: Sequence[Listed], taxonomy: int | str | None) -> None:
-    if isinstance(taxonomy, int) and not 1 <= taxonomy <= 33:
-        raise ConfigError(f"the GRASP taxonomy has the numbers 1 to 33, not {taxonomy}")
-    if isinstance(taxonomy, str):
-        names = {e.entry.taxonomy.name for e in entries if isinstance(e.entry, GraspFile)} | set(_TYPES)
-        if taxonomy.lower() not in {name.lower() for name in names}:
-            raise ConfigError(unknown("taxonomy", taxonomy, names))
+def check_type(wanted: int | str) -> None:
+    """Raises ConfigError for what is no type of the taxonomy: not its number, its name, or how it controls."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        if int(wanted) not in KINDS:
+            raise ConfigError(f"the GRASP taxonomy has the numbers 1 to 33, not {wanted}")
+    elif wanted.lower() not in (names := {kind.name.lower(): kind.name for kind in KINDS.values()}) | dict.fromkeys(
+        _TYPES
+    ):
+        raise ConfigError(unknown("taxonomy", wanted, {*names.values(), *_TYPES}))
 
 
-def _is(taxonomy: Taxonomy, wanted: int | str) -> bool:
-    if isinstance(wanted, int):
-        return wanted == taxonomy.number
-    return wanted.lower() in (taxonomy.name.lower(), taxonomy.type)
+def is_of_type(kind: Taxonomy | Observed, wanted: int | str) -> bool:
+    """Whether a type has this number or name, or is of this control (`power`, `intermediate`, `precision`), which what
+    is none of the 33 may be, too."""
+    if isinstance(wanted, int) or wanted.isdigit():
+        return int(wanted) == kind.number
+    return wanted.lower() == (kind.type if wanted.lower() in _TYPES else kind.name.lower())
 
 
 def _fits(grasp: GraspFile, wanted: float | tuple[float, float]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,6 +29,7 @@ class Pictures:
         self._camera: Camera | None = None
         self._window: Any = None
         self._seen: Snapshot | None = None
+        self._drawing: set[threading.Thread] = set()
 
     def take(self, row: int, marks: Sequence[Mark] = ()) -> NDArray[Any] | None:
         """Rows, columns, and RGB bytes, or depths in m as float32, in which nothing is marked; nothing where a window
@@ -46,6 +48,8 @@ class Pictures:
             self._camera.close()
         if self._window is not None:
             self._window.close()
+            for thread in self._drawing:
+                thread.join()  # At the end of a program GLFW would be terminated under it, and neither would end.
         self._camera = self._window = None
 
     def _show(self, row: int, marks: Sequence[Mark]) -> None:
@@ -55,7 +59,9 @@ class Pictures:
             from mujoco import viewer
 
             self._seen = self._worlds.snapshot(row)
+            before = set(threading.enumerate())
             self._window = viewer.launch_passive(self._seen.model, self._seen.data)
+            self._drawing = set(threading.enumerate()) - before
         with self._window.lock():
             self._worlds.snapshot(row, self._seen)
             self._window.user_scn.ngeom = 0

@@ -16,7 +16,7 @@ from allegro_twin.mirror.shapes import FINGERS, largest, shaped
 from allegro_twin.mirror.slips import Slips
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array, HandState, Vector
+from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
 """Of a window: 1.5 s at 3 ms."""
@@ -39,6 +39,15 @@ RARE = 3e5
 """Looks in which a free finger reaches its threshold once: 20 hours."""
 DEFAULT, PART = 0.02, 0.03
 """N·m, and of a motor's limit, where no free motion says what a touch is."""
+SURE = 8.0
+"""Standard deviations of reported from predicted positions that noise never is."""
+UNKNOWN = frozen([np.inf])
+ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Where every report comes, and without noise.
+SIGMAS = 6.0
+"""Of the disturbance that noise alone makes: less is no touch where no free motion says what is."""
+REACH = 3
+"""Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
+g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
 BLOCK, FEWEST = 20, 4
 """Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
 
@@ -65,6 +74,9 @@ class Calm(NamedTuple):
     """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
     """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
+    spread: Vector = UNKNOWN
+    """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
+    out with those that it makes now. Infinite where it is not known."""
 
     @staticmethod
     def usual(spec: HandSpec) -> Calm:
@@ -72,60 +84,86 @@ class Calm(NamedTuple):
         above = np.full(spec.n_joints, DEFAULT)
         if "torque" not in spec.commands:
             above = np.maximum(above, PART * spec.actuation.torque_limit)
-        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf))
+        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
 
     @staticmethod
     def of(
-        disturbance: Array, moving: NDArray[np.bool_], held: Vector, gains: Array, period: float, spec: HandSpec
+        disturbance: Array,
+        moving: NDArray[np.bool_],
+        held: Vector,
+        gains: Array,
+        period: float,
+        spec: HandSpec,
+        spread: Vector = UNKNOWN,
     ) -> Calm:
         """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
-        those at rest (`Observer.held`), and the largest gains of its looks, (looks, fingers). A gain is reached once in
-        RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError where it is too
-        short."""
+        those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
+        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
+        where it is too short."""
         above, blocks = thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
-            return Calm(above, np.full(len(spec.fingers), np.inf))
+            return Calm(above, np.full(len(spec.fingers), np.inf), spread)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))))
+        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
 
 
 class Diagnosis:
     """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
 
     def __init__(self, spec: HandSpec, calm: Calm, period: float) -> None:
-        self._spec, self._quiet, self._drift = spec, calm.gains, Drift(spec, ROW * period)
-        self._falls, self._slips = Falls(spec), Slips(spec, ROW * period, calm.above[0])
+        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.above[0]
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
-        self._periods: list[tuple[Vector, ...]] = []
-        self._rows: list[NDArray[Any]] = []
-        """By column, the last LONGEST rows twice, so that any of them are one slice."""
-        self._count, self._sign, self._jump = 0, -1, JUMP * max(period / FASTEST, 1.0)
-        self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
+        self._periods: list[tuple[Vector, ...]]
+        self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
+        self._jump = JUMP * max(period / FASTEST, 1.0)
+        self.interrupted()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
-        self.found: Anomaly | None = None
-        """What is wrong, as soon as that is sure; a slip until something else is."""
+        self.found: Anomaly | None = None  # As soon as that is sure; a slip until something else is.
 
-    def add(self, state: HandState, estimate: Estimate, torque: Vector, off: Vector, weights: Weights | None) -> None:
+    def interrupted(self) -> None:
+        """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
+        spec, row, above = self._spec, ROW * self._period, self._above
+        self._drift, self._falls, self._slips = Drift(spec, row), Falls(spec), Slips(spec, row, above)
+        self._periods, self._rows, self._count, self._sign = [], [], 0, -1
+        self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
+
+    def add(
+        self,
+        state: HandState,
+        estimate: Estimate,
+        torque: Vector,
+        off: Vector,
+        weights: Weights | None,
+        since: NDArray[np.int_] = ONCE,
+        expected: Vector = EXACT,
+    ) -> None:
         """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
-        are wanted in the last of ROW periods."""
-        v, went = estimate.velocity, np.abs(state.position - self._at)
-        sped, self._at, self._went = went - self._went, state.position, went
+        are wanted in the last of ROW periods; `since`: periods from a joint's last report to this one, 0 where it was
+        lost, (n,); `expected`: standard deviation of `off`, (n,), rad."""
+        v, heard = estimate.velocity, since > 0
+        went = np.abs(state.position - self._at)
+        sped = went - since * self._went
         # Not where a joint was stopped: it met something.
-        jump = np.where((sped > self._jump / 2.0) & (np.abs(off) > self._jump), np.abs(off), 0.0)
-        self._periods.append((estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off))
+        most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
+        jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
+        self._at = np.where(heard, state.position, self._at)
+        self._went = np.where(heard, went / np.maximum(since, 1), self._went)
+        self._periods.append(
+            (estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off, SURE * expected)
+        )
         if len(self._periods) < ROW or weights is None:
             return
-        *means, jumps, away = (np.array(each) for each in zip(*self._periods, strict=True))
+        *means, jumps, away, noise = (np.array(each) for each in zip(*self._periods, strict=True))
         self._periods.clear()
         row = [each.mean(axis=0) for each in means]
         row[3] = row[3] * weights.rub
         d, made, _, _, position = row
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
         self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
-        fell = self._falls.add(away)
+        fell = self._falls.add(away, noise.max(axis=0))
         inside = weights.lean is None  # A loop of its own carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
             self._say(Anomaly("loose", *fell))

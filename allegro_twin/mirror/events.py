@@ -124,9 +124,11 @@ def outermost(share: Vector, joints: Sequence[int]) -> int:
 
 
 def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
-    """All touches, in order; one that comes back within `pause`, s, has not ended."""
+    """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the
+    mirror began again."""
     found, flags = [], touched(disturbance, above, spec)
-    flags[t < t[0] + SETTLED] = False
+    for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
+        flags[(t >= begun) & (t < begun + SETTLED)] = False
     for number, finger in enumerate(spec.fingers):
         rows = np.flatnonzero(flags[:, number])
         if not len(rows):

@@ -11,12 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector, frozen
 
 AWAY = 0.002  # rad from what was expected, which no motor does in a period or three: 0.7 rad/s out of nothing.
 FIRST = 0.03  # Of the largest, what a fall is away a period before: a jump is none.
 BACK = 0.25  # Of the largest, how far it swings back when it lands.
 ALONE = 0.3  # Of the largest, what other joints of the finger are away at most.
+NONE = frozen([0.0])  # Of noise.
 
 
 class Falls:
@@ -25,16 +26,19 @@ class Falls:
     def __init__(self, spec: HandSpec) -> None:
         self._fingers = [list(finger.joints) for finger in spec.fingers]
         self._rows: list[Array] = []
+        self._noise: list[Vector] = []
 
-    def add(self, off: Array) -> tuple[int, float] | None:
-        """A row's periods, (k, n), rad: the joint whose link fell in the row before, and how far it was away, rad."""
+    def add(self, off: Array, noise: Vector = NONE) -> tuple[int, float] | None:
+        """A row's periods, (k, n), rad, and what noise never makes of them, (n,), rad: the joint whose link fell in the
+        row before, and how far it was away, rad."""
+        self._noise = [*self._noise[-2:], np.broadcast_to(noise, off.shape[1:])]
         self._rows = [*self._rows[-2:], off]
         if len(self._rows) < 3:
             return None
-        seen, k = np.concatenate(self._rows), len(off)
+        seen, k, least = np.concatenate(self._rows), len(off), np.maximum(np.max(self._noise, axis=0), AWAY)
         for own in self._fingers:
             part = seen[:, own]
-            out = np.abs(part) > AWAY
+            out = np.abs(part) > least[own]
             begun = np.argmax(out.any(axis=1))
             if not out.any() or not k <= begun < 2 * k:
                 continue

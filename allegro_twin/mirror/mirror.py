@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.backend import limp_of, position_of
+from allegro_twin.backend import limp_of, position_of, torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.mirror.anomalies import NAMES, Anomaly, words
 from allegro_twin.mirror.diagnosis import Calm, Diagnosis, Weights
@@ -19,6 +21,10 @@ from allegro_twin.types import Array, HandState, Sample, Vector
 
 STOPS = ("contact", *NAMES)
 """What can stop a hand."""
+BLIND = 0.1
+"""s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
+NOISIER = 1.25
+"""Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
 
 
 class Mirror:
@@ -40,8 +46,10 @@ class Mirror:
         self._gravity, self._told = gravity, limp_of(spec)
         self._calm = calm or Calm.usual(spec)
         self._estimate: Estimate | None = None
-        self._begun: float | None = None
+        self._begun = np.nan
         self._over = np.zeros(len(spec.fingers), dtype=int)
+        self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
+        self._noise: Noise | None = Noise(spec.n_joints)
         self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
         self._diagnosis = Diagnosis(spec, self._calm, observer.period)
 
@@ -78,8 +86,10 @@ class Mirror:
 
     @property
     def above(self) -> Vector:
-        """More than this is a touch now, (n,), N·m."""
-        return np.asarray(axes(self._calm.above, self._moving))
+        """More than this is a touch now, (n,), N·m: what free motions do not reach, and further out while the
+        disturbance is known less well than in them."""
+        wider = self._observer.spread / self._calm.spread
+        return np.asarray(axes(self._calm.above, self._moving) * np.maximum(wider, 1.0))
 
     @property
     def anomaly(self) -> Anomaly | None:
@@ -99,25 +109,54 @@ class Mirror:
             yield sample
 
     def see(self, sample: Sample) -> None:
-        """The next sample. Raises as `watched`."""
+        """The next sample; periods that are missing before it, by its tick, pass without a report. Raises as
+        `watched`."""
         state = sample.state
-        if self._begun is None:
+        gone = max(state.tick - self._tick, 1)
+        if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
-            self._estimate, torque = self._expected(state)
-            self._moving = self._pace(self._estimate.velocity)
-            if state.t > self._begun + SETTLED:
-                self._judge(state, self._estimate, torque)
-        self._told = sample.command
+            heard = np.isfinite(state.position)
+            self._since += gone
+            for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
+                ends = lost == gone
+                known = heard & ends
+                position = np.where(known, state.position, estimate.predicted)
+                self._estimate, self._moving = estimate, self._pace(estimate.velocity)
+                if state.t > self._begun + SETTLED:
+                    self._judge(replace(state, position=position), torque, np.where(known, self._since, 0))
+            self._since[heard] = 0
+            self._listen(state, gone)
+        self._told, self._tick = sample.command, state.tick
 
-    def _expected(self, state: HandState) -> tuple[Estimate, Vector]:
-        """Of the period that ended with a state, and what the motors gave in it by the model, (n,), N·m."""
+    def _passed(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
+        """The periods that ended with a state, and what the motors gave in each by the model, (n,), N·m. A host that
+        waits for a report sends nothing new, so the torque is that of the whole gap; a log that lost rows has it of the
+        last period alone, and the command that came before the first: between these it changed somehow."""
         observer, down = self._observer, self.down(state)
         if isinstance(observer, LoopObserver):
             told = position_of(self._told, self._spec)
-            return observer.step(told, down, state.position), observer.torque
-        duty = state.torque / self._constant
-        return observer.step(duty, down, state.position), duty * observer.torque_constant
+            for _ in range(gone - 1):
+                yield observer.missed(told, down), observer.torque
+            yield observer.step(told, down, state.position), observer.torque
+            return
+        limit, duty = self._spec.actuation.torque_limit, state.torque / self._constant
+        if gone > 1:
+            first = np.clip(torque_of(self._told, self._spec), -limit, limit) / self._constant
+            for part in np.linspace(0.0, 1.0, gone)[:-1]:
+                between = first + part * (duty - first)
+                yield observer.missed(between, down, np.abs(duty - first)), between * observer.torque_constant
+        yield observer.step(duty, down, state.position), duty * observer.torque_constant
+
+    def _listen(self, state: HandState, gone: int) -> None:
+        """How noisy the hand's reports are, at first."""
+        if self._noise is None:
+            return
+        self._noise.add(state.position, gone)
+        if state.t > self._begun + SETTLED / 2.0:
+            found, self._noise = self._noise.found(), None
+            if (found > NOISIER * self._observer.noise).any():
+                self._observer.noisier(np.maximum(found, self._observer.noise))
 
     def down(self, state: HandState) -> Vector:
         """Gravity in the palm frame, (3,), m/s²: as it was told, or as the hand reports it."""
@@ -137,8 +176,15 @@ class Mirror:
     def _begin(self, state: HandState) -> None:
         if not np.isfinite(self.down(state)).all():
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
-        self._begun = state.t
+        if not np.isfinite(state.position).all():
+            return  # Nothing can begin at a place that is not known.
+        self._begun, self._estimate = state.t, None
+        self._since[:], self._over[:] = 0, 0
         self._observer.reset(state.position)
+        self._pace = Pace(self._spec.n_joints, self._observer.period)
+        self._diagnosis.interrupted()
+        if self._noise is not None:
+            self._noise = Noise(self._spec.n_joints)
 
     def _weights(self, down: Vector, velocity: Vector) -> Weights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
@@ -148,13 +194,18 @@ class Mirror:
             return Weights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
         return Weights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
 
-    def _judge(self, state: HandState, estimate: Estimate, torque: Vector) -> None:
-        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
-        self._over = np.where(over, self._over + 1, 0)
-        diagnosis = self._diagnosis
+    def _judge(self, state: HandState, torque: Vector, since: NDArray[np.int_]) -> None:
+        """`state`: with predicted positions where none were reported; `since`: periods from each joint's last report to
+        this one, 0 where there is none, (n,)."""
+        estimate, diagnosis = self._estimate, self._diagnosis
+        assert estimate is not None
         off = state.position - estimate.predicted
         weights = self._weights(self.down(state), estimate.velocity) if diagnosis.due else None
-        diagnosis.add(state, estimate, torque, off, weights)
+        diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
+        if not since.any():
+            return  # What nobody saw counts for nothing.
+        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+        self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
             raise HandFault(
@@ -163,3 +214,26 @@ class Mirror:
             )
         if self.anomaly is not None and self.anomaly.name in self._stop:
             raise HandFault(f"{words(self.anomaly, self._spec)}, at {state.t:.3f} s")
+
+
+class Noise:
+    """How noisy reports are, from third differences of positions in successive periods, to which a motion below 15 Hz
+    adds nothing: those of white noise have the variance 20 σ²."""
+
+    def __init__(self, n: int) -> None:
+        self._last: deque[Vector] = deque(maxlen=4)
+        self._third: list[Vector] = [np.zeros(n)]
+
+    def add(self, position: Vector, gone: int) -> None:
+        """What is reported, (n,), rad, some periods after the last."""
+        if gone > 1:
+            self._last.clear()
+        self._last.append(position)
+        if len(self._last) == 4:
+            self._third.append(np.abs(np.diff(np.array(self._last), n=3, axis=0)[0]))
+
+    def found(self) -> Vector:
+        """Standard deviation, (n,), rad. Differences beyond thrice the usual count as that: something struck."""
+        third = np.nan_to_num(np.array(self._third))
+        most = 3.0 * np.median(third, axis=0) / 0.6745
+        return np.asarray(np.sqrt(np.square(np.minimum(third, most)).mean(axis=0) / 20.0))

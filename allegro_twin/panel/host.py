@@ -43,6 +43,7 @@ class Host:
         self._opened: OpenHand | None = None
         self._doing: Doing | None = None
         self._stalled: HandError | None = None
+        self._clipped = 0
         self._page = pages.open()
         self._send = Sender(self._page.frames)
 
@@ -131,6 +132,10 @@ class Host:
         if stalled is not None and stalled is not self._stalled:
             self._page.tell(Notice(str(stalled), bad=True))
         self._stalled = stalled
+        if opened.hand.clipped != self._clipped:
+            self._clipped = opened.hand.clipped
+            if self._clipped:
+                self._page.tell(Notice(f"{self._clipped} wishes a little beyond a limit were clipped to it"))
         if opened.trouble:
             self._page.tell(Notice(opened.trouble, bad=True))
             opened.trouble = ""

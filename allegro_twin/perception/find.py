@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.perception.cloud import Mask, Points, finite, pass_through
+from allegro_twin.perception.cloud import Mask, Points, pass_through
 from allegro_twin.perception.clusters import Grid, clusters
 from allegro_twin.perception.plane import Plane, find_plane
 from allegro_twin.perception.settings import PerceptionSettings
@@ -150,20 +150,24 @@ def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings
     return None
 
 
-def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings) -> Cluster:
+def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings) -> Cluster | Refused:
     """All of its pixels, or as many as are enough."""
     stride, (rows, columns) = settings.stride, found.pixels[:, found.members]
     step = max(1, int(np.sqrt(len(rows) * stride**2 / _MOST)))
     first = [max(int(ends.min() - 1) * stride, 0) for ends in (rows, columns)]
     last = [int(ends.max() + 2) * stride for ends in (rows, columns)]
     near = view.cloud[first[0] : last[0] : step, first[1] : last[1] : step].reshape(-1, 3)
-    near = near[finite(near)]
+    near = near[pass_through(view.world(near), *_bounds(settings))]  # What is unknown is nowhere.
     world = view.world(near)
     points = world @ axes.T.astype(near.dtype)
     points[:, 2] -= plane.offset
     mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
     mine[mine] = view.foreign(world[mine])
+    count = np.count_nonzero(mine)
+    if count < settings.object.least:
+        said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {count} points are known, and "
+        return Refused("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
     depth = float(np.median(near[mine, 2]))
     mine_points = points[mine].astype(np.float64)
     top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)

@@ -54,7 +54,10 @@ class View:
     def focal(self) -> float:
         """Of the camera, pixels, by two known points of one row. Raises ConfigError for a cloud without order."""
         rows = self.cloud[::_ROWS]
-        known = finite(rows)
+        known = finite(rows) & (rows[..., 2] > 0.0)
+        if np.count_nonzero(known, axis=1).max() < 2:  # Hardly anything is known: look at all.
+            rows = self.cloud
+            known = finite(rows) & (rows[..., 2] > 0.0)
         row = int(np.argmax(np.count_nonzero(known, axis=1)))
         columns = np.flatnonzero(known[row])
         if len(columns) < 2:

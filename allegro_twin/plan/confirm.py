@@ -34,7 +34,7 @@ def grasp_of(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: flo
     go beyond where they touch."""
     told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
     preshape, close, told = (rounded(each, spec) for each in (candidate.preshape, candidate.close, told))
-    return replace(template, preshape=preshape, close=close, squeeze=told, grip=None)
+    return replace(template, preshape=preshape, close=close, squeeze=told, grip=None, observed=None)
 
 
 def rounded(posture: Vector, spec: HandSpec) -> Vector:

@@ -11,9 +11,10 @@ import numpy as np
 from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
 from allegro_twin.evaluate.statistics import Paired, paired
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.evaluate.uncertainty import Stream, Uncertainty, draws
 from allegro_twin.kinematics.orientation import facing, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.taxonomy import as_claimed
 from allegro_twin.plan.confirm import rounded, row
 from allegro_twin.plan.ease import check_loop, eased, resting
 from allegro_twin.plan.poses import closing_of
@@ -73,9 +74,18 @@ class Improvement:
             tell(number, float(np.floor(elite[0][0])) / self.draws)
             scale *= NARROWER
         best = elite[0][1]
-        before, after = self._tried([first, best], "table_pick", self.unseen, 1_000_000)
+        before, after = self._tried([first, best], "table_pick", self.unseen, "judge")
         comparison = paired([each.held for each in before], [each.held for each in after])
-        return Improved(first, best, comparison)
+        return Improved(first, self._seen(best), comparison)
+
+    def _seen(self, version: Version) -> Version:
+        """With the type that its contacts show in the whole trial without a draw."""
+        case = Case(version.scenario, version.grasp, folder=self.folder)
+        (verdict,) = Bench(self.spec).verdicts([case])
+        shown = None if verdict.report is None else verdict.report.observed
+        if shown is None:
+            return version
+        return Version(version.scenario, replace(version.grasp, observed=shown, taxonomy=as_claimed(shown)))
 
     def _eased(self, versions: list[Version]) -> list[Version]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
@@ -90,12 +100,12 @@ class Improvement:
         return found
 
     def _score(self, versions: list[Version]) -> Array:
-        return np.array([score(row) for row in self._tried(versions, "quick", self.draws, 0)])
+        return np.array([score(row) for row in self._tried(versions, "quick", self.draws, "search")])
 
-    def _tried(self, versions: list[Version], protocol: str, count: int, first: int) -> list[list[Try]]:
-        """Some draws, a row for each version."""
+    def _tried(self, versions: list[Version], protocol: str, count: int, stream: Stream) -> list[list[Try]]:
+        """The first draws of a stream, a row for each version."""
         where = Where(self.engine, self.at_once, self.folder)
-        return tries(versions, self.spec, protocol, draws(self.uncertainty, count, self.seed, first), where)
+        return tries(versions, self.spec, protocol, draws(self.uncertainty, count, self.seed, stream=stream), where)
 
 
 def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Generator) -> Version:
@@ -114,6 +124,10 @@ def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Gen
     told = told + scale * 0.5 * JOINT * random.normal(size=spec.n_joints) * (closing_of(grasp, spec) != 0.0)
     close = rounded(grasp.close + change, spec)
     better = replace(
-        grasp, preshape=rounded(grasp.preshape + change, spec), close=close, squeeze=rounded(close + told, spec)
+        grasp,
+        preshape=rounded(grasp.preshape + change, spec),
+        close=close,
+        squeeze=rounded(close + told, spec),
+        observed=None,
     )
     return Version(version.scenario.model_copy(update={"wrist": moved}), better)

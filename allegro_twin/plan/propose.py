@@ -53,7 +53,7 @@ class Proposer:
         self.centre = self.bench.centre
 
     def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate | None]:
-        """Of so many guesses; None after every batch of them, for whoever looks at the clock."""
+        """Of so many guesses; None after every batch of them, for whoever counts them."""
         axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
         for _ in range(0, tries, BATCH):
             on = self._looked_at()

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from allegro_twin.build.trials import PERIOD, Bench, Case
 from allegro_twin.evaluate.scenario import Scenario, load_protocol
-from allegro_twin.evaluate.together import Measure
+from allegro_twin.evaluate.together import Measure, Verdict
 from allegro_twin.evaluate.uncertainty import Uncertainty, draws
 from allegro_twin.library.gains import load_gains, ruled
 from allegro_twin.library.grasps import Grasp
+from allegro_twin.library.select import is_of_type
+from allegro_twin.library.taxonomy import Observed, as_claimed
 from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.confirm import grasp_of, scenario_of
 from allegro_twin.plan.ease import SHARE, eased
@@ -42,10 +43,14 @@ class Squeeze(NamedTuple):
 AS_IT_IS = Squeeze()
 SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
 """Among which draws choose: little slips, much rolls the object out of the fingers."""
-WHOLE = 4.5
-"""What a whole trial costs, in quick ones."""
 SPARE = 3
 """How many more than are asked for are looked at closely."""
+SEARCHED = Uncertainty(position=0.005, torque=0.0)
+"""What draws of a search vary unless something else is said."""
+JUDGED = 20
+"""Draws on which what was chosen is judged afterwards: none of them was chosen on."""
+WHOLE_TRIALS = 2
+"""For each grasp that is asked for, when the search is over: what holds in draws but not here gives way to others."""
 
 
 @dataclass(slots=True, eq=False)
@@ -57,7 +62,13 @@ class Planned:
     grasp: Grasp
     tried: int = 0
     held: int = 0
-    """Draws."""
+    """Draws of the search."""
+    judged: int = 0
+    judged_held: int = 0
+    """Draws that it was not chosen on, in the whole trial."""
+    seed: int = 0
+    candidates: int = 0
+    """Of the search that found it, and how many candidates physics closed there."""
     confirmed: bool | None = None
     """Whether the whole trial held; None: not tried."""
     sure: bool = False
@@ -66,6 +77,11 @@ class Planned:
     stall: float = float("nan")
     """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
     its torque limit."""
+
+    def show(self, observed: Observed | None) -> None:
+        """Its grasp is of the type that its contacts show, and claims no other."""
+        if observed is not None:
+            self.grasp = replace(self.grasp, observed=observed, taxonomy=as_claimed(observed))
 
     @property
     def expected(self) -> float:
@@ -92,40 +108,26 @@ class Prover:
     """Rotations that leave the object as it is; None where every pose counts as its own."""
     region: Region | None = None
     """Where more than half of the contact force has to be."""
+    kind: int | str | None = None
+    """The type that the contacts have to show; None: any."""
     threads: int = 0
     options: list[Planned] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
-    pace: float = 0.1
-    """s of a quick trial, from those made so far."""
 
-    def add(self, candidates: Sequence[Candidate], n: int, deadline: float) -> None:
-        """Learn about some more, and about the best of all; `n`: how many are wanted in the end; `deadline`: on the
-        monotonic clock, s, by which it should be over."""
-        fits = self._affordable(deadline, 2.5 * FIRST * len(SQUEEZES))
-        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates[:fits] for squeeze in SQUEEZES]
+    def add(self, candidates: Sequence[Candidate], n: int) -> None:
+        """Learn about some more, and about the best of all; `n`: how many are wanted in the end."""
+        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
         self._draw(new, FIRST)
         self.options += new
-        looked = [o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good]
-        self._draw(looked[: self._affordable(deadline, MORE)], MORE)
+        self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
         self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
 
-    def reserve(self, n: int) -> float:
-        """How long the whole trials of so many take, s."""
-        return n * WHOLE * self.pace
-
-    def settle(self, n: int, deadline: float) -> None:
-        """Try the best in the whole trial, and others for those that do not hold there, while there is time."""
-        begun = False
-        while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None]:
-            fits = self._affordable(deadline, WHOLE)
-            if begun and not fits:
-                break
-            self._confirm(unknown if not begun else unknown[:fits])
-            begun = True
-
-    def _affordable(self, deadline: float, each: float) -> int:
-        """How many things there is time for that cost so many quick trials each."""
-        return max(int((deadline - time.monotonic()) / (each * self.pace)), 0)
+    def settle(self, n: int) -> None:
+        """Try the best in the whole trial, and others for those that do not hold there."""
+        left = WHOLE_TRIALS * n
+        while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
+            self._confirm(unknown)
+            left -= len(unknown)
 
     def best(self, n: int) -> list[Planned]:
         """Those that hold in the whole trial, apart from each other, best first."""
@@ -148,19 +150,17 @@ class Prover:
 
     def _draw(self, options: Sequence[Planned], count: int) -> None:
         """Try each under the next draws that it has not seen."""
-        protocol, began = load_protocol("quick"), time.monotonic()
+        protocol = load_protocol("quick")
         bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
         trials = [
             Case(option.scenario, option.grasp, draw, protocol, self.folder)
             for option in options
-            for draw in draws(self.uncertainty, count, self.seed, option.tried)
+            for draw in draws(self.uncertainty, count, self.seed, option.tried, stream="search")
         ]
         verdicts = bench.verdicts(trials, hasty=True)
         for option in options:
             option.held += sum(next(verdicts).held for _ in range(count))
             option.tried += count
-        if trials:
-            self.pace = (time.monotonic() - began) / len(trials)
 
     @property
     def measure(self) -> Measure | None:
@@ -172,10 +172,37 @@ class Prover:
         cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
         verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, self.measure)
         for option, verdict in zip(options, verdicts, strict=True):
-            option.confirmed = verdict.held and there(verdict)
-            self.ends["held" if option.confirmed else "elsewhere" if verdict.held else "whole trial"] += 1
+            where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
+            option.confirmed = where == "held"
+            self.ends[where] += 1
             if verdict.report is not None:
+                option.show(verdict.report.observed)
                 option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+
+    def amiss(self, verdicts: Sequence[Verdict]) -> str:
+        """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
+        if not all(there(verdict) for verdict in verdicts):
+            return "elsewhere"
+        seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
+        if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
+            return "other type"
+        return ""
+
+
+def judge(
+    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0
+) -> None:
+    """Count how often each holds in the whole trial of its own protocol, in `JUDGED` draws that no search has seen."""
+    drawn = draws(uncertainty, JUDGED, seed, stream="judge")
+    for each in planned:
+        protocol = load_protocol(each.scenario.protocol)
+        bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
+        split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
+        verdicts = bench.verdicts([case for cases in split for case in cases], hasty=True)
+        each.judged, each.judged_held = len(split), 0
+        for cases in split:
+            found = [next(verdicts).held for _ in cases]
+            each.judged_held += all(found)
 
 
 def best_of(options: Sequence[Planned], n: int, turns: Array | None) -> list[Planned]:
@@ -200,9 +227,11 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
         cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
         verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, hasty=True)
         for option, each in zip(options, cases, strict=True):
-            reports = [verdict.report for verdict in (next(verdicts) for _ in each) if verdict.held and there(verdict)]
-            held = [report for report in reports if report is not None]
-            option.confirmed = len(held) == len(each)
+            found = [next(verdicts) for _ in each]
+            held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]
+            option.confirmed = len(held) == len(each) and not prover.amiss(found)
+            if held:
+                option.show(held[0].observed)
             option.margin = min([option.margin, *(report.margin for report in held)])
             option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])
         prover.ends["pushed out"] += sum(not option.confirmed for option in options)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ from allegro_twin.plan.candidate import Candidate, different
 from allegro_twin.plan.closing import COARSE, FINE
 from allegro_twin.plan.fingers import Performer
 from allegro_twin.plan.propose import Proposer
-from allegro_twin.plan.prove import Planned, Prover, pushed
+from allegro_twin.plan.prove import SEARCHED, Planned, Prover, pushed
 from allegro_twin.plan.quick import Outcome, squeezed, tried
 from allegro_twin.plan.region import Region
 from allegro_twin.plan.surface import Random
@@ -47,6 +48,21 @@ class Effort:
     """The best of those that hold, which are tried under draws."""
 
 
+TRIES = 400
+"""Batches of guesses for a round at most, of `poses.BATCH` each: where the object leaves the hand little room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How much a search may cost. It is looked at between rounds and decides nothing within one, so that a search that
+    ended after so many candidates finds the same as one that is told their number."""
+
+    candidates: float = math.inf
+    """That physics closes."""
+    cpu: float = math.inf
+    """s of all processors together, without what judging costs afterwards."""
+
+
 @dataclass(slots=True)
 class Search:
     """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface."""
@@ -56,20 +72,28 @@ class Search:
     templates: Sequence[Grasp]
     folder: Path = Path()
     seed: int = 0
-    uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(position=0.005, torque=0.0))
+    uncertainty: Uncertainty = SEARCHED
     effort: Effort = Effort()
     region: Region | None = None
     """The part of the object by which it is to be held."""
+    kind: int | str | None = None
+    """The type of the taxonomy that its contacts have to show; None: any."""
     threads: int = 0
     ends: Counter[str] = field(default_factory=Counter)
     """Where candidates ended."""
+    closed: int = 0
+    """How many candidates physics has closed."""
+    counts: dict[int, int] = field(default_factory=dict)
+    """The same by seed, where several searches ran side by side."""
+    cpu: float = 0.0
+    """s that it took, of all processors together."""
 
     def run(
-        self, n: int, seconds: float, tell: Callable[[list[Planned], float], None] = lambda found, at: None
+        self, n: int, budget: Budget, tell: Callable[[list[Planned], float], None] = lambda found, share: None
     ) -> list[Planned]:
-        """The best `n` that are apart from each other. It ends when they are good, or after at most about `seconds`,
-        with fewer where there are fewer."""
-        began = time.monotonic()
+        """The best `n` that are apart from each other. It ends when they are good, or when the budget is spent, with
+        fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent."""
+        began = time.process_time()
         protocol = load_protocol(self.scenario.protocol)
         bench, random = self._bench(protocol), np.random.default_rng(self.seed)
         prover = self._prover(bench)
@@ -77,32 +101,38 @@ class Search:
         step = FINE if protocol.floating else COARSE
         proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
         proposed, elite = proposer.fresh(), list[Candidate]()
-        deadline = began + seconds
         while sum(each.good for each in prover.best(n)) < n:
-            until = deadline - (0.0 if protocol.floating else prover.reserve(n))
-            if (left := until - time.monotonic()) <= 0.0:
+            self.cpu = time.process_time() - began
+            if self.closed and (self.cpu >= budget.cpu or self.closed >= budget.candidates):
                 break
-            guessed = sorted(_within(proposed, self.effort.guessed, left / 3), key=lambda c: -c.score)
+            guessed = sorted(_next(proposed, self.effort.guessed), key=lambda c: -c.score)
             if not guessed:
                 break
             varied = proposer.near(elite, self.effort.closed // 2)
             closed = [*varied, *guessed[: self.effort.closed - len(varied)]]
+            closed = closed[: int(min(len(closed), budget.candidates - self.closed))]
+            self.closed += len(closed)
             if protocol.floating:
                 pushed(prover, self._apart(self._squeezed(closed, protocol, random), prover))
             else:
                 outcomes = tried(bench, closed, self._performer(protocol), friction, random)
                 self.ends.update(outcome.where for outcome in outcomes)
                 passed = [outcome.candidate for outcome in outcomes if outcome.passed]
-                prover.add(self._apart(passed, prover)[: self.effort.drawn], n, until)
+                prover.add(self._apart(passed, prover)[: self.effort.drawn], n)
                 elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
-            tell([each for each in prover.ranked(prover.options, n) if each.good], time.monotonic() - began)
-        prover.settle(n, deadline)
-        return prover.best(n)
+            spent = max((time.process_time() - began) / budget.cpu, self.closed / budget.candidates)
+            tell([each for each in prover.ranked(prover.options, n) if each.good], spent)
+        prover.settle(n)
+        self.cpu = time.process_time() - began
+        best = prover.best(n)
+        for each in best:
+            each.seed, each.candidates = self.seed, self.closed
+        return best
 
     def _prover(self, bench: Workbench) -> Prover:
         return Prover(
             bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
-            symmetry_of(self), self.region, self.threads, ends=self.ends,
+            symmetry_of(self), self.region, self.kind, self.threads, ends=self.ends,
         )  # fmt: skip
 
     def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
@@ -152,12 +182,14 @@ def _turns(protocol: Protocol) -> list[float]:
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
 
 
-def _within(proposed: Iterator[Candidate | None], count: int, seconds: float) -> list[Candidate]:
-    """The next candidates, as many as come in a time."""
-    found, until = list[Candidate](), time.monotonic() + seconds
+def _next(proposed: Iterator[Candidate | None], count: int) -> list[Candidate]:
+    """The next candidates, so many or as many as come in so many tries."""
+    found, tries = list[Candidate](), 0
     for candidate in proposed:
-        if candidate is not None:
+        if candidate is None:
+            tries += 1
+        else:
             found.append(candidate)
-        if len(found) == count or time.monotonic() > until:
+        if len(found) == count or tries == TRIES:
             break
     return found

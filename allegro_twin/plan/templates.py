@@ -6,9 +6,9 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.entries import Taxonomy
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
+from allegro_twin.library.taxonomy import claim
 from allegro_twin.plan.ease import check_loop
 from allegro_twin.plan.poses import closing_of
 from allegro_twin.sim.model.statics import hand_model
@@ -21,24 +21,30 @@ GATHERS = 0.05
 """The share by which fingertips come nearer to each other where a motor is said to close them."""
 OPEN, CLOSED, FURTHER = 0.3, 0.6, 0.8
 """Of a motor's way, in the postures of a template that no library has."""
-_BY_FINGERS = {2: (9, "Palmar Pinch"), 3: (14, "Tripod"), 4: (27, "Quadpod")}
-_MORE = (13, "Precision Sphere")
 
 
 def templates(spec: HandSpec, taxonomy: int | str | None = None) -> list[Grasp]:
-    """All of the library that close on something, or those of a type of the taxonomy; for a hand of which it has none
-    at all, one that its kinematics make. Raises ConfigError where there is none, and for a hand that cannot plan."""
+    """All of the library that close on something, or those of a type of the taxonomy where there are any: only the
+    contacts tell of which type is what comes of them. For a hand of which the library has none at all, one that its
+    kinematics make. Raises ConfigError for what is no type, for a hand that cannot plan, and where nothing closes."""
     check_loop(spec)
     library = Library()
     listed = library.list(kind="grasp", taxonomy=taxonomy, hand=spec)
+    if taxonomy is not None:
+        of_type = [library.grasp(each.name, spec) for each in listed]
+        return [grasp for grasp in of_type if _closes(grasp, spec)] or templates(spec)
     found = [library.grasp(each.name, spec) for each in listed]
-    fewest = min(FEWEST, spec.n_joints)
-    closing = [grasp for grasp in found if grasp.grip is None and (closing_of(grasp, spec) != 0.0).sum() >= fewest]
-    if not closing and not found and taxonomy is None:
+    closing = [grasp for grasp in found if _closes(grasp, spec)]
+    if not closing and not found:
         return [gathering(spec)]
     if not closing:
-        raise ConfigError(f"the library has no grasp of type {taxonomy!r} that closes the fingers of {spec.name}")
+        raise ConfigError(f"the library has no grasp that closes the fingers of {spec.name}")
     return closing
+
+
+def _closes(grasp: Grasp, spec: HandSpec) -> bool:
+    """Whether it closes joints by position, and enough of them."""
+    return grasp.grip is None and int((closing_of(grasp, spec) != 0.0).sum()) >= min(FEWEST, spec.n_joints)
 
 
 def gathering(spec: HandSpec) -> Grasp:
@@ -58,9 +64,7 @@ def gathering(spec: HandSpec) -> Grasp:
         raise ConfigError(f"{spec.name}: no motor brings its fingertips together: store a grasp of it in the library")
     opened = np.where(closing > 0.0, lower, np.where(closing < 0.0, upper, middle))
     preshape, close, squeeze = (opened + part * closing * spans for part in (OPEN, CLOSED, FURTHER))
-    number, name = _BY_FINGERS.get(len(spec.fingers), _MORE)
-    kind = Taxonomy(number=number, name=name, type="precision", opposition="pad")
-    return Grasp("gathering", kind, float(spans.max()), "minimum_jerk", preshape, close, squeeze)
+    return Grasp("gathering", claim(None), float(spans.max()), "minimum_jerk", preshape, close, squeeze)
 
 
 def _apart(model: HandModel, posture: Vector) -> float:

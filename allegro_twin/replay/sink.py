@@ -6,8 +6,10 @@ again and one that is there is not, and what counts as written changes in one st
 
 from __future__ import annotations
 
+import fcntl
 import json
 import logging
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -44,9 +46,19 @@ class _File:
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("wb", buffering=0)
+            self._file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT, 0o666), "wb", buffering=0)
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror or error}") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # Before anything of another's is touched.
+        except BlockingIOError as error:
+            self._file.close()
+            raise RecordingError(
+                f"cannot record to {path}: another program records to it; wait for it to end, or give another file"
+            ) from error
+        except OSError:
+            _log.debug("%s: its file system has no locks", path)
+        self.write(0, b"")
 
     def write(self, at: int, message: Any) -> int:
         """From a place on, where the file then ends: that place. What an earlier attempt left there is gone."""

@@ -55,6 +55,7 @@ class Reports:
             "controller": self._hand.controller,
             "time": f"{sample.state.t:.3f} s",
             "missed periods": str(self._missed),
+            "clipped set-points": str(self._hand.clipped),
             "hottest motor": hottest,
         }
         return "/diagnostics", states.diagnostics(self._words, stamp, self._name, level, text, values)

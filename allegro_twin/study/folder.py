@@ -73,6 +73,7 @@ def write(held: Held, folder: Path, where: str = "") -> None:
     RecordingError where the disk refuses."""
     facts = {key: held.stamps[key] for key in _FACTS if key in held.stamps}
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "report.html").unlink(missing_ok=True)  # Until the new one is there, none says what other trials were.
     plain = json.dumps(held.study.model_dump(mode="json"))
     write_results(folder / FILE, held.table, facts | {"study": plain}, {})
     write_report(folder / "report.html", held.table.to_pylist(), held.study, facts | ({"made": where} if where else {}))

@@ -18,6 +18,7 @@ _FASTEST, _NOISE = 2.0, 0.02
 """m/s and m: fingertips on a palm that move further between two frames are a tracker's mistake, not a person's."""
 _PARTS = (1.0, 0.5, 0.25)
 """Of the way to its goal that a finger is tried on when it would meet another."""
+_ROUNDING = 1e-6  # rad. The solver's posture may be so far beyond a limit that it keeps.
 WHAT = "teleop"
 Retarget = Callable[[Array], Vector]
 Told = Callable[[str], None]
@@ -30,6 +31,8 @@ class Tally:
     followed: int = 0
     unseen: int = 0
     jumps: int = 0
+    clipped: int = 0
+    """Followed, with a joint that was led beyond its limit, where it stopped."""
     late: int = 0
     """Left out, for a newer one was there already."""
 
@@ -87,6 +90,7 @@ class Follower:
     def _lead(self, posture: Vector) -> None:
         """Toward a posture, (n,), rad; fingers that would meet go as far as each can."""
         goal = self._inside(posture)
+        self.tally.clipped += bool(np.abs(goal - posture).max() > _ROUNDING)
         if self._led(goal):
             return
         for finger in self._hand.spec.fingers:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from allegro_twin.train.learned import Trained
 
 _STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
-_RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime")
-_DAGGER = "rl", ("torch", "onnx", "onnxruntime")
+_RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime", "tensorboard")
+_DAGGER = "rl", ("torch", "onnx", "onnxruntime", "tensorboard")
 
 __all__ = ["Recipe", "load_recipe", "train"]
 

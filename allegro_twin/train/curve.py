@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+from allegro_twin.files.whole import whole_file
+
 COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evaluated")
 """Actions in all; s of training; episodes that ended since the last row; their mean return and length and the share
 that went well; and the success rate without noise on the actions, once a round. Empty: nothing to tell."""
@@ -17,10 +19,10 @@ class Curve:
         kept: list[dict[str, str]] = []
         if steps and path.is_file():
             with path.open(newline="") as file:
-                kept = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
-        path.parent.mkdir(parents=True, exist_ok=True)
+                rows = [row for row in csv.DictReader(file) if None not in row.values()]  # The last may be cut.
+                kept = [row for row in rows if int(row["steps"]) <= steps]
         self._path = path
-        with path.open("w", newline="") as file:
+        with whole_file(path) as temporary, temporary.open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
             writer.writeheader()
             writer.writerows(kept)

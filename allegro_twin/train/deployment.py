@@ -40,6 +40,7 @@ def over_can(
     returned: list[float] = []
     things: list[str] = []
     counted: list[float] = []
+    shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.shares}
     name = episode.engine.task.counted
     for each in range(episodes):
         episode.seed = seed + each
@@ -52,9 +53,12 @@ def over_can(
             returned.append(sum(_rewards(hand, controller, episode)))
         success.append(episode.success)
         counted += [episode.counted] if name else []
+        for share, values in shares.items():
+            values.append(episode.shares[share])
         things.append(*episode.report.get("object", [""]))
     named = tuple(things) if any(things) else ()
-    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None)
+    parts = {name: np.array(values) for name, values in shares.items()}
+    return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None, parts)
 
 
 def _rewards(hand: CanBackend, controller: PolicyController, episode: Episode) -> Iterator[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ class Evaluation:
     """The object of each episode; empty where a task has none."""
     counted: NDArray[np.float64] | None = None
     """What each came to at its end, where its task counts something: rad turned, goals reached."""
+    shares: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Shares of each episode's time, by name, where its task tells such: `on_palm`."""
 
     @property
     def rate(self) -> float:
@@ -55,16 +57,19 @@ def evaluate(
     going = np.ones(episodes, bool)
     success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
     name = env.engine.task.counted
+    shares = {each: np.zeros(episodes) for each in env.engine.task.shares}
     while going.any():
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         returned += np.where(going, reward, 0.0)
         if name:
             counted[going] = info[name][going]
+        for each, share in shares.items():
+            share[going] = info[each][going]
         ended = going & (terminated | truncated)
         success[ended] = info["is_success"][ended]
         going &= ~ended
     env.close()
-    return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None)
+    return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
 
 
 def fitting(card: Card, task: Card) -> None:

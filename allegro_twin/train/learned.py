@@ -16,6 +16,7 @@ Advance = Callable[[int, float, float], None]
 since, NaN where none did."""
 FINAL_RATE = 0.1  # Of the learning rate, at the end.
 EVALUATION = 1_000_000_000  # Seeds of the evaluations: never those of training.
+ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,11 @@ def note(recipe: Recipe, progress: Progress) -> str:
 def rate_of(recipe: Recipe, progress: Progress) -> float:
     """Of learning, in the next round: it falls in a straight line to a tenth."""
     return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.rounds / recipe.rounds)
+
+
+def round_seed(seed: int, rounds: int) -> int:
+    """Of the first simulation in the round after so many, with Stable-Baselines3; the others' follow it."""
+    return (seed + rounds * ROUND_SEEDS) % 2**31
 
 
 def farthest_of(recipe: Recipe, progress: Progress) -> float | None:

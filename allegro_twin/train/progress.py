@@ -10,7 +10,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse
 from allegro_twin.train.settings import Recipe
 
-VERSION = 1
+VERSION = 2
 """Of the trainer: what a checkpoint must be of to be continued."""
 
 

@@ -20,9 +20,16 @@ from allegro_twin.look.films import film
 from allegro_twin.policy.controller import Policy, Still
 from allegro_twin.policy.loading import load_policy
 from allegro_twin.train.evaluation import Evaluation, evaluate, fitting, keywords
+from allegro_twin.train.learned import EVALUATION, round_seed
 from allegro_twin.train.settings import Recipe
 
-SEED = 2_000_000_000  # Far from those of training and of the evaluations during it.
+SEED = 3_000_000_000
+"""Of an evaluation's first episode, where nobody chooses: never one of a training, nor of what was looked at while a
+training was still being decided."""
+SELECTION = 2_000_000_000
+"""Of the evaluation with which a training ends, and which decides whether another one follows."""
+LOOKED_AT = "trained on: by a look"
+"""What `Recipe.looked_at` is called in reports."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,28 +42,46 @@ class Compared:
     """No action: the scripted player where the task has a script, else a hand that stays."""
 
 
-def compare(path: Path, recipe: Recipe, episodes: int) -> list[Compared]:
-    """A policy file in all `sets`. Raises ConfigError for a policy of another task."""
+def compare(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Compared]:
+    """A policy file in all `sets`, in the episodes of the seeds from `seed` on. Raises ConfigError for a policy of
+    another task."""
     loaded = load_policy(path)
     still = Still(loaded.card.action)
     fitting(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
     return [
         Compared(
             name,
-            evaluate(loaded.policy, recipe.task, settings, episodes, seed=SEED),
-            evaluate(still, recipe.task, settings, episodes, seed=SEED),
+            evaluate(loaded.policy, recipe.task, settings, episodes, seed=seed),
+            evaluate(still, recipe.task, settings, episodes, seed=seed),
         )
         for name, settings in sets(recipe).items()
     ]
 
 
 def sets(recipe: Recipe) -> dict[str, EnvSettings]:
-    """The environments of an evaluation: with the objects that were trained on, and with those that were kept from it.
-    The physics is that of the environments as they ship, whatever the training used."""
+    """The environments of an evaluation: with the objects that were trained on, with those by which a training was
+    chosen, and with those that were kept from both. The physics is that of the environments as they ship, whatever the
+    training used."""
     seen = as_shipped(recipe.environment)
-    if not recipe.held_out:
-        return {"trained on": seen}
-    return {"trained on": seen, "held out": seen.model_copy(update={"objects": recipe.held_out})}
+    more = {LOOKED_AT: recipe.looked_at, "held out": recipe.held_out}
+    others = {name: seen.model_copy(update={"objects": given}) for name, given in more.items() if given}
+    return {"trained on": seen} | others
+
+
+def overlap(recipe: Recipe, seed: int, episodes: int) -> str:
+    """Which episodes of those from `seed` on a training of this recipe has used, in words; empty where none."""
+    used = {
+        "the evaluation after every round": range(EVALUATION, EVALUATION + recipe.trials),
+        "the evaluation at the end of a training": range(SELECTION, SELECTION + episodes),
+    }
+    if recipe.learner == "stable-baselines3":
+        for number in range(recipe.rounds):
+            first = round_seed(recipe.seed, number)
+            used[f"round {number + 1} of the training"] = range(first, first + recipe.envs)
+    for name, seeds in used.items():
+        if seed < seeds.stop and seeds.start < seed + episodes:
+            return name
+    return ""
 
 
 def as_shipped(settings: EnvSettings) -> EnvSettings:
@@ -73,17 +98,18 @@ def write(compared: list[Compared], path: Path) -> None:
         temporary.write_text(json.dumps(content, indent=1))
 
 
-def filmed(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3) -> None:
-    """A film of some episodes on what was held out, or else trained on. Raises ConfigError where nothing renders."""
+def filmed(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3, seed: int = SEED) -> None:
+    """A film of some episodes, of the seeds from `seed` on, on what was held out, or else trained on. Raises
+    ConfigError where nothing renders."""
     settings = list(sets(recipe).values())[-1]
     env = HandEnv(recipe.task, render_mode="rgb_array", **keywords(settings))
-    film(_pictures(env, policy, episodes), path, round(1.0 / env.engine.task.interface.seconds))
+    film(_pictures(env, policy, episodes, seed), path, round(1.0 / env.engine.task.interface.seconds))
     env.close()
 
 
-def _pictures(env: HandEnv, policy: Policy, episodes: int) -> Iterator[Picture]:
+def _pictures(env: HandEnv, policy: Policy, episodes: int, seed: int) -> Iterator[Picture]:
     for episode in range(episodes):
-        observation, _ = env.reset(seed=SEED + episode)
+        observation, _ = env.reset(seed=seed + episode)
         over = False
         while not over:
             picture = env.render()
@@ -101,7 +127,11 @@ def quartiles(counted: NDArray[np.float64]) -> list[float]:
 
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
     counted = evaluation.counted
-    more = {} if counted is None else {"counted": {"mean": float(counted.mean()), "quartiles": quartiles(counted)}}
+    more: dict[str, Any] = (
+        {} if counted is None else {"counted": {"mean": float(counted.mean()), "quartiles": quartiles(counted)}}
+    )
+    if evaluation.shares:
+        more["shares"] = {name: float(share.mean()) for name, share in evaluation.shares.items()}
     return more | {
         "episodes": len(evaluation.success),
         "rate": evaluation.rate,

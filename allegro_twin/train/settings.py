@@ -27,7 +27,10 @@ class Recipe(Settings):
     environment: EnvSettings = EnvSettings()
     """Keywords of the environments that are trained in."""
     held_out: tuple[Given, ...] = ()
-    """Objects that are kept from training, for the evaluation."""
+    """Objects that are kept from training and from every choice about it, for the evaluation."""
+    looked_at: tuple[Given, ...] = ()
+    """Objects that no simulation of the training has, but by which it was chosen what and how long to train. They say
+    as little of what was never seen as those that were trained on."""
     learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
     """Who learns: the first two by PPO, the one on processors, and the same policy again to the bit, the other also on
     a Warp device; the third imitates a `teacher`."""

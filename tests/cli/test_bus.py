@@ -26,6 +26,7 @@ from allegro_twin.wire.host.buses import open_bus
 from allegro_twin.wire.tools.sniff import Sniffer
 from tests.cli.conftest import Run
 from tests.cli.test_main import SUITE, allegro_twin
+from tests.patience import wait_for
 
 V2, V4 = make_codec("v2"), make_codec("v4")
 
@@ -280,14 +281,12 @@ def test_a_served_hand_is_checked_from_another_process_and_its_log_survives_sigt
         stdout=subprocess.DEVNULL,
     )
     try:
-        deadline = time.monotonic() + 60.0
-        while not terminal.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_for(lambda: terminal.exists() or served.poll() is not None)
         code, shown, errors = command("check", path)
         time.sleep(0.5)  # The checkup's last words are still on their way to a busy process.
     finally:
         served.send_signal(signal.SIGTERM)
-        assert served.wait(timeout=30) == 0
+        assert served.wait() == 0
     rows = dict(re.findall(r"│ (\w+) +│ (ok|broken) +│", shown))
     assert (rows["identity"], rows["fingers"]) == ("ok", "ok")
     # On a machine that is busy with something else, reports may be lost; nothing else may be wrong.
@@ -314,14 +313,12 @@ def test_a_program_that_is_interrupted_leaves_the_hand_limp(
     with subprocess.Popen(
         [*allegro, "firmware", path, "--wire-log", log], cwd=SUITE, stdout=subprocess.DEVNULL
     ) as hand:
-        deadline = time.monotonic() + 60.0
-        while not terminal.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_for(lambda: terminal.exists() or hand.poll() is not None)
         try:
             host = subprocess.Popen([*allegro, "run", path, "--seconds", "60"], cwd=SUITE)
             time.sleep(5.0)
             host.send_signal(signalled)
-            code = host.wait(timeout=30)
+            code = host.wait()
             time.sleep(0.5)
         finally:
             hand.send_signal(signal.SIGTERM)

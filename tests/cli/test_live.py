@@ -8,7 +8,6 @@ import select
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from allegro_twin.description.hands import load_spec
 from allegro_twin.hand import Hand
 from allegro_twin.library.library import Library
 from tests.cli.conftest import Run
+from tests.patience import wait_for
 
 SUITE = Path(__file__).resolve().parents[2]
 
@@ -59,6 +59,7 @@ def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path, command: Run)
     assert (right[4:8] == left[4:8] * (-1, 1, 1, 1)).all()
 
 
+@pytest.mark.long
 def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Path, command: Run) -> None:
     target = tmp_path / "mine.yaml"
     target.write_text("# my hand, bought 2019\nactuation:\n  damping: 0.08  # measured\n")
@@ -102,7 +103,6 @@ def test_the_keyboard_reads_keys_from_a_pipe() -> None:
         capture_output=True,
         text=True,
         cwd=SUITE,
-        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("home") == 2
@@ -117,7 +117,7 @@ def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was(
     for key in (b"h", b"a", b"q"):
         seen += _until(main, b"s  " if key != b"h" else b"quit")
         os.write(main, key)
-    assert process.wait(timeout=30) == 0
+    assert process.wait() == 0
     assert b"home" in seen
     assert termios.tcgetattr(other) == before
     os.close(other)
@@ -125,9 +125,14 @@ def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was(
 
 
 def _until(terminal: int, word: bytes) -> bytes:
-    seen, end = b"", time.monotonic() + 30
-    while word not in seen and time.monotonic() < end:
-        if select.select([terminal], [], [], 1.0)[0]:
+    seen = b""
+
+    def shown() -> bool:
+        nonlocal seen
+        if select.select([terminal], [], [], 0.1)[0]:
             seen += os.read(terminal, 4096)
+        return word in seen
+
+    wait_for(shown, repr(word), 60.0)
     assert word in seen, seen
     return seen

@@ -21,7 +21,7 @@ SUITE = Path(__file__).resolve().parents[2]
 
 def allegro_twin(*arguments: str | Path, cwd: Path = SUITE) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "allegro_twin", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
 @pytest.fixture(autouse=True)

@@ -39,3 +39,16 @@ def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, 
     assert code == 2
     assert message in errors
     assert errors.count("\n") == 1
+
+
+def test_a_mesh_with_a_hole_is_refused_with_a_way_out_that_each_command_has(command: Run, tmp_path: Path) -> None:
+    """A tetrahedron of 60 mm without one of its faces."""
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv .06 0 0\nv 0 .06 0\nv 0 0 .06\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
+    for name in ("plan", "new"):
+        code, _, said = command(name, tmp_path / "open.obj", "--out", tmp_path / "out")
+        assert (code, said.count("\n")) == (2, 1)
+        assert "--hull of `plan` and `new`" in said
+    code, _, said = command("new", tmp_path / "open.obj", "--hull", "--no-picture", "--out", tmp_path / "out")
+    assert (code, said) == (0, "")
+    assert "collision: hull" in (tmp_path / "out" / "open_new.yaml").read_text()
+    assert command("new", "lemon", "--hull", "--out", tmp_path / "out")[2].endswith("lemon is of the catalogue\n")

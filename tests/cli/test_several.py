@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from allegro_twin.cli.run import several
 from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
+from tests.patience import comes_true
 
 SUITE = Path(__file__).resolve().parents[2]
 MINUTES = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 600\n"
@@ -34,6 +34,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
+@pytest.mark.long
 def test_recordings_pictures_and_report_are_the_same_bytes_whether_in_one_process_or_in_two(
     tmp_path: Path, command: Run
 ) -> None:
@@ -55,6 +56,7 @@ def test_recordings_pictures_and_report_are_the_same_bytes_whether_in_one_proces
     assert [name for name in one if one[name] != two[name]] == []
 
 
+@pytest.mark.long
 def test_what_is_shown_comes_in_the_order_that_was_asked_for_whichever_ends_first(tmp_path: Path, command: Run) -> None:
     paths = written(tmp_path, long=MOMENT.replace("0.3", "3.0"), short=MOMENT)
     code, shown, _ = command("run", *paths, "--jobs", 2)
@@ -62,6 +64,7 @@ def test_what_is_shown_comes_in_the_order_that_was_asked_for_whichever_ends_firs
     assert shown.index("at 3.000 s") < shown.index("at 0.300 s")
 
 
+@pytest.mark.long
 def test_the_error_of_the_earliest_run_is_told_as_if_they_had_come_one_after_the_other(
     tmp_path: Path, command: Run
 ) -> None:
@@ -93,12 +96,7 @@ def alive(process: int) -> bool:
 
 
 def within(seconds: float, true: Callable[[], bool]) -> bool:
-    deadline = time.monotonic() + seconds
-    while not true():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
+    return comes_true(true, seconds)
 
 
 @contextmanager
@@ -123,7 +121,7 @@ def test_an_interruption_ends_all_processes_and_their_recordings_are_whole(
     with two_running(tmp_path) as (program, workers):
         assert len(workers) == 2
         program.send_signal(signalled)
-        _, errors = program.communicate(timeout=30)
+        _, errors = program.communicate()
     assert (program.returncode, errors) == (130, "")
     assert not any(alive(worker) for worker in workers)
     out = tmp_path / "out"
@@ -137,10 +135,11 @@ def test_processes_end_with_the_program_that_started_them_even_if_it_is_killed(t
         assert within(30, lambda: not any(alive(worker) for worker in workers))
 
 
+@pytest.mark.long
 def test_a_run_whose_process_is_killed_is_one_line_that_names_it(tmp_path: Path) -> None:
     with two_running(tmp_path) as (program, workers):
         for worker in workers:
             os.kill(worker, signal.SIGKILL)
-        _, errors = program.communicate(timeout=30)
+        _, errors = program.communicate()
     assert program.returncode == 2
     assert errors == ("allegro-twin: a, right hand: its process was killed by signal 9; --jobs 1 runs it in this one\n")

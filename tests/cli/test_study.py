@@ -19,6 +19,7 @@ def protocol(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_a_study_goes_on_where_it_stopped_and_says_what_it_found(command: Run, protocol: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     asked = ("study", "preemption", "--protocol", protocol, "--out", out, "--jobs", 1)

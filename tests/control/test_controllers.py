@@ -105,3 +105,16 @@ def test_a_hand_that_reports_no_gravity_is_not_compensated_with_a_guess(spec: Ha
 def test_unknown_gains_are_named_with_the_nearest(spec: HandSpec) -> None:
     with pytest.raises(ConfigError, match="no gains named 'defalt'; did you mean 'default'"):
         load_gains("defalt", spec)
+
+
+def test_a_joint_whose_speed_is_unknown_is_not_damped_and_the_others_are(spec: HandSpec) -> None:
+    gains = load_gains("default", spec)
+    velocity = np.ones(spec.n_joints)
+    velocity[3] = np.nan
+    at = state(position=np.zeros(spec.n_joints), velocity=velocity)
+    damped = -gains.kd.copy()
+    damped[3] = 0.0
+    pd = PD(Hold(at.position), gains)
+    np.testing.assert_allclose(pd(at, pd.start(at))[0].torque, damped)
+    pid = PID(Hold(at.position), gains, spec.actuation.torque_limit)
+    np.testing.assert_allclose(pid(at, pid.start(at))[0].torque, damped)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from allegro_twin.control.controllers import PD
 from allegro_twin.description.hands import load_spec
 from allegro_twin.evaluate.scenario import Phase, Protocol, load_protocol
 from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Draw, Uncertainty, draws
+from allegro_twin.evaluate.uncertainty import Draw, Stream, Uncertainty, draws
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
@@ -44,7 +45,9 @@ def bench() -> Bench:
     return Bench(load_spec())
 
 
-@pytest.mark.parametrize("draw", [None, Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)])
+@pytest.mark.parametrize(
+    "draw", [pytest.param(None, marks=pytest.mark.long), Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)]
+)
 def test_each_of_several_trials_moves_as_if_it_were_alone(draw: Draw | None, bench: Bench) -> None:
     cases = [case_of({"scenario": name, "draw": draw and asdict(draw)}, bench.spec) for name in ("lemon", "mug")]
     cases = [Case(c.scenario, c.grasp, c.draw, SHORT, c.folder) for c in cases]
@@ -83,6 +86,18 @@ def test_the_same_number_is_the_same_case_for_every_object_and_however_many_are_
     assert draws(Uncertainty(), 3, seed=8) != few
 
 
+def test_what_is_chosen_on_some_draws_is_never_judged_on_them() -> None:
+    """Streams share no draw, whatever their seeds: `plan` chose on the first twenty that `evaluate` then repeated."""
+    streams: tuple[Stream, ...] = get_args(Stream)
+    found = [
+        (each.x, each.y)
+        for stream in streams
+        for seed in range(5)
+        for each in draws(Uncertainty(), 50, seed, stream=stream)
+    ]
+    assert len(set(found)) == len(found) == 50 * 5 * 3
+
+
 def test_draws_fill_their_ranges_and_no_more() -> None:
     found = draws(Uncertainty(), 500)
     for name, low, high in [("x", -0.01, 0.01), ("yaw", -0.1745, 0.1745), ("size", 0.95, 1.05), ("mass", 0.8, 1.2),
@@ -113,6 +128,7 @@ def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     assert judged({}, items[1:2])[0] == rows[1]
 
 
+@pytest.mark.long
 def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
     bench = Bench(load_spec(), period=0.004)
     whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)

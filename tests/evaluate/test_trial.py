@@ -60,6 +60,7 @@ def test_an_object_is_picked_up_turned_over_and_shaken_without_being_lost(name: 
     assert report.held, report.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["gelatin_box", pytest.param("tomato_soup_can", marks=pytest.mark.long)])
 def test_those_that_fell_with_the_manufacturers_gains_are_held_with_them(name: str) -> None:
     """A quarter of the stiffness presses with a quarter of the force, where the clip does not cut it."""

@@ -32,7 +32,7 @@ def test_a_window_shows_the_steps_and_is_closed_with_the_environment() -> None:
     if screen and not shutil.which(screen[0]):
         pytest.skip("no screen, and no xvfb-run to make one")
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-    done = subprocess.run([*screen, sys.executable, "-c", CODE], capture_output=True, text=True, timeout=120,
+    done = subprocess.run([*screen, sys.executable, "-c", CODE], capture_output=True, text=True,
                           env=environment)  # fmt: skip
     assert done.stdout.strip() == "shown", done.stderr[-2000:]
 

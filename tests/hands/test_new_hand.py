@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "new_hand.md").read_text()
 FILE = re.compile(r"```\w+\n(?:<!-- |# )(\w+\.\w+)(?: -->)?\n(.*?)```", re.DOTALL)
@@ -23,11 +25,11 @@ def performed(folder: Path, *words: str) -> None:
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=300,
     )
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.long
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     written = dict(FILE.findall(PAGE))
     assert list(written) == ["gripper.xml", "close.py"]

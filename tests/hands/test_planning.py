@@ -22,7 +22,7 @@ from allegro_twin.plan.keep import written
 from allegro_twin.plan.propose import Proposer
 from allegro_twin.plan.prove import AS_IT_IS, Planned, Prover
 from allegro_twin.plan.quick import tried
-from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.search import Budget, Effort, Search
 from allegro_twin.plan.spread import searched
 from allegro_twin.plan.templates import gathering, templates
 from allegro_twin.sim.contact.workbench import Workbench
@@ -81,7 +81,7 @@ def test_what_lies_beyond_a_link_that_has_met_the_ball_goes_on(name: str) -> Non
 @pytest.mark.long
 def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_path: Path) -> None:
     spec = load_spec("model_o")
-    (planned,) = search_of(spec).run(1, 100.0)
+    (planned,) = search_of(spec).run(1, Budget(400))
     assert planned.margin > 0.0
     (path,) = written([planned], "ball", tmp_path, spec)
     assert load_scenario(path)[0].hand == "model_o"
@@ -94,7 +94,7 @@ def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_
 @pytest.mark.parametrize("name", ["leap", "qb_softhand"])
 def test_every_other_hand_finds_a_grasp_of_a_ball(name: str) -> None:
     spec = load_spec(name)
-    (planned,) = search_of(spec, effort=Effort(guessed=96, closed=24, drawn=4)).run(1, 300.0)
+    (planned,) = search_of(spec, effort=Effort(guessed=96, closed=24, drawn=4)).run(1, Budget(400))
     assert planned.margin > 0.0
 
 
@@ -152,7 +152,7 @@ def test_a_gripper_by_its_card_plans_and_what_is_written_is_judged_the_same(
     monkeypatch.chdir(tmp_path)
     made("gripper", tmp_path / "mine")
     spec = load_spec("mine/gripper.yaml")
-    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, 100.0)
+    (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, Budget(400))
     (path,) = written([planned], "lemon", tmp_path / "plans", spec)
     again = load_spec(hand_of({"scenario": path}))
     (verdict,) = Bench(again).verdicts([case_of({"scenario": path}, again)])

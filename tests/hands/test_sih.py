@@ -3,9 +3,6 @@ is coupled, what is sensed, and what it costs."""
 
 from __future__ import annotations
 
-import time
-
-import mujoco
 import numpy as np
 import pytest
 
@@ -172,23 +169,3 @@ def test_a_card_cannot_say_velocity_and_is_told_what_it_can(tmp_path: object) ->
     card = {"mjcf": "x.xml", "root": "palm", "commands": ["velocity"], "driven": driven}
     with pytest.raises(ConfigError, match=r"'torque', 'position', 'limited_position' or 'timed_position', not 'veloc"):
         parse(HandCard, card, "card")
-
-
-def test_a_step_costs_at_most_twice_a_leap_hands(make_sim: MakeSim) -> None:
-    """Medians of ratios that were taken in turn, for others use the machine too."""
-    sims = {name: make_sim(load_spec(name)) for name in ("leap", "sih")}
-    for name, each in sims.items():
-        each.reset()
-        each.write(PositionCommand(0.6 * each.spec.lower + 0.4 * each.spec.upper))
-        for _ in range(100):
-            each.read()
-        assert name
-    ratios = []
-    for _ in range(15):
-        spent = {}
-        for name, each in sims.items():
-            begin = time.process_time()
-            mujoco.mj_step(each.model, each.data, 300)
-            spent[name] = time.process_time() - begin
-        ratios.append(spent["sih"] / spent["leap"])
-    assert np.median(ratios) <= 2.0

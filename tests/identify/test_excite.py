@@ -52,6 +52,7 @@ def test_a_hand_that_lies_otherwise_is_not_moved() -> None:
         pose("up", "right").check(np.array([-9.81, 0.0, 0.0]))
 
 
+@pytest.mark.long
 def test_the_virtual_hand_lies_as_the_pose_says() -> None:
     for path, name in zip(hidden.recordings(), hidden.POSES, strict=True):
         gravity = load(path).columns["gravity"]
@@ -76,6 +77,11 @@ def test_what_was_interrupted_goes_on_in_a_file_of_its_own(tmp_path: Path) -> No
     assert (rest.file.name, rest.seed != first.seed) == ("up_2.arrow", True)
     assert rest.seconds == pytest.approx(first.seconds - 2.0, abs=0.01)
     assert task_of(config, "up", 2.0, 0, tmp_path) is None
+    for seconds in (2.0, 9.0):
+        with pytest.raises(
+            ConfigError, match=r"up_1.arrow has the motion of seed 0, not 5: give --seed 0, or another --out"
+        ):
+            task_of(config, "up", seconds, 5, tmp_path)
 
 
 def test_only_a_hand_on_a_bus_has_a_drive() -> None:

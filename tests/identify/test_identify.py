@@ -37,6 +37,7 @@ def motions() -> list[Motion]:
     return list(hidden.found().motions)
 
 
+@pytest.mark.long
 def test_a_hidden_hand_is_found_out() -> None:
     drive, late = hidden.found().fit.drive, hidden.found().values["delay"]
     constant = np.abs(drive.torque_constant / hidden.CONSTANT - 1.0)

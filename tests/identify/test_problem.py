@@ -37,6 +37,7 @@ def values(problem: Problem, x: Vector) -> Vector:
     return np.concatenate([getattr(drive, name) for name in names])
 
 
+@pytest.mark.long
 def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
     _, drive = made
     back = unscaled(scaled(drive))

@@ -20,11 +20,11 @@ FINGERS = {(side, f.name): FingerKinematics(SPECS[side], f.name) for side in SID
 EVERY = list(FINGERS)
 LONG = [key for key in EVERY if key[1] != "thumb"]
 THUMBS = [key for key in EVERY if key[1] == "thumb"]
-SHORT = (("right", "index"), ("left", "ring"), *THUMBS)
+SHORT = (("right", "index"), ("left", "ring"), ("left", "thumb"))
 
 
 def shortly(keys: list[Key]) -> list[Any]:
-    """Before each push one long finger of either hand, and the thumbs, which differ in kind; all of them in the long
+    """Before each push one long finger of either hand, and a thumb, which differs in kind; all of them in the long
     run: for what takes its time to look at very many postures."""
     return [pytest.param(key, marks=[] if key in SHORT else [pytest.mark.long]) for key in keys]
 

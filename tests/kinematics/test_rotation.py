@@ -43,6 +43,7 @@ def least_angle(finger: FingerKinematics, points: Array, wanted: Array, count: i
     return best
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.003, 0.02, 0.3])
 @pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_no_posture_of_a_dense_sampling_is_turned_nearer(key: Key, noise: float) -> None:

@@ -61,6 +61,7 @@ def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise() -> No
     assert APART.on_way(*up) is None
 
 
+@pytest.mark.long
 def test_a_grasp_that_would_have_the_arm_in_the_table_is_refused_in_one_line_and_nothing_moves() -> None:
     hand = {"model": "qb_softhand", "side": "right"}
     room = room_of(hand=hand, objects=[{"name": "mug", "at": [0.0, 0.03]}])
@@ -86,3 +87,20 @@ def test_a_way_back_through_the_table_is_not_gone() -> None:
     assert str(report.end) == "fault: in the way"
     assert "on the way back to where it waits: the arm stands still" in report.end.sentence
     assert still(room)
+
+
+@pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])
+def test_every_fingertip_that_is_near_something_is_found_whatever_its_shapes(finger: str) -> None:
+    ROOM.cell.arm.reset()
+    tip = ROOM.cell.world.data.site(ROOM.hand.spec.finger(finger).tip).xpos.copy()
+    here = ROOM.posture[None], ROOM.open[None]
+    APART.nothing()
+    assert APART.of_others(*here) is None
+    APART.beside([(tip - np.array([0.0, 0.0, 0.055]), np.array([0.02, 0.02, 0.1]))])
+    met = APART.of_others(*here)
+    assert met is not None
+    assert met.other == "another object"
+    APART.see("box", (0.02, 0.02, 0.1), tip - np.array([0.0, 0.0, 0.055]), 0.0)
+    assert {other for _, other in APART._near(ROOM.posture, ROOM.open)} >= {"the thing", "another object"}
+    APART.nothing()
+    assert not APART.crowded

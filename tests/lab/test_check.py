@@ -1,11 +1,12 @@
-"""The two checks: what 100 samples can weigh, a bias that the tare takes away, and what counts as pressing."""
+"""The checks of a grasp and their verdict: what can be weighed, what counts as pressing, and what confirms it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from allegro_twin.lab.check import Checked, checked, kept_apart, stopped, weighed
+from allegro_twin.lab.camera_check import Sight
+from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
 from allegro_twin.lab.doubt import doubted, drifted
 from allegro_twin.lab.nothing import Nothing
 from allegro_twin.lab.settings import ValidateSettings
@@ -43,33 +44,89 @@ def test_friction_and_the_fingers_own_weight_are_no_grip() -> None:
     assert stopped(np.array([0.34, 0.0, 0.0, 0.0]), np.zeros(4), friction) == pytest.approx(0.3)
 
 
+SINGLE = [[0], [1], [2], [3]]
+NONE = np.zeros(4, bool)
+
+
+def of(telling: list[int]) -> Nothing:
+    """Four fingers of a joint each that would be at 0.5 rad around nothing."""
+    return Nothing(np.full(4, 0.5), np.array(telling, bool))
+
+
+ALL = of([1, 1, 1, 1])
+
+
+def pressed(position: list[float], torque: list[float]) -> Array:
+    return pressing(np.array(position), np.array(torque), ALL, np.full(4, 12.0), np.full(4, 0.02))
+
+
 def test_fingers_that_end_where_they_would_around_nothing_hold_nothing() -> None:
-    end, stiffness, friction = np.full(4, 0.5), np.full(4, 12.0), np.full(4, 0.02)
-    nothing = Nothing(end, np.ones(4, bool))
-    off, none = end - [0.02, 0.0, 0.0, 0.01], np.zeros(4, bool)
-    assert kept_apart(end + 0.003, nothing, stiffness, friction, none) == pytest.approx(0.0)
-    assert kept_apart(off, nothing, stiffness, friction, none) == pytest.approx(0.2 + 0.08)
+    np.testing.assert_array_equal(pressed([0.503] * 4, [0.036] * 4), 0.0)
+    np.testing.assert_allclose(pressed([0.48, 0.5, 0.5, 0.49], [0.24, 0.0, 0.0, 0.12]), [0.2, 0.0, 0.0, 0.08])
+
+
+def test_what_presses_is_never_more_than_the_motors_give() -> None:
+    np.testing.assert_array_equal(pressed([-2.0] * 4, [0.0] * 4), 0.0)  # Without power.
+    np.testing.assert_allclose(pressed([-2.0] * 4, [0.14] * 4), 0.1)
+    np.testing.assert_array_equal(pressed([-2.0] * 4, [-0.7] * 4), 0.0)  # They are pulled away.
+    np.testing.assert_allclose(pressed([0.48] * 4, [np.nan] * 4), 0.2)  # Nobody says what is given.
 
 
 def test_fingers_that_meet_each_other_tell_nothing() -> None:
-    stiffness, friction, none = np.full(2, 12.0), np.zeros(2), np.zeros(2, bool)
-    nothing = Nothing(np.zeros(2), np.array([False, True]))
-    assert kept_apart(np.array([0.1, 0.0]), nothing, stiffness, friction, none) == 0.0
-    assert kept_apart(np.array([0.1, 0.1]), nothing, stiffness, friction, none) == pytest.approx(1.2)
+    assert between(np.array([1.2, 0.0, 0.0, 0.0]), of([0, 1, 1, 1]), NONE) == 0.0
+    assert between(np.array([0.0, 1.2, 0.0, 0.0]), of([0, 1, 1, 1]), NONE) == 1.2
 
 
 def test_fingers_that_hook_into_each_other_tell_nothing_while_another_can() -> None:
-    stiffness, friction = np.full(3, 12.0), np.zeros(3)
-    nothing, off = Nothing(np.zeros(3), np.ones(3, bool)), np.array([0.1, 0.1, 0.0])
-    assert kept_apart(off, nothing, stiffness, friction, np.array([True, True, False])) == 0.0
-    assert kept_apart(off, nothing, stiffness, friction, np.ones(3, bool)) == pytest.approx(2.4)
+    press = np.array([1.2, 1.2, 0.0, 0.0])
+    assert between(press, ALL, np.array([True, True, False, False])) == 0.0
+    assert between(press, ALL, ~NONE) == pytest.approx(2.4)
+
+
+def test_one_finger_may_be_stuck_and_two_may_press_on_each_other_where_one_is_misread() -> None:
+    def sure(press: list[float], *meet: list[int]) -> bool:
+        return surely(np.array(press), ALL, np.array(meet, bool), SINGLE, 0.1)
+
+    assert sure([0.3, 0.3, 0.0, 0.0], [0, 0, 0, 0])
+    assert not sure([0.6, 0.0, 0.0, 0.0], [0, 0, 0, 0])
+    assert not sure([0.3, 0.3, 0.0, 0.0], [0, 0, 0, 0], [1, 1, 0, 0])
+    assert sure([0.3, 0.3, 0.3, 0.0], [1, 1, 0, 0], [0, 1, 1, 0])
 
 
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])
 def test_the_settings_say_which_check_decides(by: str, held: bool) -> None:
     settings = ValidateSettings.model_validate({"by": by})
-    found = checked(0.03, 1.0, 0.1, settings)
-    assert (found.by_force, found.by_torque, found.by_fingers, found.held) == (False, True, False, held)
+    found = checked(0.03, 1.0, 0.1, Sight(), settings)
+    assert (found.by_force, found.by_torque, found.by_fingers, found.held) == (None, True, False, held)
+
+
+SEEN, HIDDEN, TABLE, FROZEN = Sight(there=True), Sight(gone=True), Sight(left="the camera sees it"), Sight(fresh=False)
+
+
+@pytest.mark.parametrize("by", ["fingers", "torque", "force"])
+@pytest.mark.parametrize("weight", [0.0, 0.3])
+@pytest.mark.parametrize("torque", [0.0, 1.0])
+@pytest.mark.parametrize("press", [0.0, 1.0])
+@pytest.mark.parametrize("sure", [False, True])
+@pytest.mark.parametrize("sight", [SEEN, HIDDEN, TABLE, FROZEN])
+def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
+    by: str, weight: float, torque: float, press: float, sure: bool, sight: Sight
+) -> None:
+    settings = ValidateSettings.model_validate({"by": by})
+    found = checked(weight, torque, press, sight, settings)
+    said = verdict(1.0, found, sight, lambda: sure, settings)
+    confirmed = weight > 0.0 or sight is SEEN or (sure and sight is HIDDEN)
+    held = torque > 0.0 and press > 0.0 and sight is not TABLE and confirmed and (by != "force" or weight > 0.0)
+    assert (said.held is True) == held
+    if said.fault is not None:
+        assert said.fault.reason in ("checks disagree", "not confirmed")
+        assert said.fault.sentence
+
+
+def test_a_hand_that_presses_on_something_that_nothing_confirms_says_what_is_missing() -> None:
+    said = verdict(1.0, checked(0.02, 1.0, 0.9, FROZEN, SETTINGS), FROZEN, lambda: True, SETTINGS)
+    assert said.fault is not None
+    assert "weighs 20 g of the 53 g that can be told, and the camera is frozen" in said.fault.sentence
 
 
 def test_a_zero_that_moves_while_nothing_touches_the_hand_is_told() -> None:
@@ -78,21 +135,21 @@ def test_a_zero_that_moves_while_nothing_touches_the_hand_is_told() -> None:
     assert drifted([], felt(0.0, 100, 2), SETTINGS) == ""
 
 
-def empty(weight: float, between: float, by: str = "fingers") -> tuple[Checked, ValidateSettings]:
+def empty(weight: float, press: float, by: str = "fingers") -> tuple[Checked, ValidateSettings]:
     settings = ValidateSettings.model_validate({"by": by})
-    return checked(weight, 0.0, between, settings), settings
+    return checked(weight, 0.0, press, Sight(), settings), settings
 
 
-@pytest.mark.parametrize(("weight", "between", "by", "why"), [
+@pytest.mark.parametrize(("weight", "press", "by", "why"), [
     (0.3, 1.0, "fingers", ""), (0.3, 1.0, "force", ""), (0.02, 1.0, "fingers", ""), (0.02, 0.0, "force", ""),
     (0.3, 0.0, "fingers", "would be around nothing"), (0.3, 0.0, "force", "would be around nothing"),
     (0.02, 1.0, "force", "something is between the fingers"), (2.0, 1.0, "fingers", "more than the arm carries"),
     (-0.2, 1.0, "fingers", "upwards"),
 ])  # fmt: skip
 def test_a_weight_that_the_fingers_contradict_or_that_cannot_be_is_doubted(
-    weight: float, between: float, by: str, why: str
+    weight: float, press: float, by: str, why: str
 ) -> None:
-    found, settings = empty(weight, between, by)
+    found, settings = empty(weight, press, by)
     said = doubted(found, felt(0.0, 100, 1), felt(weight, 100, 2), AXES, settings)
     assert why in said
     assert bool(said) == bool(why)

@@ -22,6 +22,10 @@ def shipped(hand: str) -> LabSettings:
     return load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
 
 
+QUICK = ("leap", "qb_softhand")
+"""One that moves each joint by a motor, and one that moves all by a tendon."""
+
+
 def taken(settings: LabSettings) -> Report:
     room = make_room(settings)
     try:
@@ -30,7 +34,9 @@ def taken(settings: LabSettings) -> Report:
         room.close()
 
 
-@pytest.mark.parametrize("hand", OTHERS)
+@pytest.mark.parametrize(
+    "hand", [pytest.param(hand, marks=() if hand in QUICK else pytest.mark.long) for hand in OTHERS]
+)
 def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> None:
     report = taken(shipped(hand))
     assert str(report.end) == "held"

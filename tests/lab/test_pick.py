@@ -37,6 +37,7 @@ def scripted(env: ArmPick, most: int = 1000) -> tuple[float, bool, dict[str, Any
     return earned, lost, info
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("control", ["joints", "grasp"])
 def test_it_passes_the_checker_without_a_warning(control: str) -> None:
     check_env(gymnasium.make(allegro_twin.gym.PICK, render_mode="rgb_array", control=control).unwrapped)

@@ -22,6 +22,7 @@ from allegro_twin.replay.recording import Tracks, load, load_tracks
 from tests.lab.test_run import SETTINGS, room_of
 
 
+@pytest.mark.long
 def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[Tracks, Report]) -> None:
     found, report = run
     assert found.complete
@@ -89,14 +90,13 @@ def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report])
     np.testing.assert_array_equal(arm_rig.backend.reset().position, arm.columns["position"][0])
 
 
+@pytest.mark.long
 def test_a_run_that_is_killed_leaves_all_that_was_whole(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "allegro_twin", "lab", "conf/lab_allegro.yaml", "--out", str(tmp_path)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     path = tmp_path / "lab.arrow"
-    until = time.monotonic() + 120.0
     while not (path.exists() and path.stat().st_size > 1_500_000):
         assert process.poll() is None, "it ended before it could be killed"
-        assert time.monotonic() < until
         time.sleep(0.002)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()

@@ -56,6 +56,7 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     room.close()
 
 
+@pytest.mark.long
 def test_by_events_the_same_is_done_in_less_time() -> None:
     clock, event = room_of(), room_of(decide={"by": "event"})
     slow, fast = perform(clock), perform(event)

@@ -89,6 +89,7 @@ def test_with_the_camera_at_the_wrist_a_thing_is_taken(wrist: Room) -> None:
     assert report.error < 0.003
 
 
+@pytest.mark.long
 def test_a_model_o_that_closes_its_own_loop_takes_a_can() -> None:
     report = perform(room_of("lab_model_o"))
     assert str(report.end) == "held"

@@ -54,6 +54,7 @@ def writer(path: Path, name: str, count: int) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.long
 def test_a_writer_killed_at_any_moment_leaves_the_old_entry_or_the_new_one(tmp_path: Path, spec: HandSpec) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(START)

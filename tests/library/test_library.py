@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from allegro_twin.control.motion import Motion
 from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
 from allegro_twin.library.entries import (
+    GraspFile,
     PostureFile,
     joint_values,
     on_side,
@@ -25,6 +27,7 @@ from allegro_twin.library.entries import (
 from allegro_twin.library.grasps import Grasp
 from allegro_twin.library.library import Library
 from allegro_twin.library.named import load_grasp, load_posture
+from allegro_twin.library.taxonomy import Taxonomy, as_claimed
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 
@@ -117,16 +120,41 @@ def test_every_filter_narrows_the_list() -> None:
     kinds = [names(kind=kind) for kind in ("posture", "grasp", "trajectory")]
     assert set().union(*kinds) == everything
     assert sum(map(len, kinds)) == len(everything)
-    assert names(taxonomy=27) == names(taxonomy="quadpod") >= {"quadpod", "quadpod_pear"}
-    assert names(taxonomy="power") | names(taxonomy="precision") | names(taxonomy="intermediate") == names(kind="grasp")
-    assert "quadpod" not in names(taxonomy="power")
+    assert names(taxonomy=27) == names(taxonomy="quadpod") >= {"sphere_4_finger", "precision_disk"}
+    assert names(taxonomy="power") | names(taxonomy="precision") | names(taxonomy="intermediate") <= names(kind="grasp")
+    assert "sphere_4_finger" not in names(taxonomy="power")
     assert "quadpod" in names(fingers=4)
     assert "quadpod" not in names(fingers=3)
     assert "quadpod" in names(object_size=0.062)
     assert "quadpod" not in names(object_size=0.075)
     assert {"tripod_lemon", "prismatic_3_finger_cube"} <= names(object_size=(0.053, 0.058), kind="grasp")
-    assert "quadpod_pear" in names(taxonomy="quadpod", object_size=(0.065, 0.07))
-    assert "quadpod" not in names(taxonomy="quadpod", object_size=(0.071, 0.074))
+    assert "sphere_4_finger" in names(taxonomy="quadpod", object_size=(0.06, 0.066))
+    assert "sphere_4_finger" not in names(taxonomy="quadpod", object_size=(0.2, 0.3))
+
+
+def test_a_filter_by_type_goes_by_what_was_observed_and_not_by_the_name() -> None:
+    """`quadpod` was drawn as one; its contacts show another grasp."""
+    assert "large_diameter" not in names(taxonomy="Large Diameter")
+    assert "precision_sphere" not in names(taxonomy=13)
+    assert "precision_sphere" in names(taxonomy="Inferior Pincer")
+
+
+def test_no_grasp_that_ships_claims_what_its_contacts_do_not_show() -> None:
+    for listed in Library().list("grasp"):
+        entry = listed.entry
+        assert isinstance(entry, GraspFile)
+        if entry.observed is not None:
+            assert entry.taxonomy == as_claimed(entry.observed) or entry.taxonomy.number == entry.observed.number
+        else:
+            assert not entry.evidence or entry.evidence.startswith("posture: "), listed.name
+
+
+def test_a_claim_is_one_of_the_paper() -> None:
+    for wrong in ({"number": 26, "name": "Quadpod", "type": "power", "opposition": "pad"},
+                  {"number": 26, "name": "Sphere 4 Finger", "type": "precision", "opposition": "pad"},
+                  {"number": None, "name": "Ring"}):  # fmt: skip
+        with pytest.raises(ValidationError, match="type 26 has the|a grasp without a number"):
+            Taxonomy.model_validate(wrong)
 
 
 def test_a_filter_that_nothing_can_have_says_so() -> None:

@@ -20,7 +20,8 @@ from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.beside.loop_observer import gains
+from allegro_twin.sim.beside.kalman import Kalman
+from allegro_twin.sim.beside.loop_observer import NOISE, rates
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
@@ -112,6 +113,11 @@ def test_the_filter_corrects_a_heavy_motor_no_faster_and_a_stiff_loop_stays_stab
     light, heavy = (gains(m, 3.0, 0.1, 0.3, 0.003) for m in (0.003, 0.006))
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (gains(0.003, 300.0, 0.1, 0.3, 0.02) > 0.0).all()
+
+
+def gains(*of: float) -> Vector:
+    A, Q = rates(*of)
+    return Kalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
 
 
 def test_a_recording_of_any_hand_plays_past_its_mirror_and_says_where_down_is_or_is_told(

@@ -24,7 +24,7 @@ from allegro_twin.mirror.diagnosis import Calm
 from allegro_twin.mirror.events import Pace, axes, contacts, thresholds, touched
 from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.replay.recording import load
-from allegro_twin.sim.beside.observer import Observer, gains
+from allegro_twin.sim.beside.observer import Observer, kalman
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
@@ -184,7 +184,8 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
 
 
 def test_heavier_joints_are_corrected_no_faster() -> None:
-    light, heavy = gains(0.003, 0.07, 0.003), gains(0.006, 0.07, 0.003)
+    both = kalman(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
+    light, heavy = both.gains(np.ones(2, dtype=bool)).T
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (light > 0).all()
 
@@ -216,6 +217,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
     assert "a sim hand is its own twin" in error
 
 
+@pytest.mark.long
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
     off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_of(off, ONE, np.full(N, 0.05))
@@ -276,6 +278,7 @@ def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tu
     return t, disturbance, each
 
 
+@pytest.mark.long
 def test_noise_does_not_unbend_the_bristles_of_a_hand_that_rests(sticky: HandSpec, make_sim: MakeSim) -> None:
     """Friction of 75 mN·m held what the disturbance then had to: 20 mN·m and more."""
     t, disturbance, _ = resting(sticky, make_sim)

@@ -137,7 +137,7 @@ def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippe
 def test_a_link_that_falls_while_the_hand_holds_something_is_not_called_loose(
     spec: HandSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Falls, "add", lambda self, off: (7, 0.006))
+    monkeypatch.setattr(Falls, "add", lambda self, off, noise: (7, 0.006))
     rest, middle = np.zeros(N), np.isin(np.arange(N), (4, 5, 6, 7))
     for push, free, name in ((rest, np.ones(N, bool), "loose"), (PUSH, np.ones(N, bool), None), (rest, middle, None)):
         each = Diagnosis(spec, Calm.usual(spec), 0.003)

@@ -7,7 +7,7 @@ import pytest
 from allegro_twin.cli.grasps.planning import scenario_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.plan.prove import Planned
-from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.search import Budget, Effort, Search
 from allegro_twin.plan.templates import templates
 
 
@@ -17,5 +17,5 @@ def in_the_air() -> tuple[Search, Planned]:
     spec = load_spec()
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
     search = Search(scenario, spec, templates(spec), effort=Effort(guessed=24, closed=8, drawn=3))
-    (planned,) = search.run(1, 100.0)
+    (planned,) = search.run(1, Budget(80))
     return search, planned

@@ -204,4 +204,11 @@ def test_the_weight_turns_with_the_palm() -> None:
 
 def test_templates_close_several_joints_and_can_be_of_one_type() -> None:
     assert len(TEMPLATES) > 30
-    assert {grasp.taxonomy.name for grasp in templates(SPEC, "Medium Wrap")} == {"Medium Wrap"}
+    assert {grasp.kind.name for grasp in templates(SPEC, "Tripod")} == {"Tripod"}
+
+
+def test_for_a_type_that_the_library_does_not_show_any_template_is_a_beginning() -> None:
+    assert [grasp.name for grasp in templates(SPEC, "Writing Tripod")] == ["tripod"]
+    assert len(templates(SPEC, "Stick")) == len(TEMPLATES)
+    with pytest.raises(ConfigError, match="did you mean 'Medium Wrap'"):
+        templates(SPEC, "Medium Warp")

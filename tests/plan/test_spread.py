@@ -14,7 +14,7 @@ from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.library.named import load_grasp
 from allegro_twin.plan.candidate import Candidate
 from allegro_twin.plan.prove import Planned
-from allegro_twin.plan.search import Effort, Search
+from allegro_twin.plan.search import Budget, Effort, Search
 from allegro_twin.plan.spread import plain, planned_of, searched, side_by_side
 from allegro_twin.plan.templates import templates
 from allegro_twin.sweep.local import Local
@@ -29,7 +29,7 @@ def test_a_grasp_crosses_to_another_process_and_back_as_it_is() -> None:
     numbers = np.random.default_rng(0).normal(size=(5, SPEC.n_joints))
     a, b, c, d, e = numbers
     candidate = Candidate(a[:3], np.eye(3), b[:3], a, b, c, d, e, grasp.name, 0.5)
-    made = Planned(candidate, scenario, grasp, 8, 7, True, False, 0.25, 0.5)
+    made = Planned(candidate, scenario, grasp, 8, 7, 20, 14, 3, 48, True, False, 0.25, 0.5)
     again = planned_of(json.loads(json.dumps(plain(made))), [grasp])
     assert plain(again) == plain(made)
     for name in Candidate.__slots__:
@@ -44,14 +44,14 @@ def test_of_two_searches_side_by_side_the_better_grasp_counts() -> None:
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
     shared = {
         "scenario": scenario.model_dump(mode="json"), "folder": ".", "side": "right", "kind": None, "n": 1,
-        "seconds": 60.0, "region": None, "effort": asdict(LITTLE),
+        "budget": {"candidates": 24}, "region": None, "effort": asdict(LITTLE),
     }  # fmt: skip
     known = templates(SPEC)
     rows = searched(shared, [{"seed": 0}, {"seed": 1}])
     each = [planned_of(json.loads(row["found"])[0], known) for row in rows]
     assert plain(each[0]) == json.loads(rows[0]["found"])[0]
     search = Search(scenario, SPEC, known, seed=0, effort=LITTLE)
-    (best,) = side_by_side(search, None, 1, 60.0, 2, Local(0))
+    (best,) = side_by_side(search, 1, Budget(24), 2, Local(0))
     better = max(each, key=lambda planned: (planned.expected, planned.candidate.score))
     np.testing.assert_array_equal(best.grasp.squeeze, better.grasp.squeeze)
     assert sum(search.ends.values()) == sum(sum(json.loads(row["ends"]).values()) for row in rows)

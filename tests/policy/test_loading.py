@@ -52,10 +52,48 @@ def test_an_onnx_policy_answers_for_one_hand_and_for_many(onnx_file: Path, card:
     assert policy_controller(onnx_file, load_spec(), grasp="tripod_lemon").script == 0
 
 
-def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(onnx_file: Path, card: Card) -> None:
-    write_card(onnx_file, card.model_copy(update={"observation": 64}))
-    with pytest.raises(ConfigError, match="the network sees 65 numbers; its card says 64, for AllegroTwin/Lift-v0"):
+WRONG_SIZES = pytest.mark.parametrize(
+    ("name", "size", "message"),
+    [
+        ("observation", 64, "the network sees 65 numbers; its card says 64, for AllegroTwin/Lift-v0"),
+        ("observation", 66, "the network sees 65 numbers; its card says 66, for AllegroTwin/Lift-v0"),
+        ("action", 15, "the network gives 16 numbers; its card says 15, for AllegroTwin/Lift-v0"),
+        ("action", 17, "the network gives 16 numbers; its card says 17, for AllegroTwin/Lift-v0"),
+    ],
+)
+"""More and fewer, of what goes in and of what comes out."""
+
+
+@WRONG_SIZES
+def test_a_network_that_is_not_its_cards_is_refused_with_both_sizes(
+    onnx_file: Path, card: Card, name: str, size: int, message: str
+) -> None:
+    write_card(onnx_file, card.model_copy(update={name: size}))
+    with pytest.raises(ConfigError, match=message):
         load_policy(onnx_file)
+
+
+@WRONG_SIZES
+def test_a_model_of_stable_baselines3_that_is_not_its_cards_is_refused_likewise(
+    tmp_path: Path, card: Card, name: str, size: int, message: str
+) -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path / "policy.zip"
+    sb3.PPO("MlpPolicy", HandEnv("Lift", objects=("lemon",)), n_steps=16, batch_size=16, device="cpu").save(path)
+    write_card(path, card.model_copy(update={name: size}))
+    with pytest.raises(ConfigError, match=message):
+        load_policy(path, trust=True)
+
+
+def test_a_network_that_takes_any_number_is_not_held_to_its_cards(onnx_file: Path, card: Card) -> None:
+    """Its axis has a name instead of a number: there is nothing that could differ."""
+    onnx = pytest.importorskip("onnx")
+    model = onnx.load(str(onnx_file))
+    for value in (model.graph.input[0], model.graph.output[0]):
+        value.type.tensor_type.shape.dim[1].dim_param = "any"
+    onnx.save(model, str(onnx_file))
+    write_card(onnx_file, card)
+    assert load_policy(onnx_file).policy(np.zeros(65, np.float32)).shape == (16,)
 
 
 def test_an_onnx_file_without_a_card_is_no_policy_of_ours(onnx_file: Path) -> None:

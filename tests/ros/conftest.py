@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,6 +26,7 @@ from allegro_twin.ros import open_bridge
 from allegro_twin.ros.bridge import Bridge
 from allegro_twin.ros.node import Node
 from allegro_twin.ros.wire import PLAIN, Quality
+from tests.patience import comes_true, wait_for
 
 DOMAIN = 1 + os.getpid() % 100
 _numbers = itertools.count()
@@ -63,14 +63,18 @@ class Peer:
 
     def listen(self, seconds: float, until: Callable[[str, Any], bool] = lambda topic, message: False) -> Any:
         """What comes, decoded, up to the first that fulfils the condition, which is returned."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        found: list[Any] = []
+
+        def heard() -> bool:
             for topic, data, _ in self.node.wait(0.05):
                 message = self.words.decode(data, self.kinds[topic])
                 self.heard.append((topic, message))
                 if until(topic, message):
-                    return message
-        return None
+                    found.append(message)
+                    return True
+            return False
+
+        return found[0] if comes_true(heard, seconds) else None
 
     def refusal(self, seconds: float = 5.0) -> str:
         """The next line on /rosout."""
@@ -88,10 +92,7 @@ class Peer:
 
 def waited(condition: Callable[[], bool], what: str, seconds: float = 10.0) -> bool:
     """Whether it came true; where it does not in so many seconds, a failure that says `what`."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, what
-        time.sleep(0.01)
+    wait_for(condition, what, seconds)
     return True
 
 

@@ -28,7 +28,7 @@ MISSING = [name for name in ("fastddsgen", "g++") if shutil.which(name) is None]
 if not Path("/usr/include/fastdds").is_dir():
     MISSING.append("libfastrtps-dev")
 pytestmark = [
-    pytest.mark.long,
+    pytest.mark.realtime,
     pytest.mark.skipif(bool(MISSING), reason=f"needs Debian's {' '.join(MISSING)}"),
 ]
 

@@ -29,6 +29,8 @@ from tests.ros.test_bridge import trajectory
 
 LOG = Quality(1000, latched=True)
 
+pytestmark = pytest.mark.realtime
+
 
 class Served(NamedTuple):
     """A cell that lives in a thread."""
@@ -61,7 +63,7 @@ def cell(namespace: str) -> Iterator[Served]:
         waited(lambda: bool(served.palm.any()), "the cell did not begin", 30.0)
         yield served
         over.set()
-        thread.join(timeout=10.0)
+        thread.join()
     room.close()
 
 
@@ -72,12 +74,13 @@ def target(words: v.Vocabulary, cell: Served, place: Any, frame: str = "world", 
 
 
 def test_joint_states_have_arm_and_hand_in_one_message(cell: Served, peer: Peer) -> None:
+    began = time.time() - 60.0  # Since before the cell was opened.
     peer.hear(topics.STATES, v.JOINT_STATE)
     message = peer.listen(10.0, lambda topic, message: True)
     assert message.name == [*cell.room.cell.spec.joints, *cell.room.hand.spec.joints]
     np.testing.assert_allclose(message.position[:7], cell.room.posture, atol=0.02)
     assert len(message.effort) == len(message.velocity) == 23
-    assert abs(v.nanoseconds(message.header.stamp) / 1e9 - time.time()) < 5.0
+    assert began < v.nanoseconds(message.header.stamp) / 1e9 < time.time()
 
 
 def test_points_wrench_pose_and_frames_are_where_the_cell_has_them(cell: Served, peer: Peer) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
@@ -30,6 +29,7 @@ from allegro_twin.serial.line.serve import Device, serve
 from allegro_twin.serial.line.terminal import Terminal
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
+from tests.patience import comes_true
 
 BAUD = 1_000_000
 PERIOD = 0.01
@@ -188,7 +188,7 @@ class Serving:
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
-        self._thread.join(timeout=10.0)
+        self._thread.join()
         self.terminal.close()
         assert self.error is None
 
@@ -201,9 +201,6 @@ class Serving:
             self.error = error
 
 
-def soon(true: Callable[[], bool], seconds: float = 5.0) -> bool:
+def soon(true: Callable[[], bool], seconds: float = 20.0) -> bool:
     """Whether it comes true in time."""
-    deadline = time.monotonic() + seconds
-    while not true() and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return true()
+    return comes_true(true, seconds)

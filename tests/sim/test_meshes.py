@@ -64,6 +64,7 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
+@pytest.mark.long
 def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(), unit=0.001)
     spec = mujoco.MjSpec()
@@ -82,6 +83,7 @@ def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> No
     assert touched == 0
 
 
+@pytest.mark.long
 def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not_touch(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(9))
     ring_ = Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, HALF), (1, 0, 0, 0))
@@ -134,6 +136,7 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
         np.testing.assert_array_equal(again.vertices, piece.vertices)
 
 
+@pytest.mark.long
 def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each draw of a size would cost half a minute otherwise."""
     thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
@@ -196,6 +199,7 @@ def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(t
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_mesh_takes_the_place_of_a_scenarios_object_by_its_path(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     (job,) = configs_of(["grasp_3"], Options(object=str(file)))
@@ -229,3 +233,54 @@ def test_a_scan_is_refused_by_its_count_before_it_is_read(suffix: str, tmp_path:
         path.write_bytes(bytes(80) + count.to_bytes(4, "little") + bytes(50 * count))
     with pytest.raises(ConfigError, match=f"{count} triangles; at most {TRIANGLES}: decimate it"):
         load_mesh(path)
+
+
+def as_text(path: Path, mesh: Mesh, name: str = "thing") -> Path:
+    """An ASCII .stl file as CAD programs write it."""
+    lines = [f"solid {name}"]
+    for face in mesh.faces:
+        corners = [f"      vertex {x:e} {y:e} {z:e}" for x, y, z in mesh.vertices[face].tolist()]
+        lines += ["  facet normal 0 0 0", "    outer loop", *corners, "    endloop", "  endfacet"]
+    path.write_text("\n".join([*lines, f"endsolid {name}", ""]))
+    return path
+
+
+@pytest.mark.parametrize("name", ["thing", ""])
+def test_an_ascii_stl_is_the_same_solid_as_the_mesh_it_was_written_from(tmp_path: Path, name: str) -> None:
+    vertices, faces = ring(24)
+    mesh = load_mesh(written(tmp_path / "ring.obj", vertices, faces))
+    text = as_text(tmp_path / "ring.STL", mesh, name)
+    found = load_mesh(text)
+    assert len(found.faces) == len(mesh.faces)
+    assert found.volume == pytest.approx(mesh.volume, rel=1e-5)
+    np.testing.assert_allclose(found.extents, mesh.extents, rtol=1e-6)
+    np.testing.assert_allclose(load_mesh(text, 0.5).extents, mesh.extents / 2, rtol=1e-6)
+    np.testing.assert_allclose(middle_of(text), 0.0, atol=1e-6)
+
+
+def test_an_ascii_stl_that_is_cut_short_or_holds_no_numbers_is_refused_in_one_line(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    path = as_text(tmp_path / "ring.stl", Mesh(vertices, np.array(faces)))
+    whole = path.read_text()
+    for number, (text, said) in enumerate(
+        [
+            (whole[: len(whole) // 2], "cut short"),
+            (whole.replace("vertex", "vertex x", 1), "could not convert"),
+            (whole.replace("vertex", "point", 1), "three finite vertices"),
+            (whole.replace("e-02", "e+999", 1), "three finite vertices"),
+            ("solid nothing\nfacet\nendsolid nothing\n", "three finite vertices"),
+        ]
+    ):
+        bad = tmp_path / f"{number}.stl"
+        bad.write_text(text)
+        with pytest.raises(ConfigError, match=rf"{number}\.stl: not a readable mesh: .*{said}"):
+            load_mesh(bad)
+
+
+def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path: Path) -> None:
+    vertices, faces = ring()
+    corners = vertices[np.array(faces)].astype("<f4")
+    body = b"".join(np.zeros(3, "<f4").tobytes() + each.tobytes() + b"\0\0" for each in corners)
+    path = tmp_path / "ring.stl"
+    path.write_bytes(b"solid facet".ljust(80) + len(faces).to_bytes(4, "little") + body)
+    assert len(load_mesh(path).faces) == len(faces)

@@ -33,6 +33,7 @@ def row(table: list[dict[str, Any]], policy: str, trial: int = 0, control: str =
     return next(r for r in table if (r["policy"], r["trial"], r["control"]) == (policy, trial, control))
 
 
+@pytest.mark.long
 def test_a_hand_that_can_grasp_it_has_it_at_the_end(table: list[dict[str, Any]]) -> None:
     one = row(table, "P0e")
     assert one["held"]

@@ -17,7 +17,19 @@ from allegro_twin.gym.env import HandEnv
 from allegro_twin.gym.settings import EnvSettings
 from allegro_twin.policy.controller import Still
 from allegro_twin.train.evaluation import Evaluation, evaluate
-from allegro_twin.train.report import SEED, Compared, as_shipped, compare, filmed, sets, write
+from allegro_twin.train.learned import EVALUATION, ROUND_SEEDS
+from allegro_twin.train.report import (
+    LOOKED_AT,
+    SEED,
+    SELECTION,
+    Compared,
+    as_shipped,
+    compare,
+    filmed,
+    overlap,
+    sets,
+    write,
+)
 from allegro_twin.train.settings import Recipe, load_recipe
 
 REACH = data_root() / "conf" / "policies" / "reach_right.onnx"
@@ -51,7 +63,9 @@ def test_an_evaluation_is_the_single_environments_episodes_to_their_end() -> Non
 
 def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> None:
     grasp = load_recipe("Grasp")
-    seen, unseen = sets(grasp).values()
+    assert list(sets(grasp)) == ["trained on", LOOKED_AT, "held out"]
+    seen, looked_at, unseen = sets(grasp).values()
+    assert looked_at.objects == grasp.looked_at
     assert seen.timestep == EnvSettings().timestep < grasp.environment.timestep
     assert seen.randomise == EnvSettings().randomise != grasp.environment.randomise
     assert (seen.position_noise, seen.decimation) == (0.015, grasp.environment.decimation)
@@ -74,6 +88,7 @@ def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) ->
         compare(REACH, load_recipe("Lift"), 1)
 
 
+@pytest.mark.long
 def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="films are made by PyAV: extra view")
     slow = EnvSettings(decimation=40)  # A third of the pictures of a shipped policy, which take the time.
@@ -83,6 +98,7 @@ def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
         assert film.streams.video[0].average_rate == 8
 
 
+@pytest.mark.long
 def test_the_command_line_says_both_rates_and_films(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -97,7 +113,115 @@ def test_the_command_line_says_both_rates_and_films(
     assert "0% (0% to 49%)" in said
     assert "over CAN, trained on: 100% (34% to 100%)" in said
     assert (tmp_path / "reach.mp4").stat().st_size > 10_000
-    assert SEED > 1_000_000_000
+
+
+def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    monkeypatch.setattr("sys.argv", ["allegro-twin", "evaluate", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capfd.readouterr()
+    return int(ended.value.code or 0), said.out, said.err
+
+
+def test_another_seed_is_another_set_of_episodes(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Also of those over the bus, and of the film; the same seed is the same ones."""
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    from allegro_twin.train import deployment, evaluation, report
+
+    used: list[tuple[str, int]] = []
+
+    def noted(name: str, real: Any) -> Any:
+        def play(*args: Any, seed: int, **more: Any) -> Any:
+            used.append((name, seed))
+            return real(*args, seed=seed, **more)
+
+        return play
+
+    monkeypatch.setattr(report, "evaluate", noted("batch", evaluation.evaluate))
+    monkeypatch.setattr(deployment, "over_can", noted("can", deployment.over_can))
+    for words, first in (((), SEED), (("--seed", 5_000_000_000), 5_000_000_000)):
+        used.clear()
+        code, out, errors = ask(monkeypatch, capfd, "reach_right", "Reach", "--episodes", 2, "--can", 1, *words)
+        assert code == 0
+        assert used == [("batch", first), ("batch", first), ("can", first)]
+        assert f"seeds from {first}" in out
+        assert not errors, errors
+    one, other = (evaluation.evaluate(Still(16), "Reach", EnvSettings(), 3, seed=seed).returned for seed in (77, SEED))
+    assert not np.array_equal(one, other)
+
+
+def test_episodes_that_a_training_has_used_are_named(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    reach = load_recipe("reach")
+    assert overlap(reach, SEED, 1_000_000) == ""
+    assert "round 1 of" in overlap(reach, 0, 1)
+    assert "round 2 of" in overlap(reach, ROUND_SEEDS + reach.envs - 1, 1)
+    assert overlap(reach, ROUND_SEEDS + reach.envs, 1) == ""
+    assert "after every round" in overlap(reach, EVALUATION + reach.trials - 1, 5)
+    assert "end of a training" in overlap(reach, SELECTION - 4, 5)
+    assert overlap(load_recipe("grasp"), 0, 1) == "", "rsl-rl's episodes are drawn otherwise"
+    pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
+    code, _, errors = ask(monkeypatch, capfd, "reach_right", "reach", "--episodes", 1, "--seed", EVALUATION)
+    assert code == 0
+    assert "some are those of the evaluation after every round" in errors
+
+
+def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_default(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Or else every choice about the next training would have seen them."""
+    from allegro_twin.cli.policies import training
+    from allegro_twin.train import report
+
+    used: list[int] = []
+
+    def compared(policy: Path, of: Recipe, episodes: int, seed: int) -> list[Compared]:
+        used.append(seed)
+        return []
+
+    monkeypatch.setattr(report, "compare", compared)
+    monkeypatch.setattr(report, "write", lambda *args: None)
+    training._judged(tmp_path, recipe(), tmp_path, 3, False)
+    assert used == [SELECTION]
+    assert SELECTION != SEED
+    assert SEED > 2**31 + 100_000, "trainings have seeds below 2^31, and a simulation's number on top"
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--out", "x"), ("--uncertainty", 3), ("--vary", "yaw=1"), ("--grasp", "tripod"), ("--object", "apple"),
+     ("--protocol", "fc"), ("--jobs", 2), ("--engine", "ray"), ("--rrd", "ends")],
+)  # fmt: skip
+def test_an_option_that_a_policy_has_no_use_for_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], option: str, value: object
+) -> None:
+    code, _, errors = ask(monkeypatch, capfd, "reach_right", "Reach", option, value)
+    assert code == 2
+    assert f"{option} {value} is for scenarios, and reach_right is a policy" in errors.replace("\n", " ")
+
+
+@pytest.mark.parametrize(("option", "value"), [("--episodes", 3), ("--can", 3), ("--hand", "leap"), ("--seed", 3)])
+def test_an_option_that_a_scenario_has_no_use_for_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], option: str, value: object
+) -> None:
+    code, _, errors = ask(monkeypatch, capfd, "scenarios/demo/lemon.yaml", option, value)
+    assert code == 2
+    assert f"{option} {value} is for" in errors
+
+
+def test_the_shapes_that_are_held_out_are_those_of_the_stated_seed() -> None:
+    from benchmarks.shapes import SEED as SHAPES
+    from benchmarks.shapes import drawn
+
+    grasp = load_recipe("grasp")
+    wanted = Recipe.model_validate({"task": "Grasp", "held_out": drawn(10, SHAPES)})
+    assert wanted.held_out == grasp.held_out
+    known = {getattr(each, "name", each) for each in (*(grasp.environment.objects or ()), *grasp.looked_at)}
+    assert not known & {getattr(each, "name", each) for each in grasp.held_out}
+    assert drawn(10, SHAPES + 1) != drawn(10, SHAPES)
 
 
 def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None:
@@ -105,7 +229,7 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
         return Evaluation(np.array(success), np.zeros(len(success)), ())
 
     rows = console.compared(
-        [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe()
+        [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe(), 7
     )
     assert [next(iter(column.cells)) for column in rows.columns] == [
         "seen",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Self
@@ -29,6 +28,7 @@ from allegro_twin.wire.host.backend import CanBackend
 from allegro_twin.wire.host.link import Port
 from allegro_twin.wire.host.settings import HostSettings
 from tests.conftest import can_config
+from tests.patience import comes_true
 
 PERIOD = 0.003
 HALF_COUNT = {"v5": 0.5 * np.radians(0.088), "v5plus": 0.5 * np.radians(0.088)}
@@ -131,7 +131,7 @@ class Serving:
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
-        self._thread.join(timeout=10.0)
+        self._thread.join()
         self.bus.shutdown()
         assert self.error is None
 
@@ -154,7 +154,4 @@ def driven(interface: str, channel: str, version: Version = "v4", **backend: Any
 
 def soon_limp(there: Serving) -> bool:
     """Whether the first hand's motors go off, now that its driver is gone."""
-    deadline = time.monotonic() + 5.0
-    while there.firmwares[0].serving and time.monotonic() < deadline:
-        time.sleep(0.01)
-    return not there.firmwares[0].serving
+    return comes_true(lambda: not there.firmwares[0].serving)

@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,10 +15,13 @@ from pathlib import Path
 import pytest
 
 from allegro_twin.replay.recording import load
+from tests.patience import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
+
+pytestmark = pytest.mark.realtime
 
 
 def write_config(folder: Path, link: str, *, seconds: float | None) -> Path:
@@ -89,15 +91,13 @@ def test_a_hand_in_one_process_is_driven_from_another(kind: str, tmp_path: Path)
     }
     config = write_config(tmp_path, links[kind], seconds=3.0)
     with program("firmware", config) as hand:
-        deadline = time.monotonic() + 60.0
-        while not (tty.exists() if kind == "slcan" else listening(port)) and time.monotonic() < deadline:
-            assert hand.poll() is None
-            time.sleep(0.1)
+        wait_for(lambda: (tty.exists() if kind == "slcan" else listening(port)) or hand.poll() is not None)
+        assert hand.poll() is None
         with program("run", config, "--record", recording) as driver:
-            said, _ = driver.communicate(timeout=100)
+            said, _ = driver.communicate()
         assert driver.returncode == 0, said
         hand.send_signal(signal.SIGINT)
-        heard, _ = hand.communicate(timeout=30)
+        heard, _ = hand.communicate()
     assert "right v4 hand on" in heard
     steps = re.search(r"(\d+) steps, \d+ late, \d+ left out; (\d+) frames heard, (\d+) said", heard)
     assert steps is not None, heard

@@ -105,9 +105,7 @@ class OnABus(Model):
         )
         backend = (recording.meta.get("config") or {}).get("backend", {})
         cutoff = float(backend.get("velocity_cutoff", HostSettings().velocity_cutoff))
-        self._filter = VelocityFilter(cutoff, columns["position"][0])
-        for position, gone in zip(columns["position"][1 : row + 1], np.diff(columns["tick"][: row + 1]), strict=True):
-            self._filter(position, float(gone) * self.period)
+        self._filter = VelocityFilter(cutoff, columns["position"][row], columns["velocity"][row])
 
     def _passed(self, command: Command, gravity: Vector) -> Heard:
         lanes = self._codec.positions

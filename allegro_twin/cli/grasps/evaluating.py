@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,6 +35,14 @@ OtherObject = Annotated[
     typer.Option("--object", help="Of the catalogue, or an .obj or .stl.", autocompletion=complete.objects),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of the draws.")]
+OwnSeed = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Of the draws of --uncertainty, 0 by default; of a policy: of its first episode, by default none that a "
+        "training has seen.",
+    ),
+]
 Count = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes; by default as many as there are cores.")]
 
 
@@ -64,7 +73,7 @@ def evaluate(
     side: Annotated[Sides | None, typer.Option(help="By default as the scenario says.")] = None,
     grasp: OtherGrasp = None,
     thing: OtherObject = None,
-    seed: Seed = 0,
+    seed: OwnSeed = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for results and a report; what is there goes on.", callback=options.folder),
@@ -76,8 +85,10 @@ def evaluate(
     engine: Annotated[Engines, typer.Option(help="This computer, or a Ray cluster.")] = Engines.local,
     address: Annotated[str | None, typer.Option(help="Of the cluster, as HOST:PORT.")] = None,
     count: Count = None,
-    episodes: Annotated[int, typer.Option(help="Of a policy, for every set.", callback=options.positive)] = 200,
-    can: Annotated[int, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.")] = 0,
+    episodes: Annotated[
+        int | None, typer.Option(help="Of a policy, for every set: by default 200.", callback=options.positive)
+    ] = None,
+    can: Annotated[int | None, typer.Option(help="Of a policy: so many of them over a virtual CAN bus, too.")] = None,
     hand: options.TrainedHand = None,
     film: Annotated[
         Path | None,
@@ -88,17 +99,24 @@ def evaluate(
     if _of_policy(targets):
         if side is Sides.both:
             raise ConfigError("a policy is for one side: --side right or left")
-        _policy(targets, episodes, can, hand, side and side.value, film)
+        scenarios = {
+            "--protocol": protocol, "--uncertainty": uncertainty, "--vary": vary, "--grasp": grasp, "--object": thing,
+            "--out": out, "--rrd": rrd, "--address": address, "--jobs": count,
+            "--engine": None if engine is Engines.local else engine.value,
+        }  # fmt: skip
+        _without_use(scenarios, "scenarios", f"{targets[0]} is a policy")
+        _policy(targets, 200 if episodes is None else episodes, can or 0, hand, side and side.value, film, seed)
         return
-    for name, given in (("--hand", hand), ("--film", film)):
-        if given is not None:
-            raise ConfigError(f"{name} {given} is for policies, and {targets[0]} is a scenario")
+    policies = {"--hand": hand, "--film": film, "--episodes": episodes, "--can": can}
+    _without_use(policies, "policies", f"{targets[0]} is a scenario")
+    if seed is not None and uncertainty is None:
+        raise ConfigError(f"--seed {seed} is for draws: say how many with --uncertainty N")
     from allegro_twin.build.campaign import Asked, targets_of
     from allegro_twin.cli.grasps import verdicts
 
     if rrd is not None:
         recordings.check(out)
-    noise = _noise(uncertainty, vary, seed)
+    noise = _noise(uncertainty, vary, seed or 0)
     found = targets_of(_paths(targets), Asked(protocol, _sides(side), grasp, thing))
     chosen = verdicts.engine_of(engine.value, address, count)
     trials = verdicts.tried(found, noise, chosen, out)
@@ -158,12 +176,27 @@ def _of_policy(targets: list[str]) -> bool:
     return named or (len(targets) == 2 and targets[1] in complete.recipes())
 
 
-def _policy(targets: list[str], episodes: int, can: int, hand: str | None, side: str | None, film: Path | None) -> None:
+def _without_use(given: Mapping[str, object], for_whom: str, but: str) -> None:
+    """Raise ConfigError for an option that is given and that nothing here reads."""
+    for name, value in given.items():
+        if value is not None:
+            raise ConfigError(f"{name} {value} is for {for_whom}, and {but}: leave it out")
+
+
+def _policy(
+    targets: list[str],
+    episodes: int,
+    can: int,
+    hand: str | None,
+    side: str | None,
+    film: Path | None,
+    seed: int | None,
+) -> None:
     from allegro_twin.cli.policies.training import evaluate_policy
 
     if len(targets) != 2:
         raise ConfigError(f"missing argument or one too many: a policy takes its recipe: evaluate {targets[0]} RECIPE")
-    evaluate_policy(targets[0], targets[1], episodes, can, hand, side, film)
+    evaluate_policy(targets[0], targets[1], episodes, can, hand, side, film, seed)
 
 
 def _sides(side: Sides | None) -> tuple[Side, ...] | None:

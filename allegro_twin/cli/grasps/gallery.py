@@ -21,6 +21,7 @@ from allegro_twin.files.schema import load
 from allegro_twin.files.whole import whole_file
 from allegro_twin.library.entries import GraspFile
 from allegro_twin.library.named import grasp_names, load_grasp
+from allegro_twin.library.taxonomy import Observed
 from allegro_twin.look.camera import Camera, Picture
 from allegro_twin.look.views import View
 from allegro_twin.loop import run, until
@@ -29,6 +30,7 @@ from allegro_twin.sweep.local import cores
 from allegro_twin.sweep.running import run as run_sweep
 
 _SIZE = 300
+LAST = 34
 _POSTURE = "posture: "
 
 
@@ -51,7 +53,7 @@ def make(folder: Path, draws: int, advance: Callable[[str], None]) -> int:
             Image.fromarray(picture).resize((_SIZE, _SIZE)).save(temporary, quality=82)
         rows.append(shown)
         advance(shown.name)
-    rows.sort(key=lambda row: (row.stored.taxonomy.number, row.name))
+    rows.sort(key=_place)
     with whole_file(folder / "grasps.md") as temporary:
         temporary.write_text(_page(rows, draws))
     return len(rows)
@@ -65,7 +67,8 @@ def _shown(draws: int) -> Iterator[tuple[Shown, Picture]]:
             margins = [phase for phase in report.phases if phase.check]
             drift = max(phase.drift for phase in margins) * 1000
             verdict = f"held, {drift:.1f} mm of drift" if report.held else f"not held: {report.reason}"
-            often = _often(stored.evidence, name, draws)
+            often = _often(stored.evidence, name, draws) if draws else ""
+            stored = stored.model_copy(update={"observed": report.observed})
             yield Shown(name, stored, f"[{stored.evidence}](../scenarios): {verdict}", often), picture
         else:
             reason = stored.evidence.removeprefix(_POSTURE) or "no scenario yet"
@@ -111,32 +114,56 @@ def _posed(name: str) -> Picture:
         return camera.take()
 
 
+def _typed(kind: Observed) -> str:
+    """With what acts against what, what carries, and of none of the 33 why."""
+    place = ", ".join(filter(None, (str(kind), kind.type, kind.opposition)))
+    why = f" ({kind.why})" if kind.why else ""
+    return f"{place}{why}. {kind.virtual_fingers}.<br>{kind.carries}"
+
+
+def _place(row: Shown) -> tuple[int, str]:
+    """By the type's number; last what is none of the 33, and what nobody has seen hold."""
+    observed = row.stored.observed
+    return (LAST + 1 if observed is None else observed.number or LAST), row.name
+
+
 def _page(rows: list[Shown], draws: int) -> str:
-    types = {row.stored.taxonomy.number for row in rows}
-    proved = {row.stored.taxonomy.number for row in rows if "](../scenarios): held" in row.verdict}
+    proved = [row.stored.observed for row in rows if row.stored.observed and "](../scenarios): held" in row.verdict]
+    types = {observed.number for observed in proved if observed.number is not None}
+    none = sum(observed.number is None for observed in proved)
     again = f"allegro-twin evaluate SCENARIO --grasp NAME --uncertainty {draws}"
+    often = (
+        ""
+        if not draws
+        else f"""How often a grasp holds when the hand is not told all is the last column: {draws} draws
+of pose (±10 mm, ±10°), size, mass, friction and torque, with the 95 % Wilson interval (`{again}`).
+"""
+    )
     head = f"""# The grasps
 
-Made by `allegro-twin gallery docs`. {len(rows)} grasps of {len(types)} of the 33 types of the GRASP taxonomy (Feix et
-al., IEEE Trans. Human-Machine Systems 46(1), 2016); {len(proved)} types hold an object in simulation, by the definition
-in [scenarios.md](scenarios.md), with either hand: one trial each, the same each time. How often a grasp holds when the
-hand is not told all is the last column: {draws} draws of pose (±10 mm, ±10°), size, mass, friction and torque, with the
-95 % Wilson interval (`{again}`). Perform one with `allegro-twin grasp NAME`, and its trial with
-`allegro-twin run SCENARIO --view`.
+Made by `allegro-twin gallery docs`. {len(rows)} grasps, {len(proved)} of which hold an object in simulation, by the
+definition in [scenarios.md](scenarios.md), with either hand: one trial each, the same each time.
 
-| | grasp | type | for | evidence | in draws |
-|---|---|---|---|---|---|
+They are of {len(types)} of the 33 types of the GRASP taxonomy (Feix et al., IEEE Trans. Human-Machine Systems 46(1),
+2016); {none} are of none. The type is the one that the contacts show which carry the object
+([how](scenarios.md#types)), and not what the grasp is called: many names are those of the types that the postures were
+drawn after. Where nothing was held it is not known.
+
+{often}Perform one with `allegro-twin grasp NAME`, and its trial with `allegro-twin run SCENARIO --view`.
+
+| | grasp | type | for | evidence |{" in draws |" if draws else ""}
+|---|---|---|---|---|{"---|" if draws else ""}
 """
     lines = []
     for row in rows:
-        kind, size = row.stored.taxonomy, row.stored.object_size
+        kind, size = row.stored.observed, row.stored.object_size
         width = "" if size is None else f"{size[0] * 1000:g}–{size[1] * 1000:g} mm"
         control = "" if row.stored.grip is None else f" Controls force ({row.stored.grip.kind})."
-        acts = f" {kind.virtual_fingers}." if kind.virtual_fingers else ""
+        lost = kind is None or "](../scenarios): held" not in row.verdict
         lines.append(
             f'| <img src="images/grasps/{row.name}.jpg" width="150"> '
             f"| **{row.name}**<br>{row.stored.description}{control} "
-            f"| {kind.number} {kind.name}, {kind.type}, {kind.opposition}.{acts} | {width} "
-            f"| {row.verdict} | {row.rate} |"
+            f"| {'not known' if lost or kind is None else _typed(kind)} | {width} "
+            f"| {row.verdict} |" + (f" {row.rate} |" if draws else "")
         )
     return head + "\n".join(lines) + "\n"

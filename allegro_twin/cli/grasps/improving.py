@@ -42,6 +42,7 @@ def improve(
     on."""
     from allegro_twin.cli import console
     from allegro_twin.cli.grasps.verdicts import engine_of
+    from allegro_twin.files.output_folder import undisturbed
     from allegro_twin.plan.improve import Improvement
     from allegro_twin.plan.keep import write
 
@@ -53,7 +54,8 @@ def improve(
     )  # fmt: skip
     better = _searched(search, path.stem)
     told = _told(better, unseen, path.stem, begun.name)
-    where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
+    with undisturbed():  # A grasp of one search in a scenario of another would be neither's.
+        where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
     console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
 
 

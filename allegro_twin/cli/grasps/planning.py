@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,13 +17,14 @@ from allegro_twin.library.entries import HAND
 if TYPE_CHECKING:
     from allegro_twin.evaluate.scenario import Scenario
     from allegro_twin.plan.prove import Planned
-    from allegro_twin.plan.search import Search
+    from allegro_twin.plan.search import Budget, Search
     from allegro_twin.sweep.local import Engine
 
 
 Thing = Annotated[
     str, typer.Argument(metavar="OBJECT", help="A name of the catalogue, or a mesh.", autocompletion=complete.objects)
 ]
+Hull = Annotated[bool, typer.Option("--hull", help="Take a mesh's convex hull, as of one whose surface is not closed.")]
 Hand = Annotated[str, typer.Option(help="The model of hand, or a card's path.", autocompletion=complete.models)]
 
 
@@ -38,7 +41,9 @@ def plan(
     ],
     n: Annotated[int, typer.Option("--n", min=1, max=100, help="How many grasps that are apart from each other.")] = 5,
     hand: Hand = HAND,
-    kind: Annotated[str | None, typer.Option("--type", help="Only from this type of the GRASP taxonomy.")] = None,
+    kind: Annotated[
+        str | None, typer.Option("--type", help="Only what its contacts show to be of this type of the GRASP taxonomy.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Where to write; plans/OBJECT otherwise.", callback=options.folder)
     ] = None,
@@ -49,13 +54,24 @@ def plan(
         float | None, typer.Option(help="kg; of the catalogue, or 500 kg/m³.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
     by: Annotated[
         str | None, typer.Option("--by", metavar="REGION", help="Hold it there, m in its own frame: x>0.045,z<0.03.")
     ] = None,
     protocol: Annotated[
         str, typer.Option(help="table_pick; or fc: free in the air, pushed along six axes.")
     ] = "table_pick",
-    seconds: Annotated[float, typer.Option("--time", help="To search at most.", callback=options.positive)] = 120.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--time",
+            help="To search at most, CPU seconds of all processors together; 120 otherwise.",
+            callback=options.positive,
+        ),
+    ] = None,
+    candidates: Annotated[
+        int | None, typer.Option(min=1, help="To search at most, closed in physics; the same seed finds the same.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Another seed finds other grasps.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, help="So many searches side by side, from this seed on.")] = 1,
     engine: Annotated[Engines, typer.Option(help="Where they run: this computer, or a Ray cluster.")] = Engines.local,
@@ -68,58 +84,72 @@ def plan(
     from allegro_twin.cli.grasps.verdicts import engine_of
     from allegro_twin.description.hands import load_spec
     from allegro_twin.evaluate.scenario import load_protocol
-    from allegro_twin.plan.keep import in_words, stored, written
+    from allegro_twin.files.output_folder import add_to_run, locked, one_run
+    from allegro_twin.plan.keep import in_words, proof_of, stored, written
+    from allegro_twin.plan.prove import judge
     from allegro_twin.plan.region import region
-    from allegro_twin.plan.search import Search
+    from allegro_twin.plan.search import Budget, Search
     from allegro_twin.plan.templates import templates
 
     chosen, spec = engine_of(engine.value, address, None), load_spec(hand)
-    scenario = scenario_of(thing, up, scale, mass, friction).model_copy(update={"protocol": protocol, "hand": hand})
+    scenario = scenario_of(thing, up, scale, mass, friction, hull=hull).model_copy(
+        update={"protocol": protocol, "hand": hand}
+    )
     load_protocol(protocol)
-    search = Search(scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by))
+    search = Search(
+        scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by), kind=kind
+    )
     name = scenario.objects[0].name
+    unlimited = candidates is not None and seconds is None
+    budget = Budget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
     if seeds == 1 and engine is Engines.local:
-        found = _searched(search, n, seconds)
+        found = _searched(search, n, budget)
     else:
-        found = _spread(search, kind, n, seconds, seeds, chosen.engine)
+        found = _spread(search, n, budget, seeds, chosen.engine)
+    judge(found, spec, search.uncertainty, seed, search.folder)
     console.console.print(console.planned(name, found))
+    console.console.print(console.searched(search, seeds), soft_wrap=True)
     if not found:
         ends = ", ".join(f"{count} {where}" for where, count in search.ends.most_common())
         console.errors.print(f"no grasp holds {name}: of the candidates that physics closed ended {ends}")
         raise typer.Exit(5)
-    folder = out or Path("plans") / name
-    paths = written(found, name, folder, spec)
-    for number, planned in enumerate(found, 1):
-        if keep is not None:
-            kept = f"{name}_{number}"
-            stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept)
-    if pictures:
-        _pictured(paths, folder)
+    with ExitStack() as stack:
+        folder = out or Path("plans") / name
+        if out is None:
+            stack.enter_context(locked(folder))
+        with one_run(folder) as staging:
+            made = written(found, name, staging, spec, search.uncertainty, read_in=folder)
+            paths = [folder / path.relative_to(staging) for path in made]
+        for number, planned in enumerate(found, 1):
+            if keep is not None:
+                kept = f"{name}_{number}"
+                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept,
+                       proof=proof_of(planned, search.uncertainty))  # fmt: skip
+        if pictures:
+            add_to_run(folder, _pictured(paths, folder))
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
-def _searched(search: Search, n: int, seconds: float) -> list[Planned]:
+def _searched(search: Search, n: int, budget: Budget) -> list[Planned]:
     """On all processors of this computer."""
     from allegro_twin.cli import console
 
     name = search.scenario.objects[0].name
     with console.progress() as bar:
-        task = bar.add_task(f"{name}: 0 of {n}", total=seconds)
+        task = bar.add_task(f"{name}: 0 of {n}", total=1.0)
         return search.run(
-            n, seconds, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
+            n, budget, lambda best, at: bar.update(task, completed=at, description=f"{name}: {len(best)} of {n}")
         )
 
 
-def _spread(search: Search, kind: str | None, n: int, seconds: float, seeds: int, engine: Engine) -> list[Planned]:
+def _spread(search: Search, n: int, budget: Budget, seeds: int, engine: Engine) -> list[Planned]:
     """One search a processor."""
     from allegro_twin.cli import console
     from allegro_twin.plan.spread import side_by_side
 
     with console.progress() as bar:
         task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
-        return side_by_side(
-            search, kind, n, seconds, seeds, engine, lambda done, _total: bar.update(task, completed=done)
-        )
+        return side_by_side(search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done))
 
 
 def new(
@@ -132,6 +162,7 @@ def new(
         float | None, typer.Option(help="kg, of a mesh; 500 kg/m³ otherwise.", callback=options.positive)
     ] = None,
     friction: Annotated[float, typer.Option(help="Sliding.", callback=options.positive)] = 0.8,
+    hull: Hull = False,
     seed: Annotated[int, typer.Option(min=0, help="Another seed proposes another palm.")] = 0,
     picture: Annotated[bool, typer.Option(help="Of the trial that it makes.")] = True,
 ) -> None:
@@ -140,13 +171,16 @@ def new(
     Nothing says yet that it holds; `plan` looks for those that do."""
     from allegro_twin.cli import console
     from allegro_twin.description.hands import load_spec
+    from allegro_twin.files.output_folder import undisturbed
     from allegro_twin.plan.begin import first_guess
     from allegro_twin.plan.keep import write
 
-    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction)
+    spec, scenario = load_spec(hand), scenario_of(thing, up, scale, mass, friction, hull=hull)
     guessed, grasp = first_guess(scenario, spec, seed=seed)
     name = scenario.objects[0].name
-    path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+    with undisturbed():
+        (out / f"{name}_new.png").unlink(missing_ok=True)  # Of another guess.
+        path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:
         _pictured([path], out)
     console.console.print(
@@ -154,7 +188,15 @@ def new(
     )
 
 
-def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: float | None, friction: float) -> Scenario:
+def scenario_of(
+    thing: str,
+    up: Literal["x", "y", "z"],
+    scale: float,
+    mass: float | None,
+    friction: float,
+    *,
+    hull: bool = False,
+) -> Scenario:
     """An object on the table before a hand that is still anywhere. Raises ConfigError."""
     from allegro_twin.build.simulated import object_of
     from allegro_twin.evaluate.scenario import Scenario
@@ -165,8 +207,11 @@ def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: floa
     changed: dict[str, object] = {"up": up}
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})
+        changed |= {"collision": "hull"} if hull else {}
     elif scale != 1.0 or mass is not None:
         raise ConfigError(f"--scale and --mass are for meshes; {thing} is of the catalogue")
+    elif hull:
+        raise ConfigError(f"--hull is for meshes; {thing} is of the catalogue")
     placed = type(placed).model_validate(placed.model_dump() | changed)
     anywhere = {"position": (0, 0, 0.2), "facing": (0, 0, -1), "fingers": (1, 0, 0), "retreat": (0, 0, 0.1)}
     return Scenario.model_validate(
@@ -174,8 +219,8 @@ def scenario_of(thing: str, up: Literal["x", "y", "z"], scale: float, mass: floa
     )
 
 
-def _pictured(paths: list[Path], folder: Path) -> None:
-    """A strip of every trial, and one sheet of them."""
+def _pictured(paths: list[Path], folder: Path) -> list[Path]:
+    """Make a strip of every trial, and one sheet of them; the files."""
     from allegro_twin.build import assemble, scenario_config
     from allegro_twin.cli import console
     from allegro_twin.look.strips import overview
@@ -192,5 +237,7 @@ def _pictured(paths: list[Path], folder: Path) -> None:
             bar.advance(task)
             if picture.exists():
                 strips[path.stem] = picture
-    if strips:
-        overview(strips, folder / "overview.png", columns=min(len(strips), 6))
+    if not strips:
+        return []
+    overview(strips, folder / "overview.png", columns=min(len(strips), 6))
+    return [*strips.values(), folder / "overview.png"]

@@ -88,9 +88,13 @@ def report(
 ) -> None:
     """Write the report of the trials that folders have, as one study, and say what they show: hands may be made by as
     many programs, each into a folder of its own, and one that is made anew takes the place of the old one."""
+    from allegro_twin.files.output_folder import locked
+
     if out is None and len(folders) > 1:
         raise ConfigError(f"{len(folders)} folders: say with --out where their one report goes")
-    _say(folders, folders[0] if out is None else out, where)
+    folder = folders[0] if out is None else out
+    with locked(folder):
+        _say(folders, folder, where)
 
 
 def _say(folders: list[Path], folder: Path, where: str = "") -> None:

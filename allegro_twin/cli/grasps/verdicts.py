@@ -93,6 +93,7 @@ def told(
             said = "; ".join(f"{each.name} {each}" for each in groups)
             console.console.print(f"by {column}: {said}", soft_wrap=True, highlight=False)
     if out is not None:
+        (out / "report.html").unlink(missing_ok=True)  # Until the new one is there, none says what other trials were.
         write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
                       with_draws(targets, trials.sweep.items))  # fmt: skip
         if rrd is not None:

@@ -30,7 +30,11 @@ def register(app: typer.Typer) -> None:
 def collect(
     task: Annotated[str, typer.Argument(help="A task, or a recipe by path or name.", autocompletion=complete.recipes)],
     out: Annotated[
-        Path, typer.Argument(help="A new folder; Minari's ends in a version, as in ~/.minari/datasets/hand/lift-v0.")
+        Path,
+        typer.Argument(
+            help="A new folder; Minari's ends in a version, as in ~/.minari/datasets/hand/lift-v0.",
+            callback=options.folder,
+        ),
     ],
     policy: Annotated[
         str,
@@ -53,6 +57,8 @@ def collect(
     from allegro_twin.train.evaluation import keywords
     from allegro_twin.train.settings import load_recipe
 
+    if any(out.iterdir()):
+        raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
     recipe = load_recipe(task, hand=hand, side=side)
     actor, period, robot = _actor(policy, recipe)
     found = collected(actor, recipe.task, keywords(recipe.environment), episodes, seed=seed)

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from allegro_twin.session import Outputs
 
 
+REPORT = "report.json"
+"""Of the trials in a folder."""
+
+
 class Sides(StrEnum):
     right = "right"
     left = "left"
@@ -63,7 +67,10 @@ Goal = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Folder for a recording, a picture and a report of each run.", callback=options.folder),
+    typer.Option(
+        help="Folder for a recording, a picture and a report of each run; takes the place of the run before.",
+        callback=options.folder,
+    ),
 ]
 Record = Annotated[Path | None, _file("Record to this .arrow file.", ".arrow")]
 Image = Annotated[Path | None, _file("Render to this .png.", ".png")]
@@ -124,14 +131,12 @@ def run(
     live = "web" if web else "native" if view else None
     outputs = Outputs(record, image, video, rrd, live, wire_log, views.size(size), views.checked(camera))
     chosen = Options(side and side.value, hand, config, grasp, thing, policy, goal, seconds, partial)
-    reports = _reports(targets, chosen, outputs, out, count)
-    if not all(report.held for report in reports.values()):
+    if not _reports(targets, chosen, outputs, out, count):
         raise typer.Exit(5)
 
 
-def _reports(
-    targets: list[str], chosen: Options, outputs: Outputs, out: Path | None, count: int | None
-) -> dict[tuple[str, str], Report]:
+def _reports(targets: list[str], chosen: Options, outputs: Outputs, out: Path | None, count: int | None) -> bool:
+    """Do it all; whether every run did what it was for."""
     from allegro_twin.cli.run.runs import configs_of
     from allegro_twin.cli.run.several import Wanted
     from allegro_twin.sweep.local import cores
@@ -140,10 +145,17 @@ def _reports(
     single = (outputs.record, outputs.image, outputs.video, outputs.rrd, outputs.wire_log, outputs.live)
     if len(jobs) > 1 and any(single):
         raise ConfigError(f"{len(jobs)} runs cannot share one output; use --out FOLDER")
-    return _run_all(jobs, Wanted(outputs, out), count or cores())
+    if out is None:
+        return _run_all(jobs, Wanted(outputs, None), count or cores())[1]
+    with options.run_folder(out, REPORT) as staging:
+        reports, done = _run_all(jobs, Wanted(outputs, staging), count or cores())
+        shown = _written(reports, staging)
+    _tell_folder(reports, out, shown=shown)
+    return done
 
 
-def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], Report]:
+def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, str], Report], bool]:
+    """The verdicts, and whether every run did what it was for."""
     from rich.markup import escape
 
     from allegro_twin.cli import console
@@ -152,6 +164,7 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], 
     reports: dict[tuple[str, str], Report] = {}
     grasps: dict[str, str] = {}
     told: set[str] = set()
+    done = True
 
     def tell(line: str) -> None:
         console.errors.print(line, soft_wrap=True)
@@ -166,16 +179,18 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> dict[tuple[str, str], 
                 raise LinkError(ran.outcome.unconfirmed)
             if ran.outcome.report is None:
                 console.console.print(console.final_state(ran.spec, ran.outcome.last))
+                if ran.outcome.missed:
+                    done &= job.cut and ran.outcome.last.t < ran.outcome.motion  # Then it was not asked to arrive.
+                    console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp
-    _tell(reports, grasps, wanted.folder)
-    return reports
+    _tell(reports, grasps)
+    return reports, done and all(report.held for report in reports.values())
 
 
-def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: Path | None) -> None:
-    """The table at the end, and the files."""
+def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> None:
+    """The table at the end."""
     from allegro_twin.cli import console
-    from allegro_twin.evaluate.written import write_reports
 
     if len(reports) == 1:
         (((name, side), report),) = reports.items()
@@ -184,13 +199,26 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str], out: P
         from allegro_twin.sim.engine.backend import ENGINE
 
         console.console.print(console.summary(reports, grasps, ENGINE))
-    if out is not None and reports:
-        from allegro_twin.look.strips import picture_all
 
-        names = {f"{name}_{side}": report for (name, side), report in reports.items()}
-        write_reports(out / "report.json", names)
-        shown = picture_all(out, names)
-        console.console.print(
-            f"In {out}/: a recording of each run, report.json{', pictures, overview.png' if shown else ''}"
-        )
-        console.console.print(f"Look at one in the browser: allegro-twin view {out}/{next(iter(names))}.arrow --web")
+
+def _written(reports: dict[tuple[str, str], Report], folder: Path) -> bool:
+    """Write the verdicts and an overview of the pictures; whether there are any."""
+    from allegro_twin.evaluate.written import write_reports
+    from allegro_twin.look.strips import picture_all
+
+    if not reports:
+        return False
+    names = {f"{name}_{side}": report for (name, side), report in reports.items()}
+    write_reports(folder / REPORT, names)
+    return picture_all(folder, names) is not None
+
+
+def _tell_folder(reports: dict[tuple[str, str], Report], out: Path, *, shown: bool) -> None:
+    from allegro_twin.cli import console
+
+    if not reports:
+        return
+    what = f"a recording of each run, {REPORT}{', pictures, overview.png' if shown else ''}"
+    console.console.print(f"In {out}/: {what}", soft_wrap=True)
+    name, side = next(iter(reports))
+    console.console.print(f"Look at one in the browser: allegro-twin view {out}/{name}_{side}.arrow --web")

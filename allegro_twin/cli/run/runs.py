@@ -26,6 +26,8 @@ class Job:
 
     name: str
     config: RunConfig
+    cut: bool = False
+    """Whether the command line says when it ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ def configs_of(targets: Sequence[str], options: Options = Options()) -> list[Job
                 base = _performing(path, options.config, side) if scenario else load_config(path)
                 config = _with(on_hand(base, options.hand, side), options)
                 name = path.stem if options.object is None or not scenario else Path(options.object).stem
-                jobs.append(Job(name, config))
+                jobs.append(Job(name, config, cut=options.seconds is not None))
     names = [(job.name, job.config.hand.side) for job in jobs]
     for name, hand in names:
         if names.count((name, hand)) > 1:

@@ -31,8 +31,8 @@ def grasps() -> Table:
     table = _table("grasps", "name", "type", "taxonomy", "what for")
     for listed in Library().list("grasp"):
         assert isinstance(listed.entry, GraspFile)
-        kind = listed.entry.taxonomy
-        table.add_row(listed.name, kind.type, f"{kind.number} {kind.name}", listed.entry.description)
+        kind = listed.entry.kind_of_grasp
+        table.add_row(listed.name, kind.type or "", str(kind), listed.entry.description)
     return table
 
 

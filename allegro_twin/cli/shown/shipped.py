@@ -51,7 +51,7 @@ def envs(
 
 def gallery(
     folder: Annotated[Path, typer.Argument(help="Where grasps.md and its pictures go.", callback=options.folder)],
-    draws: Annotated[int, typer.Option(help="Trials of each under uncertainty.", callback=options.positive)] = 20,
+    draws: Annotated[int, typer.Option(min=0, help="Trials of each under uncertainty.")] = 20,
 ) -> None:
     """Render every grasp of the library and write the page that shows them."""
     from allegro_twin.cli import console

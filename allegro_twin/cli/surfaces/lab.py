@@ -33,7 +33,7 @@ def lab(
     thing: Annotated[
         str | None, typer.Option("--object", help="Of the catalogue, in place of the config's first.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of the camera's and the force sensor's noise.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the camera's and the force sensor's noise.")] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="A folder for pictures, and for a recording of everything.", callback=options.folder),
@@ -67,8 +67,9 @@ def lab(
         raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
     room = make_room(settings)
     with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(options.run_folder(out))
         stack.callback(room.close)
-        onlookers, lens = _onlookers(room, out, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
             onlookers.append(_viewer(room, stack, web=web))
         bridge = bridged(room, namespace, stack) if ros else None
@@ -144,12 +145,15 @@ def told(report: Report) -> list[str]:
         check = report.checked
         lines.append(
             f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
-            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; in truth "
-            f"lifted by {1e3 * report.lifted:.0f} mm"
+            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
+            f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
         )
+    lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
     sentence = f"; {report.end.sentence}" if report.end.sentence else ""
     return [*lines, f"{report.end}{sentence}"]
 
 
-def _there(held: bool) -> str:
+def _there(held: bool | None) -> str:
+    if held is None:
+        return "cannot tell"
     return "held" if held else "not held"

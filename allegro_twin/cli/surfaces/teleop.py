@@ -83,8 +83,8 @@ def teleop(
 
 def _summed(tally: Tally) -> str:
     return (
-        f"{tally.followed} frames followed; left out: {tally.unseen} without a hand, {tally.jumps} that jumped, "
-        f"{tally.late} overtaken"
+        f"{tally.followed} frames followed, {tally.clipped} of them up to a joint's limit; left out: {tally.unseen} "
+        f"without a hand, {tally.jumps} that jumped, {tally.late} overtaken"
     )
 
 

@@ -150,8 +150,8 @@ def table(found: Mirrored, joints: tuple[str, ...]) -> Table:
     for head in ("off by, rms\nµrad", "pushed, rms\nmN·m", "largest\nmN·m", "a touch from\nmN·m"):
         made.add_column(head, justify="right")
     chosen = found.t > found.t[0] + 1.0
-    off, push = (np.sqrt(np.square(each[chosen]).mean(axis=0)) for each in (found.off, found.disturbance))
-    largest = np.abs(found.disturbance[chosen]).max(axis=0)
+    off, push = (np.sqrt(np.nanmean(np.square(each[chosen]), axis=0)) for each in (found.off, found.disturbance))
+    largest = np.nanmax(np.abs(found.disturbance[chosen]), axis=0)
     least = found.above[chosen].min(axis=0)
     for joint, name in enumerate(joints):
         row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])

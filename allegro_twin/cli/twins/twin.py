@@ -44,7 +44,7 @@ def excite(
         Path, typer.Option("--out", "-o", help="Folder for the recordings.", callback=options.folder)
     ] = Path("out/excite"),
     other: OtherHand = None,
-    seed: Annotated[int, typer.Option(help="Of the motion.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the motion.")] = 0,
     yes: Annotated[bool, typer.Option("--yes", help="The hand lies as it should: do not ask.")] = False,
 ) -> None:
     """Play motions that show what the hand's drive is made of, and record them; the same command again goes on after

@@ -41,7 +41,8 @@ class Goals(Protocol):
     """What a task with goals can besides."""
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
-        """Of goals (..., k); `dropped` (...) is what the loss of an object costs."""
+        """Of goals (..., k), whatever they come from; `dropped` (...) is what the loss of an object costs. A step pays
+        for the goal that is truly achieved, which what a policy sees is with neither noise nor delay."""
         ...
 
 
@@ -65,6 +66,8 @@ class Task(ABC):
     counted: ClassVar[str] = ""
     """Of what an outcome tells, what an episode has come to besides success; with its unit in `unit`."""
     unit: ClassVar[str] = ""
+    shares: ClassVar[tuple[str, ...]] = ()
+    """Of what an outcome tells, shares of the episode's time so far, from 0 to 1, that an evaluation reports."""
     turns: ClassVar[bool] = False
     """Its goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
@@ -113,7 +116,10 @@ class Task(ABC):
 
     @abstractmethod
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
-        """What the step that ended at `tick` came to. `action` as it was taken, shape (n, joints)."""
+        """What the step that ended at `tick` came to. `action` as it was taken, shape (n, joints).
+
+        Judged by the simulation's own state (`worlds`, `thing`). `observation` is what the policy sees, with the noise
+        and the delays of `randomise`: no reward, success or failure may follow from it (test)."""
 
     def scripts(self, rows: Rows) -> Rows:
         """Which script each simulation follows, (m,)."""

@@ -1,4 +1,5 @@
-"""What tasks with an object in the fingertips of the upturned hand share. They see the object as a camera would."""
+"""What tasks with an object in the upturned hand share. They begin with it in the fingertips, and see it as a camera
+would."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from allegro_twin.gym.given import thing_of
 from allegro_twin.gym.noise import Draws
 from allegro_twin.gym.settings import EnvSettings, Options
 from allegro_twin.gym.tasks.base import Flags, Task, Ticks
+from allegro_twin.gym.tasks.clearance import ON_PALM, Shapes, clearance, palm_normal
 from allegro_twin.gym.tasks.held import Held, held
 from allegro_twin.gym.tasks.scenes import THING, upturned, worlds
 from allegro_twin.gym.tasks.vectors import length
@@ -35,7 +37,8 @@ _NEAR = 16  # States in order of size, among which one of a wanted size is drawn
 
 
 class InHand(Task):
-    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise."""
+    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise. Nothing
+    forbids the palm: `on_palm` tells how long an object was there."""
 
     step: ClassVar[float] = 0.08
     """rad an action, where the settings name no other."""
@@ -49,6 +52,7 @@ class InHand(Task):
                               f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
+        self._things: list[objects.Thing] = []
         self._names: list[str] = []
         self._table: Held | None = None
         for given in settings.objects or ("rubiks_cube",):
@@ -63,6 +67,10 @@ class InHand(Task):
         self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
         self.start: Array = xp.zeros((n, self.spec.n_joints))
         """Targets of the fingers at the beginning, rad."""
+        self._factor, self._low = xp.ones(n), xp.zeros(n)
+        """Of the objects' sizes; decisions since the reset at which they were on the palm."""
+        self._shapes: Shapes | None = None
+        self._normal = palm_normal(xp.zeros((n, 3)))
         self.shown: Seen
         """What a camera told at this decision."""
 
@@ -92,6 +100,9 @@ class InHand(Task):
         pose[:, :3] += draws.within(-_PLACE, _PLACE, 3)
         self.thing.pose[rows] = pose
         self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
+        self._factor[rows], self._low[rows] = values["size"], 0.0
+        tilt = values.get("wrist_tilt")
+        self._normal[rows] = palm_normal(0.0 * pose[:, :3] if tilt is None else tilt)
         self.camera.begin(rows, values, draws)
 
     def targets(self, rows: Rows) -> Array:
@@ -124,6 +135,18 @@ class InHand(Task):
         assert self.thing is not None
         return length(self.thing.pose[:, :3] - self.place) > ASIDE
 
+    def over_palm(self, tick: Ticks) -> dict[str, Array]:
+        """How far the object's lowest point is above the palm's surface, m (`clearance`), and at which share of the
+        decisions since the reset that was less than `ON_PALM` (`on_palm`), (n,) each. Once a decision."""
+        assert self.thing is not None
+        xp = self.worlds.xp
+        if self._shapes is None:
+            self._shapes = Shapes(self._things, xp)
+        over = clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
+        self._low += (over < ON_PALM) & (tick > 0)
+        decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
+        return {"clearance": over, "on_palm": self._low / decisions}
+
     def _learn(self, thing: objects.Thing, n: int, threads: int) -> None:
         """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
         longest = 2 * thing.half_extents().max()
@@ -133,7 +156,8 @@ class InHand(Task):
                 f"at most {LARGEST * 1000:.0f} mm can be"
             )
         self._held.append(held(thing, self.settings.side))
-        self._table = None
+        self._table = self._shapes = None
+        self._things.append(thing)
         self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
         self._names.append(thing.name)
 

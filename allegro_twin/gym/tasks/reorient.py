@@ -1,4 +1,4 @@
-"""Reorient: turn a box in the fingertips of the upturned hand to one wanted orientation after another."""
+"""Reorient: turn a box in the upturned hand, from the fingertips on, to one wanted orientation after another."""
 
 from __future__ import annotations
 
@@ -31,12 +31,16 @@ BONUS = (
 
 class Reorient(InHand):
     """A goal is an orientation, as a quaternion w, x, y, z in the world, whose x is where the fingers point. When it is
-    reached, the next step brings another."""
+    reached, the next step brings another.
+
+    Rewards, `reached` and success follow from where the object truly is. `achieved_goal` is what a camera tells, with
+    its noise and delay where `randomise` has them, and so `compute_reward` of it is then another number."""
 
     name = "Reorient"
-    purpose = "turn a cube in the fingertips to one goal orientation after another"
+    purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
     counted, unit = "reached", "goals"
+    shares = ("on_palm",)
     own: ClassVar[tuple[str, ...]] = ("goals", "farthest")
     turns = True
 
@@ -79,8 +83,9 @@ class Reorient(InHand):
         return self.shown.quaternion
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
-        assert isinstance(observation, dict)
-        angle = _angle(observation["achieved_goal"], observation["desired_goal"])
+        assert self.thing is not None
+        # In the precision of observations: without noise `compute_reward` of what was seen is the reward to the bit.
+        angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
         lost = self.lost()
         there = (angle < REACHED) & ~lost
         self.reached += there
@@ -90,7 +95,7 @@ class Reorient(InHand):
         terms = {"near": self._near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
-        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached})
+        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.over_palm(tick))
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """How near the orientations (..., 4) are, from 0 to 1 a second, the bonus for a goal, and what a loss costs."""

@@ -1,4 +1,4 @@
-"""Rotate: turn a box that the fingertips hold above the palm about the vertical, on and on."""
+"""Rotate: turn a box in the upturned hand about the vertical, on and on, from the fingertips above the palm on."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
 class Rotate(InHand):
-    """Counter-clockwise seen from above for the right hand; clockwise for the left."""
+    """Counter-clockwise seen from above for the right hand; clockwise for the left. The object may be put down on the
+    palm and turned there: that is neither paid nor charged, and `on_palm` in `info` tells it."""
 
     name = "Rotate"
-    purpose = "rotate an object in the fingertips about the vertical, continuously"
+    purpose = "rotate an object in the hand about the vertical, continuously"
     seconds = 30.0
     counted, unit = "turned", "rad"
+    shares = ("on_palm",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -72,4 +74,4 @@ class Rotate(InHand):
         reward = xp.stack(list(terms.values())).sum(axis=0)
         told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
-        return Outcome(reward, lost, success, terms | told)
+        return Outcome(reward, lost, success, terms | told | self.over_palm(tick))

@@ -106,6 +106,8 @@ def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: 
 
 PALM = 0.0111
 """m: the palm's surface above the palm's origin, where it looks up."""
+FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
+"""Of the upturned palm in the world: its x points up, its fingers along the world's x."""
 
 
 def upturned(
@@ -114,7 +116,7 @@ def upturned(
     """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
     x is up and its y the world's y."""
     placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-    around = Stage(np.zeros(3), quaternion_facing((0, 0, 1), (1, 0, 0)), [placed], friction=friction)
+    around = Stage(np.zeros(3), FACING, [placed], friction=friction)
     return compiled(spec, around, settings)
 
 

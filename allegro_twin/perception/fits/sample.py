@@ -45,17 +45,21 @@ class Sample:
 
 def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
     """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and so on
-    the table further along the ray than across it. `elevation`: by how much the camera looks down at the top, rad."""
+    the table further along the ray than across it. `elevation`: by how much the camera looks down at the top, rad.
+
+    At least one point. The top is the height of one of them, so that its outline is never of none: halfway between two
+    heights, where the mean of a shiny object's spikes and its surface may be, there is nothing."""
     height = points[:, 2]
     band = max(0.003, 2.5 * sigma)
     place = int(_TOP * (len(height) - 1))
-    top = float(np.median(height[height > np.partition(height, place)[place] - band]))
+    upper = np.sort(height[height > np.partition(height, place)[place] - band])
+    top = float(upper[(len(upper) - 1) // 2])
     reach = DIRECTIONS @ points[np.abs(height - top) < band, :2].T
     last = max(reach.shape[1] - _OUTERMOST, 0)
     outline = np.partition(reach, last, axis=1)[:, last]
     apart = pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
     outline += _WITHIN * apart
-    return Sample(points, outline, np.minimum(1.0, _TOLD / apart), top, sigma)
+    return Sample(points, outline, np.minimum(1.0, _TOLD / np.maximum(apart, 1e-9)), top, sigma)
 
 
 def thinned(seen: Sample, most: int, draws: np.random.Generator) -> Sample:

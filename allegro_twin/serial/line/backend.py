@@ -16,12 +16,12 @@ from allegro_twin.serial.line.glide import Glide, onward
 from allegro_twin.serial.line.keeper import Keeper
 from allegro_twin.serial.line.port import Port
 from allegro_twin.serial.line.settings import HostSettings
+from allegro_twin.serial.line.velocity import DifferenceQuotient, Exchanged
 from allegro_twin.spec import HandSpec
+from allegro_twin.suspend import Inhibitor, SuspendWatch
 from allegro_twin.types import Command, HandState, frozen
 
 log = logging.getLogger(__name__)
-_GLANCE = 50
-"""Periods between two looks whether the keeper is there."""
 
 
 class SerialBackend:
@@ -46,8 +46,11 @@ class SerialBackend:
         self.unconfirmed = ""
         """Why it is not sure that the hand was left limp; empty when it is."""
         self._glide: Glide | None = None
-        self._sent, self._tick, self._t = False, 0, 0.0
+        self._sent, self._tick = False, 0
         self._answer: Answer
+        self._quotient: DifferenceQuotient
+        self._suspend = SuspendWatch()
+        self._inhibitor: Inhibitor | None = None
         self._connect()
         self._lockstep = self._opened.lockstep
         atexit.register(self.close)
@@ -94,6 +97,7 @@ class SerialBackend:
             raise self._stopped(error) from error.__cause__
         self._fault, self._sent = None, False
         self._origin = self._spoken = self._opened.now()
+        self._suspend.restart()
         return self._state(0.0, 0, answer)
 
     def write(self, command: Command) -> None:
@@ -121,8 +125,6 @@ class SerialBackend:
             t = port.now() - self._origin
             tick = max(round(t / period), self._tick + 1)
             self._driver.ask_more(tick)
-            if self._keeper is not None and tick % _GLANCE == 0 and not self._keeper.alive:
-                raise HandFault("the keeper of this hand has ended, and nobody would leave it limp; reset to go on")
         except HandError as error:
             raise self._stopped(error) from error.__cause__
         self._sent, self._spoken = False, port.now()
@@ -145,6 +147,8 @@ class SerialBackend:
     def _connect(self) -> None:
         """Open the line and find the hand."""
         self._port = port = self._open()
+        if not port.lockstep and self._inhibitor is None:
+            self._inhibitor = Inhibitor()
         try:
             self._driver = self._driver_of(port)
             self._driver.find()
@@ -162,10 +166,20 @@ class SerialBackend:
         if self._port is not None:
             self._port.close()
         self._port = None
+        if self._inhibitor is not None:
+            self._inhibitor.close()
+            self._inhibitor = None
 
     def _ready(self) -> None:
         if self._fault is not None:
             raise self._fault
+        if not self._driver.on:
+            self._suspend.restart()
+        elif slept := self._suspend.fault():
+            raise self._stopped(slept)
+        if self._driver.on and self._keeper is not None and not self._keeper.alive:
+            why = "the keeper of this hand has ended, and nobody would leave it limp; reset to go on"
+            raise self._stopped(HandFault(why))
         silent = self._opened.now() - self._spoken
         if self._driver.on and silent > self._settings.watchdog:
             why = f"nobody called for {silent:.2f} s, so the hand let go by itself; reset to go on"
@@ -179,9 +193,11 @@ class SerialBackend:
 
     def _state(self, t: float, tick: int, answer: Answer) -> HandState:
         velocity = answer.velocity
-        if velocity is None:
-            velocity = (answer.position - self._answer.position) / (t - self._t) if tick else np.zeros(len(answer[1]))
-        self._t, self._tick, self._answer = t, tick, answer
+        if isinstance(velocity, Exchanged):
+            if not tick:
+                self._quotient = DifferenceQuotient(answer.position, velocity)
+            velocity = self._quotient(answer.position, velocity)
+        self._tick, self._answer = tick, answer
         return HandState(
             t, tick, frozen(answer.position), frozen(velocity), frozen(answer.torque),
             temperature=frozen(answer.temperature), gravity=frozen(np.full(3, np.nan)),

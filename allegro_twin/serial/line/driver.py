@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
+from allegro_twin.serial.line.velocity import Exchanged
 from allegro_twin.types import Vector
 
 
@@ -14,8 +15,8 @@ class Answer(NamedTuple):
     """Where they are, shape (m,), rad."""
     position: Vector
     """Of the joints, shape (n,), rad; NaN where nobody knows, as in the following."""
-    velocity: Vector | None
-    """rad/s; None: the hand does not say, and it is the change of the position."""
+    velocity: Vector | Exchanged
+    """rad/s; where the hand does not say, when it was asked for the position, from whose change it follows."""
     torque: Vector
     """N·m."""
     temperature: Vector

@@ -65,7 +65,7 @@ class PolledDriver:
         motors = self._wire.ask()
         position = self._scale.position(motors.ticks)
         self._check(motors, position)
-        return Answer(position, position, None, self._scale.torque(motors.current), self._unknown)
+        return Answer(position, position, motors.when, self._scale.torque(motors.current), self._unknown)
 
     def ask_more(self, tick: int) -> None:
         """All is in every answer."""

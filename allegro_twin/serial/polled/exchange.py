@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
 from allegro_twin.serial.line.port import BITS, FLOOD, Port
+from allegro_twin.serial.line.velocity import Exchanged
 from allegro_twin.serial.polled.strangers import stranger
 
 Answer = TypeVar("Answer")
@@ -24,6 +25,8 @@ class Exchange:
         """How often an answer did not come, or came garbled, and was asked for again."""
         self.heard = b""
         """What came last."""
+        self.when = Exchanged(0.0, 0.0)
+        """Of the last answer."""
 
     def __call__(self, question: bytes, read: Callable[[bytes], Answer | None], size: int) -> Answer:
         """`read` finds the answer, of so many bytes, in what has come. Raises LinkTimeout or ProtocolError."""
@@ -77,6 +80,7 @@ class Exchange:
     def _once(self, question: bytes, read: Callable[[bytes], Answer | None], size: int) -> Answer | None:
         port, self.heard = self.port, b""
         port.clear()
+        asked = port.now()
         port.send(question)
         overdue = port.now() + (len(question) + size) * BITS / port.baud + self._latency
         while len(self.heard) < FLOOD:
@@ -86,5 +90,6 @@ class Exchange:
             self.heard += more
             found = read(self.heard)
             if found is not None:
+                self.when = Exchanged(asked, port.now())
                 return found
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+from allegro_twin.serial.line.velocity import Exchanged
 from allegro_twin.types import Vector
 
 
@@ -16,6 +17,8 @@ class Motors(NamedTuple):
     """mA, shape (m,)."""
     on: bool
     """Whether the motors are switched on."""
+    when: Exchanged
+    """When it was asked, and answered."""
     why: str = ""
     """What the hand says is wrong with it."""
 

@@ -79,13 +79,14 @@ class QbWire:
 
     def ask(self) -> Motors:
         current, _, tick, *_ = numbers(self._ask(Command.GET_CURR_AND_MEAS, 10, _near))
+        ticks, currents, when = np.array([float(tick)]), np.array([float(current)]), self._exchange.when
         self._asked += 1
         if self._on and self._asked >= _AGAIN:
             self._asked, self._on = 0, self._active()
             if not self._on:
                 why = "its motor was switched off, by its watchdog or somebody else"
-                return Motors(np.array([float(tick)]), np.array([float(current)]), on=False, why=why)
-        return Motors(np.array([float(tick)]), np.array([float(current)]), on=self._on)
+                return Motors(ticks, currents, on=False, when=when, why=why)
+        return Motors(ticks, currents, on=self._on, when=when)
 
     def _active(self) -> bool:
         return bool(self._ask(Command.GET_ACTIVATE, 1)[0])

@@ -63,7 +63,8 @@ class SchunkWire:
     def ask(self) -> Motors:
         said = self._say()
         current = MILLIAMPERES * np.array(said.currents, dtype=np.float64)
-        return Motors(np.array(said.ticks, dtype=np.float64), current, bool(said.bits & Bits.ON), _why(said.bits))
+        ticks, when = np.array(said.ticks, dtype=np.float64), self._exchange.when
+        return Motors(ticks, current, bool(said.bits & Bits.ON), when, _why(said.bits))
 
     def _say(self, *, forget: bool = False) -> codec.State:
         """The whole exchange: targets out, encoders and currents in."""

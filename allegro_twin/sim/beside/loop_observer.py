@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of its own.
+from numpy.typing import NDArray
+from scipy.linalg import expm  # type: ignore[import-untyped]  # Its types are a package of its own.
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.followers import Follower
+from allegro_twin.sim.beside.kalman import Kalman
 from allegro_twin.sim.beside.observer import Estimate
 from allegro_twin.sim.drive.lengths import Lengths
 from allegro_twin.sim.drive.servos import ONE, Servos
@@ -56,7 +58,8 @@ class LoopObserver:
         for motor, joint in moved_by(spec, model).items():
             self._direct[model.jnt_dofadr[joint], motor] = 1.0
         # A motor at the end of its force answers nothing: its joints are then free but for their springs.
-        self._gains, self._slack = (self._kalman(spec, period, answers) for answers in (1.0, 0.0))
+        self.noise = np.full(spec.n_joints, NOISE)
+        self._firm, self._slack = (self._filter(spec, period, answers) for answers in (1.0, 0.0))
         self.period, self.held = period, np.zeros(spec.n_joints)
 
     @property
@@ -72,19 +75,44 @@ class LoopObserver:
         self._servos.reset(ONE, position[None])
         self._disturbance = np.zeros(len(position))
 
+    @property
+    def spread(self) -> Vector:
+        """Standard deviation of the disturbance that noise alone makes now, (n,), N·m."""
+        return np.where(self._at_end(), self._slack.spread, self._firm.spread)
+
+    @property
+    def expected(self) -> Vector:
+        """Standard deviation of the last reports from what was predicted, (n,), rad."""
+        return np.maximum(self._slack.expected, self._firm.expected)
+
+    def noisier(self, noise: Vector) -> None:
+        """From now on reports have this noise, (n,), rad."""
+        self.noise = noise
+        for each in (self._firm, self._slack):
+            each.noisier(noise)
+
+    def missed(self, told: PositionCommand, gravity: Vector) -> Estimate:
+        """A period whose report was lost, in which a command held."""
+        for each in (self._firm, self._slack):
+            each.missed(np.zeros(self._spec.n_joints))
+        return self.alone(told, gravity)
+
     def step(self, told: PositionCommand, gravity: Vector, reported: Vector) -> Estimate:
-        """A period in which a command held, ended with a report, (n,), rad."""
-        model, data = self._model, self._data
-        predicted = self._predicted(told, gravity)
-        error, spread = reported - predicted, self._spread(predicted)
-        low, high = model.actuator_forcerange[self._motors].T
-        at_end = (self.torque <= low) | (self.torque >= high)
-        gain = np.where(at_end, self._slack, self._gains)
+        """A period in which a command held, ended with a report, (n,), rad; NaN for joints whose report was lost."""
+        data = self._data
+        predicted, heard = self._predicted(told, gravity), np.isfinite(reported)
+        error, spread = np.where(heard, reported - predicted, 0.0), self._spread(predicted)
+        gain = np.where(self._at_end(), self._slack.gains(heard), self._firm.gains(heard))
         data.qpos += spread @ (gain[0] * error)
         data.qvel += spread @ (gain[1] * error)
         self._disturbance = self._disturbance + gain[2] * error
         data.qfrc_applied[:] = self._disturbance @ self._pull
         return self._estimate(predicted)
+
+    def _at_end(self) -> NDArray[np.bool_]:
+        """Which motors give all that they can, (n,)."""
+        low, high = self._model.actuator_forcerange[self._motors].T
+        return np.asarray((self.torque <= low) | (self.torque >= high))
 
     def alone(self, told: PositionCommand, gravity: Vector) -> Estimate:
         """A period that no report ends: the disturbance goes on as it is."""
@@ -132,8 +160,8 @@ class LoopObserver:
         length = np.einsum("nv,vn->n", self._pull, found)
         return found / np.where(length > LEAST, length, np.inf)
 
-    def _kalman(self, spec: HandSpec, period: float, answers: float) -> Array:
-        """Steady gains on position, speed and disturbance, (3, n). `answers`: 1, or 0 for motors that do not."""
+    def _filter(self, spec: HandSpec, period: float, answers: float) -> Kalman:
+        """`answers`: 1, or 0 for motors that do not."""
         model, data, middle = self._model, mujoco.MjData(self._model), (spec.lower + spec.upper) / 2.0
         self._posed(middle, data.qpos)
         mujoco.mj_forward(model, data)
@@ -147,7 +175,8 @@ class LoopObserver:
             for own, column in ((springs, bias[:, 1]), (model.dof_damping, bias[:, 2]))
         )
         rows = zip(inertia, stiffness, damping, spec.actuation.torque_limit, strict=True)
-        return np.stack([gains(*row, period) for row in rows], axis=1)
+        A, Q = (np.array(each) for each in zip(*(rates(*row, period) for row in rows), strict=True))
+        return Kalman(A, Q, self.noise, period)
 
 
 class _Way:
@@ -165,16 +194,13 @@ class _Way:
         return float(self._slopes[min(max(part, 0), self._count - 1)])
 
 
-def gains(inertia: float, stiffness: float, damping: float, limit: float, period: float) -> Vector:
-    """Of one motor, (3,): 1, 1/s, N·m/rad."""
-    rates = np.array([[0.0, 1.0, 0.0], [-stiffness / inertia, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]])
-    A = expm(rates * period)
+def rates(inertia: float, stiffness: float, damping: float, limit: float, period: float) -> tuple[Array, Array]:
+    """Of one motor: how its states go on in a period, and with what noise, (3, 3) each."""
+    flow = np.array([[0.0, 1.0, 0.0], [-stiffness / inertia, -damping / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]])
+    A = np.asarray(expm(flow * period))
     push = A[:, 2] * TORQUE * limit
     push[2] = 0.0
-    Q = np.outer(push, push) + np.diag([1e-14, 0.0, (WALK * limit) ** 2 * period])
-    C = np.array([[1.0, 0.0, 0.0]])
-    P = solve_discrete_are(A.T, C.T, Q, np.array([[NOISE**2]]))
-    return np.asarray(P @ C.T / (C @ P @ C.T + NOISE**2))[:, 0]
+    return A, np.outer(push, push) + np.diag([1e-14, 0.0, (WALK * limit) ** 2 * period])
 
 
 def _last_bodies(model: mujoco.MjModel, pull: Array) -> list[int]:

@@ -23,15 +23,16 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped]  # Its types are a package of their own.
 
+from allegro_twin.sim.beside.kalman import Kalman
 from allegro_twin.sim.beside.pieces import BEFORE, Parameters
 from allegro_twin.sim.beside.windows import Player
 from allegro_twin.sim.model.losses import Change
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-NOISE = 6e-5  # rad, of a reported position: half a count of a v4 hand, and what its encoders add.
+NOISE = 6e-5
+"""rad, of a reported position, at least: half a count of a v4 hand, and what quiet encoders add."""
 TORQUE, WALK = 3e-3, 2e-3  # N·m: of the model's torques, and how far a disturbance goes in a period.
 
 REST = 0.03
@@ -58,12 +59,17 @@ class Estimate(NamedTuple):
 class Observer:
     """A corrected simulation. Equal inputs give equal outputs, to the last bit."""
 
-    def __init__(self, spec: HandSpec, drive: Parameters, period: float, *, bristly: bool = False) -> None:
+    def __init__(
+        self, spec: HandSpec, drive: Parameters, period: float, *, bristly: bool = False, noise: Vector | None = None
+    ) -> None:
+        """`noise`: standard deviation of what encoders report, (n,), rad; None, and at least: NOISE."""
         self._player, self._drive = Player(spec, period, bristly=bristly), drive
         self._model = self._player.prepared(drive)
         self._data = mujoco.MjData(self._model)
         self._weights = self._player.late(drive.delay)  # (steps, BEFORE + 1, n), the latest last.
-        self._gains = self._kalman(spec, drive, period)
+        self.noise: Vector = np.maximum(NOISE, np.zeros(spec.n_joints) if noise is None else noise)
+        """Standard deviation of reported positions, (n,), rad."""
+        self._kalman, self._inertia = self._filter(spec, drive, period)
         self._offset = drive.offset
         self.period, self.torque_constant = period, drive.torque_constant
         self.held = UNSURE * drive.frictionloss * drive.stiction if bristly else np.zeros(spec.n_joints)
@@ -82,21 +88,54 @@ class Observer:
         zero = np.zeros(len(position))
         self._sent: deque[Vector] = deque([zero] * (BEFORE + 1), maxlen=BEFORE + 1)
 
-    def step(self, duty: Vector, gravity: Vector, reported: Vector) -> Estimate:
-        """A period in which a fraction of full PWM acted, (n,), ended with a report, (n,), rad."""
-        data, player = self._data, self._player
-        began, bent = data.qpos[player.qpos].copy(), data.act[player.bristles].copy()
+    @property
+    def spread(self) -> Vector:
+        """Standard deviation of the disturbance that noise alone makes now, (n,), N·m."""
+        return self._kalman.spread
+
+    @property
+    def expected(self) -> Vector:
+        """Standard deviation of the last reports from what was predicted, (n,), rad."""
+        return self._kalman.expected
+
+    def noisier(self, noise: Vector) -> None:
+        """From now on reports have this noise, (n,), rad."""
+        self.noise = noise
+        self._kalman.noisier(noise)
+
+    def missed(self, duty: Vector, gravity: Vector, unsure: Vector) -> Estimate:
+        """A period whose report was lost, in which a fraction of full PWM acted, (n,), known but for `unsure`, (n,)."""
+        self._kalman.missed(unsure * self.torque_constant / self._inertia)
+        began, bent = self._bristles()
         predicted = self._predicted(duty, gravity)
+        return self._corrected(predicted, np.zeros((3, len(duty))), np.zeros(len(duty)), began, bent)
+
+    def step(self, duty: Vector, gravity: Vector, reported: Vector) -> Estimate:
+        """A period in which a fraction of full PWM acted, (n,), ended with a report, (n,), rad; NaN for joints whose
+        report was lost."""
+        began, bent = self._bristles()
+        predicted = self._predicted(duty, gravity)
+        heard = np.isfinite(reported)
+        return self._corrected(
+            predicted, self._kalman.gains(heard), np.where(heard, reported - predicted, 0.0), began, bent
+        )
+
+    def _bristles(self) -> tuple[Vector, Vector]:
+        """Where joints are, and how far their bristles are bent, (n,), rad."""
+        return self._data.qpos[self._player.qpos].copy(), self._data.act[self._player.bristles].copy()
+
+    def _corrected(self, predicted: Vector, gains: Array, error: Vector, began: Vector, bent: Vector) -> Estimate:
+        """Of a period that began at some positions and bristles, by gains, (3, n), times errors, (n,), rad."""
+        data, player = self._data, self._player
         went = data.qpos[player.qpos] - began
-        error = reported - predicted
-        data.qpos[player.qpos] += self._gains[0] * error
-        data.qvel[player.dofs] += self._gains[1] * error
+        data.qpos[player.qpos] += gains[0] * error
+        data.qvel[player.dofs] += gains[1] * error
         speed = data.qvel[player.dofs].copy()
         rests = np.exp(-np.square(speed / REST))
         if player.bristly:
             sprung = np.clip(bent + went, -self._drive.bristle, self._drive.bristle)
             data.act[player.bristles] += rests * (sprung - data.act[player.bristles])
-        pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs] + self._gains[2] * error
+        pushed = (1.0 - self.period / FORGET * rests) * data.qfrc_applied[player.dofs] + gains[2] * error
         data.qfrc_applied[player.dofs] = pushed
         return Estimate(predicted, data.qpos[player.qpos].copy(), pushed, speed)
 
@@ -158,22 +197,22 @@ class Observer:
         half = np.cross(model.opt.gravity, axes) @ (model.body_subtreemass[bodies, None] * turned).T * self._before
         return np.asarray(half + half.T - np.diag(half.diagonal()))
 
-    def _kalman(self, spec: HandSpec, drive: Parameters, period: float) -> Array:
-        """Steady gains on position, speed and disturbance, (3, n)."""
+    def _filter(self, spec: HandSpec, drive: Parameters, period: float) -> tuple[Kalman, Vector]:
+        """And inertia seen at the joints, (n,), kg·m²."""
         data = mujoco.MjData(self._model)
         data.qpos[self._player.qpos] = (spec.lower + spec.upper) / 2.0
         mujoco.mj_forward(self._model, data)
         whole = np.zeros((self._model.nv, self._model.nv))
         mujoco.mj_fullM(self._model, data, whole)
         inertia = np.diag(whole)[self._player.dofs]
-        return np.stack([gains(m, b, period) for m, b in zip(inertia, drive.damping, strict=True)], axis=1)
+        return kalman(inertia, drive.damping, period, self.noise), inertia
 
 
-def gains(inertia: float, damping: float, period: float) -> Vector:
-    """Of one joint, (3,): 1, 1/s, N·m/rad."""
-    A = np.array([[1.0, period, 0.0], [0.0, np.exp(-damping * period / inertia), period / inertia], [0.0, 0.0, 1.0]])
-    push = np.array([0.0, period / inertia * TORQUE, 0.0])
-    Q = np.outer(push, push) + np.diag([1e-14, 0.0, WALK**2])
-    C = np.array([[1.0, 0.0, 0.0]])
-    P = solve_discrete_are(A.T, C.T, Q, np.array([[NOISE**2]]))
-    return np.asarray(P @ C.T / (C @ P @ C.T + NOISE**2))[:, 0]
+def kalman(inertia: Vector, damping: Vector, period: float, noise: Vector) -> Kalman:
+    """Of joints, (n,) each; kg·m², N·m·s/rad, s, rad."""
+    n = len(inertia)
+    A, Q = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
+    A[:, [0, 1, 2], [0, 1, 2]] = np.stack([np.ones(n), np.exp(-damping * period / inertia), np.ones(n)], axis=1)
+    A[:, 0, 1], A[:, 1, 2] = period, period / inertia
+    Q[:, 0, 0], Q[:, 1, 1], Q[:, 2, 2] = 1e-14, np.square(period / inertia * TORQUE), WALK**2
+    return Kalman(A, Q, noise, period)

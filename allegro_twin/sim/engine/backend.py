@@ -102,6 +102,11 @@ class SimBackend:
         self._posture = self._spec.posture(posture)
 
     @property
+    def true_position(self) -> Vector:
+        """Where the joints are, (n,), rad, whatever lies between them and what the hand reports."""
+        return frozen(self._moved()[0])
+
+    @property
     def every_step(self) -> bool:
         """Whether it has something to do at every physics step."""
         return self.world.steps < len(self.drive) or self._train is not None

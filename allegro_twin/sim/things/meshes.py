@@ -64,7 +64,9 @@ def load_mesh(path: Path, scale: float = 1.0) -> Mesh:
         raise ConfigError(f"{path}: {size:.3g} m across with scale {scale:g}; {factor}")
     if (count := mesh.open_edges()) > 0:
         raise ConfigError(
-            f"{path}: not a closed surface: {count} edges do not join two faces; close it, or say collision: hull"
+            f"{path}: not a closed surface: {count} edges do not join two faces; close its holes (MeshLab: Filters, "
+            "Remeshing, Close Holes), or take its convex hull: `collision: hull` in a scenario, --hull of `plan` and "
+            "`new`"
         )
     if mesh.volume < 0.0:
         raise ConfigError(f"{path}: inside out: its faces look inwards; turn their normals round")
@@ -108,7 +110,12 @@ def _compiled(path: Path, scale: float) -> mujoco.MjModel:
         raise ConfigError(f"no mesh at {path}")
     _refuse_scan(path, _triangles(path))  # Before MuJoCo reads it, which takes its time.
     spec = mujoco.MjSpec()
-    mesh = spec.add_mesh(name="it", file=str(path.resolve()), scale=[scale] * 3)
+    mesh = spec.add_mesh(name="it", scale=[scale] * 3)
+    if _is_text(path):
+        mesh.uservert = _corners(path).ravel()
+        mesh.userface = np.arange(len(mesh.uservert) // 3)
+    else:
+        mesh.file = str(path.resolve())
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # Of anything, also of what is not closed.
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="it", contype=0, conaffinity=0)
     try:
@@ -124,8 +131,35 @@ def _triangles(path: Path) -> int:
     content = path.read_bytes()
     if path.suffix.lower() == ".obj":
         return content.count(b"\nf ")
+    if _is_text(path):
+        return content.lower().count(b"endfacet")
     stated = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
     return stated if len(content) == _HEAD + _FACE * stated else 0
+
+
+def _is_text(path: Path) -> bool:
+    """Whether an .stl file is of the format's ASCII kind. Both may begin with "solid"; only the size of a binary one
+    follows from its number of triangles."""
+    if path.suffix.lower() != ".stl":
+        return False
+    content = path.read_bytes()
+    binary = len(content) == _HEAD + _FACE * int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    return not binary and content.lstrip()[:5].lower() == b"solid" and b"facet" in content.lower()
+
+
+def _corners(path: Path) -> Array:
+    """Of an ASCII .stl file: three rows a triangle, (3 m, 3), in the file's unit. Raises ConfigError."""
+    words = path.read_bytes().lower().split()
+    if b"endsolid" not in words:
+        raise ConfigError(f"{path}: not a readable mesh: the file is cut short, for its `endsolid` is missing")
+    at = [number for number, word in enumerate(words) if word == b"vertex"]
+    try:
+        found = np.array([[float(word) for word in words[k + 1 : k + 4]] for k in at])
+    except ValueError as error:
+        raise ConfigError(f"{path}: not a readable mesh: {error}") from error
+    if not len(found) or len(found) != 3 * words.count(b"endfacet") or not np.isfinite(found).all():
+        raise ConfigError(f"{path}: not a readable mesh: its facets are not of three finite vertices each")
+    return found
 
 
 def _refuse_scan(path: Path, triangles: int) -> None:

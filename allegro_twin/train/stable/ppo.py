@@ -16,15 +16,13 @@ from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate, keywords
 from allegro_twin.train.graph.export import to_onnx
-from allegro_twin.train.learned import EVALUATION, STATE, Advance, Trained, farthest_of, note, rate_of
+from allegro_twin.train.learned import EVALUATION, STATE, Advance, Trained, farthest_of, note, rate_of, round_seed
 from allegro_twin.train.progress import Progress
 from allegro_twin.train.settings import Recipe
 from allegro_twin.train.stable import checkpoint
 from allegro_twin.train.stable.env import StableEnv
 from allegro_twin.train.stable.network import Asymmetric, Normalised, layered
 from allegro_twin.train.stable.watching import Watching
-
-ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two rounds share a seed.
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
@@ -95,7 +93,7 @@ def _round(model: Any, env: StableEnv, recipe: Recipe, progress: Progress, watch
     if (farthest := farthest_of(recipe, progress)) is not None:
         env.env.engine.task.farthest = farthest
     model.lr_schedule = ConstantSchedule(rate_of(recipe, progress))
-    seed = (recipe.seed + progress.rounds * ROUND_SEEDS) % 2**31
+    seed = round_seed(recipe.seed, progress.rounds)
     set_random_seed(seed)
     env.seed(seed)
     model._last_obs = None  # So that `learn` begins with new episodes.

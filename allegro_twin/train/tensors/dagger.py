@@ -1,7 +1,8 @@
 """Imitation of a policy that sees more by one that sees what a hand reports (DAgger: Ross, Gordon and Bagnell 2011).
 
 Simulations are driven by the pupil, at first some of them by the teacher; at every state the teacher says what it would
-do, and the pupil learns that, from all states of the last updates.
+do, and the pupil learns that, from all states of the last updates. A checkpoint has none of these states, for they are
+gigabytes: a training that was continued gathers them anew, and is not equal to one that was not.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Pupil:
         for group in self._adam.param_groups:
             group["lr"] = rate_of(self.recipe, progress)
 
-    def update(self) -> None:
+    def update(self) -> dict[str, float]:
         seen, wished = [], []
         for _ in range(self.recipe.rollout):
             mine, wish = self._mine(self._seen), self._wish(self._seen)
@@ -74,7 +75,7 @@ class Pupil:
             self._done += self.env.num_envs
         self._states.append((torch.cat(seen), torch.cat(wished)))
         del self._states[:-_KEPT]
-        self._imitate()
+        return {"train/loss": self._imitate(), "train/learning_rate": self._adam.param_groups[0]["lr"]}
 
     def episodes(self) -> tuple[int, float, float, float]:
         return self._tally.told()
@@ -96,10 +97,11 @@ class Pupil:
         self._adam.load_state_dict(content["adam"])
         self._mean, self._var = content["mean"], content["var"]
 
-    def _imitate(self) -> None:
-        """As many states as an update has, `epochs` times, from all that are kept."""
+    def _imitate(self) -> float:
+        """As many states as an update has, `epochs` times, from all that are kept; the last error."""
         seen, wished = (torch.cat(rows) for rows in zip(*self._states, strict=True))
         recipe = self.recipe
+        loss = torch.zeros(())
         for _ in range(recipe.epochs * max(recipe.update // recipe.batch, 1)):
             rows = torch.randint(len(seen), (recipe.batch,), device=self.device)
             error = self._net(self._scaled(seen[rows])) - wished[rows]
@@ -107,6 +109,7 @@ class Pupil:
             self._adam.zero_grad()
             loss.backward()
             self._adam.step()
+        return float(loss.detach())
 
     def _mine(self, seen: Any) -> Any:
         return seen[:, : self.card.observation]

@@ -1,7 +1,8 @@
 """PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), where the simulations are.
 
-On a Warp device nothing leaves it but a count and what is printed. Rounds and files are those of the other learner; two
-runs on a GPU are not equal.
+On a Warp device nothing leaves it but a count and what is printed. On processors a continued training cannot be told
+from one that was never cut off, to the bit: episodes go on where they were. On a Warp device, and where it changes,
+they begin anew, and two runs are not equal.
 """
 
 from __future__ import annotations
@@ -89,14 +90,17 @@ class Learner:
             self._learn_at(rate_of(self.recipe, progress))
 
     def saved(self) -> Any:
-        return self.ppo.save() | {"settling": self._settling}
+        more = {"settling": self._settling, "seen": self._seen.to_dict(), "episodes": self.env.saved()}
+        return self.ppo.save() | more | {"tally": self._tally.saved()}
 
     def load(self, content: Any) -> None:
-        self._settling = content.get("settling", 0)
+        self._settling = content["settling"]
         self.ppo.load(content, None, strict=True)
+        if self.env.load(content["episodes"]):
+            self._seen = TensorDict(content["seen"], batch_size=[self.env.num_envs])
+            self._tally.load(content["tally"])
 
-    def update(self) -> None:
-        """One rollout of all simulations, and what is learned from it."""
+    def update(self) -> dict[str, float]:
         env, scale = self.env, self.recipe.reward_scale
         with torch.inference_mode():
             for _ in range(self.recipe.rollout):
@@ -108,7 +112,11 @@ class Learner:
                 self._tally.add(reward, ended, info["is_success"])
             self.ppo.compute_returns(self._seen)
         with self._settled():
-            self.ppo.update()
+            losses = self.ppo.update()
+        spread = float(self.ppo.get_policy().output_std.detach().mean())
+        return {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
+                for name, value in losses.items()} | {"train/learning_rate": self.ppo.learning_rate,
+                                                      "train/std": spread}  # fmt: skip
 
     def episodes(self) -> tuple[int, float, float, float]:
         return self._tally.told()

@@ -27,6 +27,14 @@ class Tally:
         self._return *= 1.0 - one
         self._length *= 1.0 - one
 
+    def saved(self) -> list[Any]:
+        """What `load` takes."""
+        return [each.clone() for each in (self._return, self._length, self._over)]
+
+    def load(self, content: list[Any]) -> None:
+        for mine, other in zip((self._return, self._length, self._over), content, strict=True):
+            mine.copy_(other)
+
     def told(self) -> tuple[int, float, float, float]:
         """How many have ended since the last call, their mean return and length, and the share of success; NaN where
         none has."""

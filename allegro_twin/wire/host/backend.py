@@ -173,8 +173,8 @@ class CanBackend:
         if self._fault is not None:
             raise self._fault
         assert self._port is not None
-        if self._watch.struck():
-            raise self._stopped(self._watch.fault())
+        if fault := self._watch.fault():
+            raise self._stopped(fault)
         self._watch.feed()
         return self._port
 
@@ -197,6 +197,7 @@ class CanBackend:
                 if link.now() > until:
                     return False
             elif (left := deadline - link.now()) > 0.0:
+                self._watch.check()
                 self._watch.feed()
                 link.pump(min(left, self._watch.beat))
             elif not link.pump(0.0):
@@ -219,13 +220,11 @@ class CanBackend:
             assert self._port is not None
             if self._settings.identify and self._codec.identifies:
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
-            self._watch.check()
         self._polled += 1
 
     def _stopped(self, error: HandError) -> HandError:
         """Leave the hand limp and remember why."""
-        if self._watch.struck():  # Then what was heard after it is its doing.
-            error = self._watch.fault()
+        error = self._watch.fault() or error  # What was heard after a cut is its doing.
         self._fault = error
         self._leave()
         if self.unconfirmed:

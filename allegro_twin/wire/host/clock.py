@@ -1,12 +1,77 @@
-"""Which period a whole hand belongs to, when stamps come from a host that is sometimes late."""
+"""Which period a whole hand belongs to, and how many lie between two, when stamps come from a host that may be late."""
 
 from __future__ import annotations
+
+import math
 
 PATIENCE = 3
 """States in a row that must come late before a period counts as missed: one that is merely late is followed by one that
 is not."""
 DRIFT = 0.001
 """Share of a state's lateness by which the expected time of the next ones moves: a hand's quartz is not the host's."""
+
+EARLY, LATE = 0.25, 0.75
+"""Periods by which a whole hand may come before its time or after it, while the count of periods is still beyond doubt:
+a delay is never negative, so a hand that is less than one period late has lost none."""
+BACKLOG = 0.5
+"""Periods: two whole hands whose stamps are closer than this were read from a backlog, so the stamp of the later one
+says when it was read, not when it came."""
+
+
+class Continuity:
+    """Whether the time between two whole hands is known: the count of the periods heard and the stamps must agree.
+
+    The count alone misses periods of which nothing was heard: of a receive buffer that ran over, the end of the old
+    reports and the beginning of the new ones stand in order, one after the other. The stamps alone are those of a host,
+    or of an adapter, that is sometimes late. A whole hand whose lateness by the count is that of no whole period is in
+    time, and the count from the last one that was in time is the truth. While a hand is later than that, nothing is
+    known; what stays late over `PATIENCE` whole hands, and does not catch up, was lost.
+
+    Every whole hand passes through `hear`, used as a state or not.
+    """
+
+    def __init__(self, period: float, t: float, periods: int) -> None:
+        self._period, self._begin, self._base = period, t, periods  # `_begin`: of period `_base`, at the least delay.
+        self._stamp, self._late, self._run, self._steady = -math.inf, 0.0, 0, PATIENCE
+        self.periods = periods
+        """Begun by the newest whole hand."""
+        self.certain = True
+        """Whether the newest whole hand came in its time."""
+        self.epoch = 0
+        """The count of periods between two whole hands of one epoch, both `certain`, is the truth."""
+        self.backlog = False
+        """Whether the newest whole hand waited to be read."""
+
+    def hear(self, t: float, periods: int) -> None:
+        """Take in a whole hand's stamp, s, and the number of periods begun so far."""
+        period, self.periods = self._period, periods
+        late = (t - self._begin) / period - (periods - self._base)
+        self.backlog = t - self._stamp < BACKLOG * period
+        self._stamp, before, self._late = t, self._late, late
+        if late < -EARLY:  # All before were late, or more was counted than there was.
+            self._anchor(late)
+            self._steady = 1
+        elif late <= LATE:
+            self._run, self._steady = 0, self._steady + 1
+            self._begin += period * (late if late < 0.0 else min(late, DRIFT))
+        else:
+            self._run = self._run + 1 if late > before - BACKLOG else 1
+            if self._run >= PATIENCE:
+                self._anchor(math.floor(late + EARLY))
+                self._steady = PATIENCE
+                self.certain = True
+                return
+        self.certain = self._run == 0 and self._steady >= PATIENCE
+
+    def lost(self) -> None:
+        """The receiver says that frames were lost."""
+        self.epoch += 1
+
+    def _anchor(self, late: float) -> None:
+        """Count from here on anew, so many periods later."""
+        self._begin, self._run = self._begin + late * self._period, 0
+        self._late -= late
+        self.epoch += 1
 
 
 class HandClock:

@@ -19,7 +19,7 @@ from allegro_twin.wire.codec.frames import LOST, Frame
 from allegro_twin.wire.codec.imu import gravity_of
 from allegro_twin.wire.codec.messages import Message
 from allegro_twin.wire.host.assembler import Assembler, Whole
-from allegro_twin.wire.host.clock import HandClock
+from allegro_twin.wire.host.clock import Continuity, HandClock
 from allegro_twin.wire.host.health import Health
 from allegro_twin.wire.host.settings import HostSettings
 from allegro_twin.wire.host.velocity import VelocityFilter
@@ -36,7 +36,9 @@ class Interpreter:
         self._fingers, self._read = codec.positions.fingers, codec.positions.values
         self._assembler = Assembler(settings.period)
         self._clock: HandClock | None = None
+        self._continuity: Continuity | None = None
         self._filter: VelocityFilter
+        self._from = (0, 0)  # Epoch and period of the position that the filter has.
         self.whole: Whole | None = None
         self.others: deque[Frame] = deque(maxlen=OTHERS)
         """The newest frames that are not this hand's."""
@@ -68,6 +70,8 @@ class Interpreter:
         reports of joints, and for what is nobody's or cannot be read."""
         if frame is LOST:
             self._assembler.lost()
+            if self._continuity is not None:
+                self._continuity.lost()
             self.health.note("overflows", "the receiver lost frames")
             return None
         finger = self._fingers.get(frame.id)
@@ -75,6 +79,9 @@ class Interpreter:
             whole = self._assembler.add((finger, frame.data), t)
             if whole is not None:
                 self.whole = whole
+                if self._continuity is None:
+                    self._continuity = Continuity(self._settings.period, t, self._assembler.periods)
+                self._continuity.hear(t, self._assembler.periods)
             return None
         try:
             message = self._codec.decode(frame)
@@ -99,19 +106,25 @@ class Interpreter:
 
     def state(self, torque: Vector, *, caught_up: bool = True) -> HandState:
         """The newest whole hand as a state; `torque` was applied over the period that it ends, N·m. `caught_up`: there
-        was nothing left to read."""
-        whole, self.whole = self.whole, None
+        was nothing left to read. Where it is not known how long ago the last one was, the velocity is the last that is
+        known."""
+        whole, self.whole, continuity = self.whole, None, self._continuity
         assert whole is not None  # Callers look at `whole` first.
-        position = self._read(whole.position)
-        periods = self._assembler.periods
+        assert continuity is not None
+        position, periods, now = self._read(whole.position), continuity.periods, (continuity.epoch, continuity.periods)
         if self._clock is None:
             self._clock = HandClock(self._settings.period, whole.t, periods)
-            self._filter, velocity = VelocityFilter(self._settings.velocity_cutoff, position), np.zeros_like(position)
-            velocity.setflags(write=False)
+            self._filter, self._from = VelocityFilter(self._settings.velocity_cutoff, position), now
         else:
-            gone = self._clock.advance(whole.t, periods, caught_up=caught_up)
+            gone = self._clock.advance(whole.t, periods, caught_up=caught_up and not continuity.backlog)
             self.health.missed += gone - 1
-            velocity = self._filter(position, gone * self._settings.period)
+            if continuity.certain:
+                if self._from[0] == now[0]:
+                    self._filter(position, (periods - self._from[1]) * self._settings.period)
+                else:
+                    self._filter.restart(position)
+                self._from = now
+        velocity = self._filter.velocity
         self.health.states += 1
         self.health.behind += not caught_up
         self.health.incomplete, self.health.doubtful = self._assembler.incomplete, self._assembler.doubtful

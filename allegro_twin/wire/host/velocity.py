@@ -17,10 +17,21 @@ class VelocityFilter:
     1 / (2π f_c): 5.3 ms at 30 Hz, the cutoff of R2 v4_spec.hpp:65.
     """
 
-    def __init__(self, cutoff: float, position: Vector) -> None:
+    def __init__(self, cutoff: float, position: Vector, velocity: Vector | None = None) -> None:
+        """`velocity`: what it has come to so far, (n,), rad/s; None: a hand at rest."""
         self._cutoff, self._position = cutoff, position
-        self._velocity: Vector = np.zeros_like(position)
+        self._velocity: Vector = np.zeros_like(position) if velocity is None else np.array(velocity)
+        self._velocity.setflags(write=False)
         self._dt = self._share = 0.0
+
+    @property
+    def velocity(self) -> Vector:
+        """The last speeds that were known, (n,), rad/s."""
+        return self._velocity
+
+    def restart(self, position: Vector) -> None:
+        """The time since the last position is not known: the speeds stay, and the next change is from here."""
+        self._position = position
 
     def __call__(self, position: Vector, dt: float) -> Vector:
         """Speeds after `dt` seconds at a new position, both (n,); rad, rad/s."""

@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 
 from allegro_twin.errors import HandFault, LinkError
+from allegro_twin.suspend import Inhibitor, SuspendWatch
 from allegro_twin.wire.codec.codec import Codec
 from allegro_twin.wire.host.deadman import Deadman
 from allegro_twin.wire.host.keeper import Keeper
@@ -17,6 +18,9 @@ from allegro_twin.wire.host.settings import HostSettings
 from allegro_twin.wire.host.shutdown import ShutdownSequence
 
 log = logging.getLogger(__name__)
+
+_BEAT = 0.025
+"""s between two looks at the keeper at most, while something is waited for."""
 
 
 class Watch:
@@ -28,11 +32,13 @@ class Watch:
         self._port: Port | None = None
         self._guard: Keeper | Deadman | None = None
         self._armed, self._fed, self._alone = False, 0.0, ""
+        self._suspend = SuspendWatch()
+        self._inhibitor: Inhibitor | None = None
 
     @property
     def beat(self) -> float:
         """How often at least `feed` must be called while something is waited for, s."""
-        return self._patience / 4
+        return min(self._patience / 4, _BEAT)
 
     @property
     def keeper(self) -> int:
@@ -51,6 +57,7 @@ class Watch:
         self._port, self._alone = port, ""
         if port.link.lockstep:
             return
+        self._inhibitor = self._inhibitor or Inhibitor()
         way = port.link.way if hasattr(os, "memfd_create") else "this system cannot share memory with one"
         if self._settings.keeper and isinstance(way, dict):
             answer, reports = self._shutdown.answer, self._codec.positions.fingers
@@ -65,6 +72,7 @@ class Watch:
     def arm(self) -> None:
         """The motors go on."""
         self._fed, self._armed = time.monotonic(), self._guard is not None
+        self._suspend.restart()
         if self._guard is not None:
             self._guard.arm()
 
@@ -78,15 +86,23 @@ class Watch:
         """Whether the hand was cut off, or ought to have been: a machine that stalled stopped its watch as well."""
         return self._armed and (time.monotonic() > self._fed + self._patience or self._guard.cut)  # type: ignore[union-attr]
 
-    def fault(self) -> HandFault:
-        """What to say then."""
+    def fault(self) -> HandFault | None:
+        """Why the hand may not be driven on: the computer slept, the keeper is gone, or the hand was cut off."""
+        if not self._armed:
+            return None
+        if slept := self._suspend.fault():
+            return slept
+        if isinstance(self._guard, Keeper) and not self._guard.alive:
+            return HandFault("the keeper of this hand has ended, and nobody would leave it limp; reset to go on")
+        if not self.struck():
+            return None
         after = "" if math.isinf(self._patience) else f" for {self._patience:g} s"
         return HandFault(f"nobody called{after}, so the hand was cut off; reset to go on")
 
     def check(self) -> None:
-        """Raises HandFault when the keeper is gone: somebody ended it."""
-        if isinstance(self._guard, Keeper) and self._armed and not self._guard.alive:
-            raise HandFault("the keeper of this hand has ended, and nobody would leave it limp; reset to go on")
+        """Raises HandFault where the hand may not be driven on."""
+        if fault := self.fault():
+            raise fault
 
     def disarm(self) -> None:
         """The hand is limp."""
@@ -107,6 +123,9 @@ class Watch:
         guard, self._guard, self._port, self._armed = self._guard, None, None, False
         if guard is not None:
             guard.close()
+        if self._inhibitor is not None:
+            self._inhibitor.close()
+            self._inhibitor = None
 
     def _spoke(self) -> bool:
         return isinstance(self._guard, Keeper) and (self._guard.speaking or not self._guard.alive)

@@ -76,17 +76,16 @@ class Allegro(Robot):
         return dict(zip(self.observation_features, values, strict=True))
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Be at these positions; what the hand was asked for. Raises ConfigError for a joint that is missing or a
-        number that is not finite."""
-        hand, spec = self._open(), self.spec
+        """Be at these positions; what the hand was asked for: clipped where a position lies beyond a limit by no more
+        than a joint gives at its stop. Raises ConfigError for a joint that is missing, a number that is not finite,
+        and a position further beyond."""
+        self._open()
         if missing := [key for key in self.action_features if key not in action]:
             raise ConfigError(f"the action lacks {', '.join(missing)}")
-        wanted = spec.vector([float(action[key]) for key in self.action_features], "the action")
-        goal = np.clip(wanted, *hand.limits)
+        wanted = [float(action[key]) for key in self.action_features]
         assert self._outside is not None
         try:
-            self._outside.track(goal)
-            self._goal = goal
+            self._goal = self._outside.track(wanted, "the action")
         except SelfCollision:
             if self._goal is None:
                 raise  # The hand is limp still: nothing else was asked of it.

@@ -32,14 +32,15 @@ FPS = 30
 @TeleoperatorConfig.register_subclass("wave")
 @dataclass(kw_only=True)
 class WaveConfig(TeleoperatorConfig):
-    """A teleoperator that bends the fingers, beyond a limit too."""
+    """A teleoperator that bends the fingers, a little beyond a limit too."""
 
 
 class Wave(Teleoperator):
     config_class, name = WaveConfig, "wave"
 
-    def __init__(self, config: WaveConfig, keys: list[str], home: np.ndarray) -> None:
+    def __init__(self, config: WaveConfig, keys: list[str], home: np.ndarray, most: float) -> None:
         super().__init__(config)
+        self._most = most
         self._keys, self._home, self._k, self._on = keys, home, 0, False
 
     @property
@@ -67,7 +68,7 @@ class Wave(Teleoperator):
     def get_action(self) -> dict[str, Any]:
         self._k += 1
         goal = self._home + 0.2 * np.sin(self._k / FPS * np.pi)
-        goal[0] = 9.0  # Far beyond its limit: what is recorded must not be that.
+        goal[0] = self._most + 0.015  # Beyond its limit as a joint at its stop: what is recorded is the limit.
         return dict(zip(self._keys, goal.tolist(), strict=True))
 
     def send_feedback(self, feedback: dict[str, Any]) -> None: ...
@@ -87,7 +88,8 @@ def check(backend: str, folder: Path) -> str:
     from allegro_twin.library.named import load_posture
 
     home = np.array(load_posture("home", robot.spec))
-    teleop = Wave(WaveConfig(id="w", calibration_dir=folder / "calibration"), list(robot.action_features), home)
+    teleop = Wave(WaveConfig(id="w", calibration_dir=folder / "calibration"), list(robot.action_features), home,
+                  robot.spec.upper[0])  # fmt: skip
     robot.connect()
     teleop.connect()
     events = {"exit_early": False, "rerecord_episode": False, "stop_recording": False}
@@ -104,6 +106,7 @@ def check(backend: str, folder: Path) -> str:
     states = np.array([again[k]["observation.state"].numpy() for k in range(len(again))])
     actions = np.array([again[k]["action"].numpy() for k in range(len(again))])
     n = robot.spec.n_joints
+    assert np.allclose(actions[:, 0], robot.spec.upper[0]), actions[:, 0]
     error = np.abs(states[FPS:, 1:n] - actions[FPS:, 1:n]).max()
     moved = np.ptp(states[FPS:, 2])
     assert moved > 0.2, moved

@@ -36,6 +36,7 @@ from allegro_twin.wire.device.firmware import Firmware
 from allegro_twin.wire.device.hands import VirtualHands
 from allegro_twin.wire.device.serve import serve
 from allegro_twin.wire.device.slcan import SlcanDevice
+from tests.patience import comes_true
 
 PERIOD = 0.02
 """s: a system call takes a tenth of a millisecond there, and one processor serves everybody."""
@@ -110,7 +111,7 @@ def forked(work: Callable[[], object]) -> Iterator[int]:
     try:
         yield process
     finally:
-        with_patience(lambda: ended(process), 0.0)
+        comes_true(lambda: ended(process), 0.0)
         if not ended(process):
             os.kill(process, signal.SIGKILL)
             os.kill(process, signal.SIGCONT)
@@ -131,16 +132,8 @@ def ended(process: int) -> bool:
 
 def exit_code(process: int, seconds: float = 60.0) -> int:
     """Wait for its end."""
-    assert with_patience(lambda: ended(process), seconds)
+    assert comes_true(lambda: ended(process), seconds)
     return _STATUS[process]
-
-
-def with_patience(condition: Callable[[], bool], seconds: float) -> bool:
-    """Whether it comes true in this time."""
-    deadline = time.monotonic() + seconds
-    while not (true := condition()) and time.monotonic() < deadline:
-        time.sleep(0.005)
-    return true
 
 
 class Served:
@@ -179,7 +172,7 @@ def hand_on(channel: str, device: int = 0, period: float = PERIOD) -> Iterator[S
     """A hand on an interface, or behind a serial adapter at a path; device 1 is a left one."""
     served = Served(channel, device, period)
     with forked(served):
-        assert with_patience(lambda: served.seen.limp_since > 0.0, 30.0)
+        assert comes_true(lambda: served.seen.limp_since > 0.0, 30.0)
         yield served
 
 

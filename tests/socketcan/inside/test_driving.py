@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from allegro_twin.replay.recording import load
+from tests.patience import comes_true
 from tests.socketcan.inside.rigs import (
     PERIOD,
     command,
@@ -23,7 +24,6 @@ from tests.socketcan.inside.rigs import (
     hand_on,
     ip,
     said_until_quiet,
-    with_patience,
 )
 
 TIMES = range(int(os.environ.get("TIMES", "1")))
@@ -41,7 +41,7 @@ def test_a_hand_is_driven_and_limp_after_the_command(here: str, there: str, time
         hand_on(there) as hand,
         forked(command("run", config(tmp_path, here, deadman=1.0), "--seconds", 1, "--record", recording)) as run,
     ):
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         assert exit_code(run) == 0
         assert hand.seen.limp_since
         assert not hand.seen.serving
@@ -52,22 +52,22 @@ def test_a_hand_is_driven_and_limp_after_the_command(here: str, there: str, time
 def test_another_program_on_the_same_computer_is_noticed(here: str, there: str, tmp_path: Path) -> None:
     path = config(tmp_path, here, deadman=1.0)
     with hand_on(there) as hand, forked(command("run", path)) as first:
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         with forked(command("run", path, "--seconds", 1)) as second:
             assert exit_code(first) == 3
             assert exit_code(second) in (0, 3)
-        assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
+        assert comes_true(lambda: bool(hand.seen.limp_since), 20.0)
 
 
 @pytest.mark.parametrize("time_", TIMES)
 @pytest.mark.parametrize(("here", "there"), PAIRS)
 def test_a_killed_program_leaves_the_hand_limp(here: str, there: str, time_: int, tmp_path: Path) -> None:
     with hand_on(there) as hand, forked(command("run", config(tmp_path, here))) as run:
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         time.sleep(0.3)
         os.kill(run, signal.SIGKILL)
         killed = time.monotonic()
-        assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
+        assert comes_true(lambda: bool(hand.seen.limp_since), 20.0)
         assert hand.seen.limp_since - killed < 1.0
 
 
@@ -76,10 +76,10 @@ def test_stale_torques_of_a_full_queue_are_not_the_last_words(time_: int, tmp_pa
     """For a second every frame is under way, and ten of them fill the queue; then all arrive."""
     path = config(tmp_path, "vxcan0", deadman=1.0)
     with hand_on("vxcan1") as hand, ear("vxcan1") as heard, forked(command("run", path)) as run:
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         with delayed("vxcan0", "delay", "1s", "limit", "10"):
             assert exit_code(run) == 3
-            assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
+            assert comes_true(lambda: bool(hand.seen.limp_since), 20.0)
         frames = [frame for frame in said_until_quiet(heard) if frame[0] in (*TORQUES, SERVO_OFF, PERIODS)]
     assert frames[-1] == (PERIODS, bytes(6))
     for identifier in TORQUES:
@@ -89,13 +89,13 @@ def test_stale_torques_of_a_full_queue_are_not_the_last_words(time_: int, tmp_pa
 @pytest.mark.parametrize("time_", TIMES)
 def test_an_interface_that_was_down_carries_the_last_words_as_soon_as_it_is_up(time_: int, tmp_path: Path) -> None:
     with hand_on("vxcan1") as hand, forked(command("run", config(tmp_path, "vxcan0", deadman=1.0))) as run:
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         ip("link", "set", "vxcan0", "down")
         assert exit_code(run) == 3
         assert hand.pushes
         ip("link", "set", "vxcan0", "up")
         back = time.monotonic()
-        assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
+        assert comes_true(lambda: bool(hand.seen.limp_since), 20.0)
         assert hand.seen.limp_since - back < 0.5
 
 
@@ -106,7 +106,7 @@ def test_a_clock_that_is_set_moves_no_time_of_the_hand(hours: int, tmp_path: Pat
         hand_on("vcan0") as hand,
         forked(command("run", config(tmp_path, "vcan0", deadman=1.0), "--seconds", 3, "--record", recording)) as run,
     ):
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         time.sleep(0.5)
         began = time.monotonic()
         time.clock_settime(time.CLOCK_REALTIME, time.time() + 3600.0 * hours)
@@ -129,19 +129,19 @@ def test_error_frames_end_a_session_only_when_the_bus_is_off(
         hand_on("vcan0") as hand,
         forked(command("run", config(tmp_path, "vcan0", deadman=1.0), "--seconds", 1)) as run,
     ):
-        assert with_patience(lambda: hand.pushes, 40.0)
+        assert comes_true(lambda: hand.pushes, 40.0)
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as raw:
             raw.bind(("vcan0",))
             raw.send(struct.pack("=IB3x8s", identifier, 8, data))
         assert exit_code(run) == code
-        assert with_patience(lambda: bool(hand.seen.limp_since), 20.0)
+        assert comes_true(lambda: bool(hand.seen.limp_since), 20.0)
 
 
 def test_sniff_and_check_work_beside_and_after_a_driver(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = config(tmp_path, "vcan0", deadman=1.0)
     with hand_on("vcan0") as hand:
         with forked(command("run", path)) as run:
-            assert with_patience(lambda: hand.pushes, 40.0)
+            assert comes_true(lambda: hand.pushes, 40.0)
             with forked(command("sniff", path, "--seconds", 0.5, "--lines")) as sniff:
                 assert exit_code(sniff) == 0
             assert hand.pushes

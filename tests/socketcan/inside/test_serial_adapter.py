@@ -9,7 +9,8 @@ import termios
 from pathlib import Path
 
 from allegro_twin.replay.recording import load
-from tests.socketcan.inside.rigs import PERIOD, command, config, exit_code, forked, hand_on, ip, with_patience
+from tests.patience import comes_true
+from tests.socketcan.inside.rigs import PERIOD, command, config, exit_code, forked, hand_on, ip
 
 _N_SLCAN, _SIOCGIFNAME = 17, 0x8910  # linux/tty.h; linux/sockios.h
 
@@ -27,7 +28,7 @@ def test_a_hand_behind_the_kernels_own_slcan_is_driven_and_limp_after_the_comman
         name = attached(port)
         ip("link", "set", name, "up", "type", "can", "bitrate", "1000000")
         with forked(command("run", config(tmp_path, name, deadman=1.0), "--seconds", 1, "--record", recording)) as run:
-            assert with_patience(lambda: hand.pushes, 40.0)
+            assert comes_true(lambda: hand.pushes, 40.0)
             assert exit_code(run) == 0
         assert hand.seen.limp_since
         assert not hand.seen.serving

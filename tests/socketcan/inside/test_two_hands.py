@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.replay.recording import load
-from tests.socketcan.inside.rigs import BEGIN, command, config, delayed, exit_code, forked, hand_on, with_patience
+from tests.patience import comes_true
+from tests.socketcan.inside.rigs import BEGIN, command, config, delayed, exit_code, forked, hand_on
 
 PERIOD = 0.04
 """s: six processes share one slow processor there."""
@@ -31,7 +32,7 @@ def test_two_hands_share_a_bus_and_each_driver_hears_its_own(
         for device, hand in enumerate(hands):
             words = ("run", config(tmp_path, here, device, PERIOD, deadman=1.0), "--seconds", seconds)
             runs.append(stack.enter_context(forked(command(*words, "--record", recordings[device]))))
-            assert with_patience(lambda hand=hand: hand.pushes, 40.0)  # type: ignore[misc]  # mypy: no types for defaults.
+            assert comes_true(lambda hand=hand: hand.pushes, 40.0)  # type: ignore[misc]  # mypy: no types for defaults.
         assert [exit_code(run) for run in runs] == [0, 0]
         assert all(hand.seen.limp_since for hand in hands)
     for recording, begin in zip(recordings, BEGIN, strict=True):

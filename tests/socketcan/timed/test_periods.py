@@ -15,6 +15,7 @@ import allegro_twin.build.served
 import allegro_twin.sim.engine.backend
 import allegro_twin.wire.host.backend  # noqa: F401  # What commands import when they need it: once, before any fork.
 from allegro_twin.replay.recording import load
+from tests.patience import comes_true
 from tests.socketcan.inside.rigs import (
     BEGIN,
     SIDES,
@@ -23,7 +24,6 @@ from tests.socketcan.inside.rigs import (
     exit_code,
     forked,
     hand_on,
-    with_patience,
 )
 
 PATIENCE = 60.0
@@ -63,7 +63,7 @@ def test_98_of_100_periods_of_a_hand_with_physics_are_used_for_10_seconds(tmp_pa
     said, recording = tmp_path / "hand.txt", tmp_path / "run.arrow"
     task = "task: {posture: home}\ncontroller: {kind: pid, gains: default}"
     with forked(told(said, command("firmware", config(tmp_path, "can1", task)))) as hand:
-        assert with_patience(lambda: said.exists() and "Ctrl-C" in said.read_text(), PATIENCE)
+        assert comes_true(lambda: said.exists() and "Ctrl-C" in said.read_text(), PATIENCE)
         words = ("run", config(tmp_path, "can0", task), "--seconds", 10, "--record", recording)
         with forked(told(tmp_path / "run.txt", command(*words))) as run:
             assert exit_code(run, PATIENCE) == 0

@@ -22,6 +22,8 @@ from tests.wire.rigs import Serving, driven
 
 PATIENCE = 0.1
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def there() -> Iterator[Serving]:
@@ -142,7 +144,7 @@ def test_two_hands_on_one_bus_are_driven_from_two_threads() -> None:
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(timeout=30.0)
+            thread.join()
         for backend in pair:
             backend.close()
         assert min(ticks[0], ticks[1]) >= 80

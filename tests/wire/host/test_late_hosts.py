@@ -24,6 +24,7 @@ from allegro_twin.wire.host.backend import CanBackend
 from allegro_twin.wire.host.buses import open_bus
 from allegro_twin.wire.host.settings import HostSettings
 from benchmarks.deaths import served
+from tests.patience import wait_for
 
 V4 = make_codec("v4")
 OPTIONS = {"sleep_after_open": 0.0}
@@ -47,6 +48,7 @@ class Endless(can.BusABC):
         return can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False, timestamp=time.time())
 
 
+@pytest.mark.realtime
 def test_a_read_ends_though_more_waits_and_the_hand_is_not_cut_off() -> None:
     settings = HostSettings(identify=False, gravity=(0.0, 0.0, -9.81), deadman=0.1)
     backend = CanBackend(load_spec(), V4, AdapterLink(Endless()).port, settings)
@@ -119,13 +121,12 @@ def test_a_full_terminal_says_that_something_may_be_lost(device: SlcanDevice, tm
     device.shutdown()
 
 
+@pytest.mark.realtime
 def test_a_serial_port_has_one_driver_and_who_has_it_is_said(tmp_path: Path) -> None:
     with served("slcan") as hand:
         command = [sys.executable, "-m", "allegro_twin", "run", str(hand.path)]
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
-            deadline = time.monotonic() + 20.0
-            while not hand.pushes and time.monotonic() < deadline:
-                time.sleep(0.01)
+            wait_for(lambda: hand.pushes, "a torque")
             second = subprocess.run(command, capture_output=True, text=True)
             assert second.returncode == 3
             assert f"`allegro_twin run {hand.path}` (pid {first.pid})" in second.stderr
@@ -133,16 +134,15 @@ def test_a_serial_port_has_one_driver_and_who_has_it_is_said(tmp_path: Path) -> 
             assert hand.pushes  # The first one noticed nothing.
             assert first.poll() is None
             first.terminate()
-            assert first.wait(20.0) == 130
+            assert first.wait() == 130
 
 
+@pytest.mark.realtime
 def test_a_tap_hears_the_hand_and_its_driver_and_disturbs_nobody(tmp_path: Path) -> None:
     with served("slcan") as hand:
         command = [sys.executable, "-m", "allegro_twin"]
         with subprocess.Popen([*command, "run", str(hand.path)], stdout=subprocess.DEVNULL) as driver:
-            deadline = time.monotonic() + 20.0
-            while not hand.pushes and time.monotonic() < deadline:
-                time.sleep(0.01)
+            wait_for(lambda: hand.pushes, "a torque")
             heard = subprocess.run(
                 [*command, "sniff", str(hand.path), "--seconds", "0.5", "--lines"], capture_output=True, text=True
             )
@@ -151,7 +151,7 @@ def test_a_tap_hears_the_hand_and_its_driver_and_disturbs_nobody(tmp_path: Path)
             assert "position thumb" in heard.stdout
             assert hand.pushes
             driver.terminate()
-            assert driver.wait(20.0) == 130
+            assert driver.wait() == 130
 
 
 def test_a_real_adapter_has_no_tap_so_listening_beside_its_driver_is_refused(

@@ -19,10 +19,9 @@ def test_a_hand_does_not_wait_for_the_bus_while_another_hands_thread_does() -> N
         other = threading.Thread(target=link.pump, args=(1.0,))
         other.start()
         time.sleep(0.05)
-        begin = time.monotonic()
         assert link.pump(0.0) is False
         assert port.receive(0.05) is None
         port.queue.append(Stamped(Frame(0x80), 0.0))  # As the other thread would.
         assert port.receive(1.0) == (Frame(0x80), 0.0)
-        assert time.monotonic() - begin < 0.6
+        assert other.is_alive()  # Which waits for its second still.
         other.join()

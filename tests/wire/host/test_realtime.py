@@ -24,6 +24,12 @@ def test_it_is_asked_for_only_when_it_is_wanted(monkeypatch: pytest.MonkeyPatch)
     assert [(pid, policy, param.sched_priority) for pid, policy, param in asked] == [(0, os.SCHED_FIFO, 20)] * 2  # type: ignore[attr-defined]
 
 
+def test_a_short_slice_is_asked_for_and_no_other_way_of_scheduling() -> None:
+    before = os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+    assert realtime.ask_short_slice() in (True, False)  # As old as the kernel is.
+    assert (os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)) == before
+
+
 def test_where_it_is_not_allowed_it_is_an_error_or_when_only_tried_a_warning(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

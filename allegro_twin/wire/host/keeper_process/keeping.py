@@ -10,7 +10,7 @@ import select
 import signal
 import time
 
-from . import ARMED, BEAT, CUTS, HUSH, PATIENCE, SAID, SPEAK, VOICE
+from . import ARMED, BEAT, CUTS, HUSH, OWED, PATIENCE, SAID, SPEAK, VOICE
 from .orders import Orders
 from .ways import Serial, Way, opened
 
@@ -21,9 +21,19 @@ BEQUEST = 1.0
 ANSWER, QUIET = 0.06, 0.03
 """s that the hand has to answer; without a report (ten periods) that say as much of a hand that does not answer."""
 
+GRACE = 0.1
+"""s that the second leaves to the keeper before it does the keeper's work: the keeper may stand still."""
+GLANCE = 250
+"""ms between two looks of the second where no patience is set."""
+
 
 class Keeper:
-    """Watches the heart, and says what leaves the hand limp until that is confirmed."""
+    """Watches the heart, and says what leaves the hand limp until that is confirmed.
+
+    A keeper has a second, a process that it forks: whoever of the two is ended, the other knows it at once. Without its
+    keeper the second leaves the hand limp; without its second the keeper makes another. So a hand is let go of though
+    its program and one of the two are killed, in any order.
+    """
 
     def __init__(self, orders: Orders, way: Way) -> None:
         self._orders, self._way = orders, way
@@ -36,13 +46,57 @@ class Keeper:
         poll.register(0, select.POLLIN)
         with contextlib.suppress(AttributeError, OSError):  # Where the kernel has it: a fork may hold our socket open.
             poll.register(os.pidfd_open(self._orders.program), select.POLLIN)
-        alive = True
+        second, alive = self._hire(poll), True
         while alive:
-            news = poll.poll(self._patience())
-            alive = not news or (news == [(0, select.POLLIN)] and bool(os.read(0, 64)))
+            news = dict(poll.poll(self._patience()))
+            if news.pop(second, 0):
+                poll.unregister(second)
+                os.close(second)
+                os.waitpid(-1, 0)
+                second = self._hire(poll)
+            alive = not news or (news == {0: select.POLLIN} and bool(os.read(0, 64)))
             if cells[ARMED] and (not alive or self._patience() == 0 or cells[VOICE] == SPEAK):
                 cells[ARMED] = 0
                 self._silence(alive=alive)
+
+    def _hire(self, poll: select.poll) -> int:
+        """Make a second; a descriptor by which its end is known, -1 where the kernel has none."""
+        if not hasattr(os, "pidfd_open"):
+            return -1
+        try:
+            keeper, second = os.pidfd_open(os.getpid()), os.fork()
+        except OSError:
+            return -1
+        if not second:
+            with contextlib.suppress(BaseException):
+                self._stand_by(keeper)
+            os._exit(0)
+        os.close(keeper)
+        watched = os.pidfd_open(second)
+        poll.register(watched, select.POLLIN)
+        return watched
+
+    def _stand_by(self, keeper: int) -> None:
+        """Be the second, until the keeper has gone in peace, or in its place."""
+        nothing = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nothing, 0)  # The program is to see when the keeper's end of the line is closed.
+        poll, cells, program = select.poll(), self._cells, os.pidfd_open(self._orders.program)
+        poll.register(keeper, select.POLLIN)
+        poll.register(program, select.POLLIN)
+        alive = True
+        while True:
+            left = self._patience()
+            gone = dict(poll.poll(GLANCE if left < 0 else left + round(1000 * GRACE)))
+            if program in gone:  # The keeper knows it as well.
+                poll.unregister(program)
+                alive = False
+                gone = dict(poll.poll(round(1000 * GRACE)))
+            owed = cells[ARMED] or (cells[OWED] and keeper in gone)
+            if owed and (keeper in gone or not alive or self._patience() == 0):
+                cells[ARMED] = 0
+                self._silence(alive=alive)
+            if keeper in gone:
+                return
 
     def _patience(self) -> int:
         """ms until the program must have called again; 0: it has stalled; -1: it may take its time."""
@@ -54,6 +108,13 @@ class Keeper:
 
     def _silence(self, *, alive: bool) -> None:
         """Say it until it is confirmed: an interface may be down, or its queue full of what was said before."""
+        self._cells[OWED] = 1
+        try:
+            self._insist(alive=alive)
+        finally:
+            self._cells[OWED] = 0
+
+    def _insist(self, *, alive: bool) -> None:
         self._cells[CUTS] += 1
         cuts, pause, began = self._cells[CUTS], AGAIN, time.monotonic()
         while (now := time.monotonic()) < began + GIVE_UP and self._cells[VOICE] != HUSH:

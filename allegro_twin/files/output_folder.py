@@ -1,0 +1,177 @@
+"""Output folders: one writer at a time, and the files of one run or of none."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from types import FrameType
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.files.whole import refused, whole_file
+
+UNFINISHED = "unfinished"
+"""The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""
+FILES = "run.json"
+"""Which files of an output folder its run wrote: the next run replaces these and no others."""
+_ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)]
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """A folder, which is made, for this program alone. The system frees it when its holder dies; one that was made and
+    stayed empty is removed. Raises RecordingError when another program writes into it, or the disk does not let it.
+
+    The lock is an advisory one on the folder itself: flock(2). NFS does not tell other computers of it.
+    """
+    made = not folder.exists()
+    handle = _lock(folder)
+    try:
+        yield
+    finally:
+        if made:
+            with suppress(OSError):  # It has files, which is what it is for.
+                folder.rmdir()
+        os.close(handle)
+
+
+@contextmanager
+def one_run(folder: Path, last: str = "", *, keep: bool = False) -> Iterator[Path]:
+    """A folder in `folder` to write a run into. When the block ends well, its files take the place of those of the run
+    before; the file named `last`, which says what the others are worth, is the first to go and the last to come. When
+    it does not end well, `folder` is as it was; `keep`: what was written stays in `folder`/unfinished.
+
+    Files that no run has written stay. `folder` is one that this program has `locked`. Raises RecordingError.
+    """
+    staging = folder / UNFINISHED
+    before = _written(folder)
+    try:
+        if staging.exists() and not (staging / FILES).is_file():
+            raise RecordingError(f"{staging}: stands where a run is written; move it away, or give another folder")
+        shutil.rmtree(staging, ignore_errors=True)
+        staging.mkdir(parents=True)
+        _list(staging, [])  # Says whose it is.
+    except OSError as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise refused(staging, error) from error
+    ended = False
+    try:
+        yield staging
+        _replace(folder, before, staging, last)
+        ended = True
+    finally:
+        if ended or not keep or not _files(staging):
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Signals that end the program end it after the block, which is short: several files that are only true together
+    are all written."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    before = {number: signal.signal(number, note) for number in _ENDING if signal.getsignal(number) is not None}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+def _lock(folder: Path) -> int:
+    """An open handle that holds the folder's lock."""
+    while True:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        except FileNotFoundError:
+            continue  # Its last writer has just removed it, empty.
+        except OSError as error:
+            raise RecordingError(f"{folder}: cannot be a folder to write into: {error.strerror or error}") from error
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(handle), folder.stat()):
+                return handle
+        except BlockingIOError as error:
+            os.close(handle)
+            said = f"{folder}: another program writes into this folder; wait for it to end, or give another folder"
+            raise RecordingError(said) from error
+        except FileNotFoundError:
+            pass  # As above.
+        except OSError as error:
+            os.close(handle)
+            raise refused(folder, error) from error
+        os.close(handle)
+
+
+def _written(folder: Path) -> list[Path]:
+    """The files of the run before. Raises RecordingError for a list that is none, and for one that leads out of the
+    folder."""
+    path = folder / FILES
+    if not path.exists():
+        return []
+    try:
+        names = [str(name) for name in dict(json.loads(path.read_text(encoding="utf-8")))["files"]]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise RecordingError(
+            f"{path}: does not list the files of a run ({error}); delete it, or give another folder"
+        ) from error
+    for name in names:
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+            raise RecordingError(f"{path}: {name} is not in {folder}; delete the list, or give another folder")
+    return [folder / name for name in names]
+
+
+def _replace(folder: Path, before: list[Path], staging: Path, last: str) -> None:
+    names = _files(staging)
+    names.sort(key=lambda name: name == last)
+    listed = {str(each.relative_to(folder).as_posix()) for each in before} | set(names)
+    try:
+        with undisturbed():
+            if last:
+                (folder / last).unlink(missing_ok=True)
+            _list(folder, sorted(listed))  # Before anything moves: what a killed program leaves is cleared away.
+            for path in before:
+                path.unlink(missing_ok=True)
+                if path.parent != folder:
+                    with suppress(OSError):  # It has other files.
+                        path.parent.rmdir()
+            for name in names:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (staging / name).replace(folder / name)
+            _list(folder, sorted(names))
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise refused(folder, error) from error
+
+
+def add_to_run(folder: Path, paths: list[Path]) -> None:
+    """Count files that were made of a run afterwards, such as pictures, among its files. Raises RecordingError."""
+    _list(folder, sorted({str(path.relative_to(folder).as_posix()) for path in [*_written(folder), *paths]}))
+
+
+def _list(folder: Path, names: list[str]) -> None:
+    with whole_file(folder / FILES) as temporary:
+        temporary.write_text(json.dumps({"files": names}, indent=1), encoding="utf-8")
+
+
+def _files(staging: Path) -> list[str]:
+    """What a run has written, by its path from there."""
+    found = (each.relative_to(staging).as_posix() for each in staging.rglob("*") if each.is_file())
+    return sorted(name for name in found if name != FILES)

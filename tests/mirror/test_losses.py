@@ -1,0 +1,228 @@
+"""Reports that are lost, and noisy ones, are no touch and no fault; what is one is noticed all the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from allegro_twin.build.mirroring import make_mirror, mirrored, noise_in
+from allegro_twin.control.controllers import PD
+from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.description.calibration import Calibration
+from allegro_twin.description.hands import load_spec
+from allegro_twin.drive import Drive
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.library.gains import load_gains
+from allegro_twin.loop import run, until
+from allegro_twin.mirror.anomalies import NAMES
+from allegro_twin.mirror.diagnosis import Calm
+from allegro_twin.mirror.mirror import BLIND, Mirror
+from allegro_twin.replay.recorder import recorded
+from allegro_twin.sim.beside.observer import NOISE, Observer, kalman
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, HandState, Sample, Vector, frozen
+from tests.conftest import MakeSim
+from tests.mirror.test_mirror import N, mirror
+
+SECONDS = 4.0
+LEARNED = 0.01  # N·m: about what a free motion of a matched hand ends with.
+
+
+class Deaf:
+    """A backend whose reports are lost for `lost[tick]` periods; meanwhile the hand keeps its torques."""
+
+    def __init__(self, inner: object, lost: dict[int, int]) -> None:
+        self._inner, self._lost = inner, lost
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
+
+    def write(self, command: object) -> None:
+        self._command = command
+        self._inner.write(command)  # type: ignore[attr-defined]
+
+    def read(self) -> HandState:
+        state: HandState = self._inner.read()  # type: ignore[attr-defined]
+        for _ in range(self._lost.get(state.tick, 0)):
+            self._inner.write(self._command)  # type: ignore[attr-defined]
+            state = self._inner.read()  # type: ignore[attr-defined]
+        return state
+
+
+def losses(share: float, longest: int, seed: int = 0) -> dict[int, int]:
+    """Ticks at which so many periods are lost."""
+    rng = np.random.default_rng(seed)
+    return {tick: int(rng.integers(1, longest + 1)) for tick in range(5000) if rng.random() < share}
+
+
+def noisy(spec: HandSpec, noise: float) -> HandSpec:
+    return replace(spec, drive=Drive.made({"encoder_noise": noise, "quantisation": 8.9e-5, "seed": 1}, N))
+
+
+def motion(spec: HandSpec, make_sim: MakeSim, lost: dict[int, int], push: Vector | None = None) -> Iterator[Sample]:
+    """To and fro at up to 1 rad/s; pushed from 2 s on."""
+    middle = (spec.lower + spec.upper) / 2.0
+    backend = make_sim(spec, posture=middle)
+    moves = Moves([Waypoint(middle + d, seconds=0.6) for d in (0.3, -0.25, 0.2, -0.3, 0.1, -0.2)])
+    for sample in until(SECONDS, run(Deaf(backend, lost), PD(moves, load_gains("v4", spec)))):  # type: ignore[arg-type]
+        if push is not None and sample.state.t >= 2.0:
+            backend.push(push)
+        yield sample
+
+
+def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> tuple[Mirror, list[tuple[float, str]]]:
+    """The mirror afterwards, and every finger that it called touched, and when."""
+    each, touches = mirror(spec, np.full(N, above)), []
+    for sample in each.watched(samples):
+        touches += [(sample.state.t, name) for name in each.contacts]
+    return each, touches
+
+
+@pytest.mark.parametrize(("share", "longest"), [(0.001, 2), (0.05, 2), (0.2, 3), (0.01, 20)])
+def test_lost_periods_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim, share: float, longest: int) -> None:
+    each, touches = watch(spec, motion(spec, make_sim, losses(share, longest)))
+    assert not touches
+    assert each.anomaly is None
+
+
+def test_rows_that_a_recording_lacks_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim) -> None:
+    rng = np.random.default_rng(2)
+    whole = [sample for sample in motion(spec, make_sim, {}) if sample.state.tick == 0 or rng.random() > 0.1]
+    each, touches = watch(spec, iter(whole), above=0.02)
+    assert not touches
+    assert each.anomaly is None
+
+
+def test_a_lost_period_moves_what_is_expected_on_by_two(spec: HandSpec, make_sim: MakeSim) -> None:
+    each, off = mirror(spec), []
+    for sample in each.watched(motion(spec, make_sim, losses(0.05, 2))):
+        off.append(sample.state.position - each.latest()["predicted"])
+    assert np.abs(np.array(off)[350:]).max() < 2e-4  # At 1 rad/s a period is 3 mrad.
+
+
+def test_a_finger_whose_report_alone_is_lost_is_expected_where_it_went(spec: HandSpec, make_sim: MakeSim) -> None:
+    def without(samples: Iterator[Sample]) -> Iterator[Sample]:
+        for state, command in samples:
+            position = np.array(state.position)
+            if state.tick % 7 == 3:
+                position[4:8] = np.nan
+            yield Sample(replace(state, position=frozen(position)), command)
+
+    each, touches = watch(spec, without(motion(spec, make_sim, {})))
+    assert not touches
+    assert each.anomaly is None
+    assert np.isfinite(each.external_torque).all()
+
+
+@pytest.mark.parametrize("noise", [6e-5, 2e-4, 4e-4])
+def test_noisy_encoders_are_no_touch_and_no_fault_even_where_no_file_says_so(
+    spec: HandSpec, make_sim: MakeSim, noise: float
+) -> None:
+    each, touches = watch(noisy(spec, noise), motion(noisy(spec, noise), make_sim, losses(0.01, 2)), above=0.02)
+    assert not touches
+    assert each.anomaly is None
+    assert each.observer.noise == pytest.approx(np.full(N, max(noise, NOISE)), rel=0.3)
+
+
+def test_a_push_is_noticed_in_time_though_reports_are_lost_and_noisy(spec: HandSpec, make_sim: MakeSim) -> None:
+    push = np.zeros(N)
+    push[5] = 0.06
+    for share, noise in ((0.05, 6e-5), (0.05, 4e-4)):
+        own = noisy(spec, noise)
+        each, touches = watch(own, motion(own, make_sim, losses(share, 2), push), above=0.02)
+        assert {name for _, name in touches} == {"middle"}
+        assert 2.0 < touches[0][0] < 2.06
+        assert each.external_torque[5] == pytest.approx(0.06, rel=0.25)
+
+
+def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_meanwhile(
+    spec: HandSpec, make_sim: MakeSim
+) -> None:
+    long = round(BLIND / 0.003) + 1
+    each, touches = watch(spec, motion(spec, make_sim, {600: long}))
+    assert not touches
+    each = mirror(spec, np.full(N, LEARNED))
+    blind = [
+        sample.state.tick
+        for sample in each.watched(motion(spec, make_sim, {600: long}))
+        if np.isnan(each.external_torque).any()
+    ]
+    assert blind == [0, 600 + long]
+
+
+def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_path: Path) -> None:
+    path = tmp_path / "noisy.yaml"
+    path.write_text("wire: {version: v4}\nidentified: {noise: 3.0e-4}\n")
+    each = make_mirror(spec, str(path), "v4", Calibration(), 0.003)
+    np.testing.assert_array_equal(each.observer.noise, np.full(N, 3e-4))
+    own = load_spec(serial=str(path))
+    assert noise_in(str(path), noisy(own, 4e-4))[0] == pytest.approx(np.hypot(4e-4, 8.9e-5 / np.sqrt(12.0)))
+    assert (noise_in("", spec) == 0.0).all()
+    path.write_text("identified: {noise: loud}\n")
+    with pytest.raises(ConfigError, match=r"identified\.noise needs a number of rad from 0 for each of 16 joints"):
+        noise_in(str(path), own)
+
+
+def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_last_bit() -> None:
+    noise, T, M, B = np.full(1, 1e-4), 0.003, 0.003, 0.07
+    one, whole = kalman(np.array([M]), np.array([B]), T, noise), np.ones(1, dtype=bool)
+    steady = one.gains(whole).copy()
+    A = np.array([[1.0, T, 0.0], [0.0, np.exp(-B * T / M), T / M], [0.0, 0.0, 1.0]])
+    Q, C = np.diag([1e-14, (T / M * 3e-3) ** 2, 2e-3**2]), np.array([[1.0, 0.0, 0.0]])
+    P = np.eye(3)
+    for _ in range(3000):  # As in any textbook, and not in Joseph's form.
+        P = A @ (P - P @ C.T @ C @ P / (P[0, 0] + noise[0] ** 2)) @ A.T + Q
+    np.testing.assert_allclose(steady[:, 0], P[:, 0] / (P[0, 0] + noise[0] ** 2), rtol=1e-6)
+    for _ in range(3):
+        one.missed(np.zeros(1))
+        P = A @ P @ A.T + Q
+    np.testing.assert_allclose(one.gains(whole)[:, 0], P[:, 0] / (P[0, 0] + noise[0] ** 2), rtol=1e-6)
+    again = [one.gains(whole).copy() for _ in range(300)]
+    np.testing.assert_array_equal(again[-1], steady)
+
+
+def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make_sim: MakeSim, tmp_path: Path) -> None:
+    push = np.zeros(N)
+    push[9] = 0.06
+    lost = losses(0.03, 2)
+    stops = ("contact", *NAMES)
+    for _ in mirror(spec, np.full(N, LEARNED), stops).watched(motion(spec, make_sim, lost)):
+        pass
+    with pytest.raises(HandFault, match="something touches ring"):
+        list(mirror(spec, np.full(N, LEARNED), stops).watched(motion(spec, make_sim, lost, push)))
+    meta = {"calibration": {"version": "v4", "torque_constant": [1.0] * N}}
+    for _ in recorded(motion(spec, make_sim, lost), tmp_path / "free.arrow", spec, 0.003, meta=dict(meta)):
+        pass
+    found = mirrored(tmp_path / "free.arrow", "", None)
+    assert not found.contacts
+    assert found.anomaly is None
+
+
+def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> None:
+    from allegro_twin.identify.results.gap import drive_of
+
+    above, one = np.full((2, N), 0.01), np.ones(N)
+    observer = Observer(spec, drive_of(spec, one, np.zeros(N)), 0.003)
+    calm = Calm(above, np.full(4, np.inf), observer.spread)
+    each = Mirror(spec, observer, one, calm)
+    np.testing.assert_array_equal(each.above, above[0])
+    observer.noisier(np.full(N, 4e-4))
+    heard = np.ones(N, dtype=bool)
+    for _ in range(100):
+        observer._kalman.gains(heard)
+    assert (each.above > 0.011).all()
+
+
+def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, make_sim: MakeSim) -> None:
+    def jumps(samples: Iterator[Sample]) -> Iterator[Sample]:
+        for state, command in samples:
+            off: Array = np.where(np.arange(N) == 6, 0.03 * (state.t >= 2.4), 0.0)
+            yield Sample(replace(state, position=frozen(state.position + off)), command)
+
+    each, _ = watch(spec, jumps(motion(spec, make_sim, {799: 2})))
+    assert each.anomaly is not None
+    assert (each.anomaly.name, each.anomaly.joint) == ("encoder_step", 6)
