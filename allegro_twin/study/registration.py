@@ -23,8 +23,8 @@ EXPLORATORY = "none (exploratory)"
 """What trials without a registration are stamped with."""
 CODE = ("code of trials", "code of the analysis")
 _MODULES = ("allegro_twin.study.work", "allegro_twin.study.analysis")
-_WORDS = ("description", "evidence")
-"""Keys that are read by people alone."""
+_WORDS = ("description", "evidence", "taxonomy", "observed", "object_size")
+"""Keys that no trial goes by."""
 _SHOWN = 3
 
 

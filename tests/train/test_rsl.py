@@ -10,7 +10,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.policy.loading import load_policy
-from allegro_twin.train import Recipe, train
+from allegro_twin.train import Recipe, progress, train
 from allegro_twin.train.progress import same_training
 from allegro_twin.train.settings import load_recipe
 
@@ -221,3 +221,18 @@ def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
     onnx.save(onnx.helper.make_model(onnx.helper.make_graph(nodes, "other", [seen], [given])), tmp_path / "other.onnx")
     with pytest.raises(ConfigError, match=r"other\.onnx: not a policy that `allegro-twin train` wrote"):
         layers_of(tmp_path / "other.onnx")
+
+
+def test_a_training_goes_on_only_with_what_it_began_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    path, mine = Path("runs/x/checkpoints/00001.pt"), recipe()
+    was = progress.made_of(mine)
+    assert set(was) == {"engine", "code", "hand allegro_right", "gains of allegro", "objects"}
+    progress.same_inputs(path, was, mine)
+    for name, said in (("code", "another code: "), ("hand allegro_right", "another hand allegro_right: ")):
+        with pytest.raises(ConfigError, match=f"runs/x is a training with {said}choose another folder"):
+            progress.same_inputs(path, was | {name: "0"}, mine)
+    with pytest.raises(ConfigError, match="is a training with another engine, code, hand allegro_right"):
+        progress.same_inputs(path, {}, mine)  # Of before that was kept.
+    monkeypatch.setattr(progress, "load_gains", lambda name, spec: 1.0)
+    with pytest.raises(ConfigError, match="is a training with another gains of allegro"):
+        progress.same_inputs(path, was, mine)

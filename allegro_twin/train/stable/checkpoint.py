@@ -12,7 +12,7 @@ from typing import Any
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.whole import whole_file
 from allegro_twin.policy.card import Card, write_card
-from allegro_twin.train.progress import VERSION, Progress, same_training
+from allegro_twin.train.progress import VERSION, Progress, made_of, same_inputs, same_training
 from allegro_twin.train.settings import Recipe
 
 MEMBER = "training.json"
@@ -20,7 +20,12 @@ MEMBER = "training.json"
 
 def save(model: Any, path: Path, recipe: Recipe, card: Card, progress: Progress) -> None:
     """A checkpoint is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
-    content = {"version": VERSION, "recipe": recipe.model_dump(mode="json"), "progress": asdict(progress)}
+    content = {
+        "version": VERSION,
+        "recipe": recipe.model_dump(mode="json"),
+        "made_of": made_of(recipe),
+        "progress": asdict(progress),
+    }
     with whole_file(path) as temporary:
         model.save(str(temporary))
         with zipfile.ZipFile(temporary, "a") as archive:
@@ -48,4 +53,5 @@ def read(path: Path, recipe: Recipe) -> Progress:
             "train anew in another folder"
         )
     same_training(path, content["recipe"], recipe)
+    same_inputs(path, content.get("made_of", {}), recipe)
     return Progress(**content["progress"])

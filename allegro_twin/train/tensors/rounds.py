@@ -26,7 +26,7 @@ from allegro_twin.train.curve import Curve
 from allegro_twin.train.evaluation import evaluate
 from allegro_twin.train.graph.export import Layered, to_onnx
 from allegro_twin.train.learned import EVALUATION, Advance, Trained, note
-from allegro_twin.train.progress import VERSION, Progress, same_training
+from allegro_twin.train.progress import VERSION, Progress, made_of, same_inputs, same_training
 from allegro_twin.train.settings import Recipe
 
 
@@ -112,6 +112,7 @@ def _write(learner: Learner, folder: Path, recipe: Recipe, progress: Progress) -
     content = {
         "version": VERSION,
         "recipe": recipe.model_dump(mode="json"),
+        "made_of": made_of(recipe),
         "progress": asdict(progress),
         "learner": learner.saved(),
         "random": _generators(),
@@ -132,6 +133,7 @@ def _read(learner: Learner, folder: Path, recipe: Recipe) -> Progress:
     if content["version"] != VERSION:
         raise ConfigError(f"{path} is of version {content['version']}; this package continues {VERSION}")
     same_training(path, content["recipe"], recipe)
+    same_inputs(path, content.get("made_of", {}), recipe)
     learner.load(content["learner"])
     _seed(content["random"])
     return Progress(**content["progress"])
