@@ -44,7 +44,8 @@ def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Hea
 
 def happening(mirror: Mirror) -> str:
     """In words; empty where all is as expected."""
-    parts = [f"{name} is touched" for name in mirror.contacts]
+    parts = [f"not looked for: {', '.join(mirror.unnamed)}"] if mirror.unnamed else []
+    parts += [f"{name} is touched" for name in mirror.contacts]
     if mirror.anomaly is not None:
         parts.append(words(mirror.anomaly, mirror.spec))
     return "; ".join(parts)

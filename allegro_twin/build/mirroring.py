@@ -44,6 +44,8 @@ class Mirrored:
     """(k, n), N·m: more was a touch."""
     contacts: tuple[Contact, ...]
     anomaly: Anomaly | None
+    unnamed: tuple[str, ...] = ()
+    """Names of faults that it could not say."""
 
 
 def make_mirror(
@@ -148,7 +150,8 @@ def mirrored(path: Path, hand: str, free: Path | None, gravity: Vector | None = 
     recording = load(path)
     spec, calm = recording.spec, Calm.usual(recording.spec) if free is None else limits(free, hand, gravity)
     t, disturbance, off, _, each, above, _ = _seen(recording, hand, calm, gravity)
-    return Mirrored(t, disturbance, off, above, tuple(contacts(t, disturbance, above, spec)), each.anomaly)
+    touches = tuple(contacts(t, disturbance, above, spec))
+    return Mirrored(t, disturbance, off, above, touches, each.anomaly, each.unnamed)
 
 
 def limits(free: Path, hand: str, gravity: Vector | None = None) -> Calm:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Window, direct, still
+from allegro_twin.mirror.anomalies import CREEP, JUMP, MOVING, ROW, Anomaly, Name, Window, direct, still
 from allegro_twin.mirror.drift import Drift
 from allegro_twin.mirror.events import EULER, thresholds
 from allegro_twin.mirror.falls import Falls
@@ -48,8 +48,10 @@ SIGMAS = 6.0
 REACH = 3
 """Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
+SHAPED: tuple[Name, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
 BLOCK, FEWEST = 20, 4
 """Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
+ENOUGH = 22.0  # s of free motion that hold so many at 3 ms, after what a mirror takes to settle and to fill a window.
 
 
 class Weights(NamedTuple):
@@ -77,6 +79,11 @@ class Calm(NamedTuple):
     spread: Vector = UNKNOWN
     """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
     out with those that it makes now. Infinite where it is not known."""
+
+    @property
+    def unnamed(self) -> tuple[Name, ...]:
+        """Names that cannot be said, for no free motion, or too short a one, tells what is usual."""
+        return SHAPED if np.isinf(self.gains).any() else ()
 
     @staticmethod
     def usual(spec: HandSpec) -> Calm:

@@ -92,6 +92,11 @@ class Mirror:
         return np.asarray(axes(self._calm.above, self._moving) * np.maximum(wider, 1.0))
 
     @property
+    def unnamed(self) -> tuple[str, ...]:
+        """Faults that it cannot name: nobody told what is usual."""
+        return self._calm.unnamed
+
+    @property
     def anomaly(self) -> Anomaly | None:
         """What is wrong with the hand, once that is sure."""
         return self._diagnosis.found

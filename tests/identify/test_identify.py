@@ -10,11 +10,13 @@ import pytest
 import yaml
 
 from allegro_twin.build.twin_page.page import page
+from allegro_twin.cli.hand.calibration import refuse_another_hand
 from allegro_twin.cli.twins.identifying import lines, table
 from allegro_twin.cli.twins.twin import weight_of
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.assets import data_root
 from allegro_twin.identify.motions.motion import Motion, noise_floor, read_motion
 from allegro_twin.identify.results import method, stored
 from allegro_twin.identify.results.doubt import SOLVED, Value, seen, values
@@ -329,3 +331,26 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     said = next(line for line in lines(with_stops) if "end stops" in line)
     assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
     assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))
+
+
+def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path: Path) -> None:
+    file, result = tmp_path / "mine.yaml", hidden.found()
+    offsets = [40 - 5 * joint for joint in range(16)]
+    file.write_text(yaml.safe_dump({"wire": {"encoder_offset": offsets}, "mine": {"kept": 1}}))
+    said = stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["wire"]["encoder_offset"] == offsets
+    assert written["mine"] == {"kept": 1}
+    assert "stay as they were" in said
+    file.unlink()
+    assert not stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+
+
+def test_the_file_of_a_nominal_hand_is_refused() -> None:
+    path = data_root() / "conf" / "hands" / "allegro.yaml"
+    before = path.read_bytes()
+    with pytest.raises(ConfigError, match=r"is the nominal allegro, .* name a file of your own, as my_allegro\.yaml"):
+        stored.store(path, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
+    with pytest.raises(ConfigError, match="is the nominal allegro"):
+        refuse_another_hand(path, hidden.config(), "can_v4", None)
+    assert path.read_bytes() == before

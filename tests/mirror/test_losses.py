@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirroring import make_mirror, mirrored, noise_in
+from allegro_twin.build.mirroring import Mirrored, make_mirror, mirrored, noise_in
+from allegro_twin.cli.twins.mirroring import unnamed
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.description.calibration import Calibration
@@ -226,3 +227,18 @@ def test_an_encoder_that_jumps_while_reports_are_lost_is_named(spec: HandSpec, m
     each, _ = watch(spec, jumps(motion(spec, make_sim, {799: 2})))
     assert each.anomaly is not None
     assert (each.anomaly.name, each.anomaly.joint) == ("encoder_step", 6)
+
+
+def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec) -> None:
+    shapes = ("weak", "friction", "payload", "wrong_file")
+    assert mirror(spec).unnamed == shapes
+    free, none = 0.002 * np.random.default_rng(0).standard_normal((8000, N)), np.zeros((8000, N), dtype=bool)
+    rng = np.random.default_rng(1)
+    for looks, off in ((79, shapes), (80, ())):
+        calm = Calm.of(free, none, np.zeros(N), 1e-6 * rng.exponential(size=(looks, 4)), 0.003, spec)
+        assert calm.unnamed == off
+    found = Mirrored(np.zeros(2), none, none, none, (), None, shapes)
+    assert "weak, friction, payload and wrong_file are not looked for, because there is no --free" in unnamed(
+        found, None
+    )
+    assert "f.arrow is too short: record 22 s" in unnamed(found, Path("f.arrow"))

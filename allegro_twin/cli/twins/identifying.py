@@ -62,11 +62,11 @@ def check_scipy() -> None:
         raise ConfigError("a twin needs SciPy: pip install 'allegro-twin[twin]'")
 
 
-def keep(path: Path, found: Identified) -> None:
-    """Write what is determined into the hand's file. Raises HandError."""
+def keep(path: Path, found: Identified) -> str:
+    """Write what is determined into the hand's file; what is to be said of that, or nothing. Raises HandError."""
     from allegro_twin.identify.results.stored import store
 
-    store(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
+    return store(path, found.fit, found.values, found.motions, str(datetime.now(UTC).date()))
 
 
 def write_page(path: Path, text: str) -> None:

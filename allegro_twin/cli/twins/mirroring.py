@@ -65,7 +65,7 @@ def live(
             advance(sample.state.t)
     t, disturbance, off, above = (np.array(column) for column in zip(*rows[1:], strict=True))
     touches = tuple(contacts(t, disturbance, above, rig.spec))
-    return Mirrored(t, disturbance, off, above, touches, each.anomaly)
+    return Mirrored(t, disturbance, off, above, touches, each.anomaly, each.unnamed)
 
 
 def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> Mirror:
@@ -157,6 +157,20 @@ def table(found: Mirrored, joints: tuple[str, ...]) -> Table:
         row = (1e6 * off[joint], 1e3 * push[joint], 1e3 * largest[joint], 1e3 * least[joint])
         made.add_row(name, *(f"{value:.1f}" for value in row))
     return made
+
+
+def unnamed(found: Mirrored, free: Path | None) -> str:
+    """Which faults were not looked for, and why; empty where all were."""
+    from allegro_twin.mirror.diagnosis import ENOUGH
+
+    if not found.unnamed:
+        return ""
+    why = "there is no --free" if free is None else f"{free} is too short"
+    *names, last = found.unnamed
+    return (
+        f"{', '.join(names)} and {last} are not looked for, because {why}: record {ENOUGH:g} s or more of motion that "
+        "touches nothing, as `allegro-twin excite … --seconds 24`, and give it with --free"
+    )
 
 
 def lines(found: Mirrored, spec: HandSpec) -> list[str]:

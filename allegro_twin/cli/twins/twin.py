@@ -111,7 +111,7 @@ def identify(
         identifying.write_page(report, page(found))
         console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
-        identifying.keep(path, found)
+        console.warn(identifying.keep(path, found))
         console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
 
 
@@ -197,6 +197,7 @@ def mirror(
                 config, hand or "", wanted, lambda t: bar.update(job, completed=t), console.errors.print
             )
     console.console.print(mirroring.table(found, spec.readable))
+    console.warn(mirroring.unnamed(found, free))
     for line in mirroring.lines(found, spec):
         console.console.print(line, highlight=False)
 

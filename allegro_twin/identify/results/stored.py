@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.description.calibration import Calibration, Version
-from allegro_twin.description.hands import load_actuation
+from allegro_twin.description.hands import load_actuation, refuse_nominal
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml
@@ -42,19 +42,42 @@ _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
 
-def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> None:
-    """Write what is determined into a hand's file, and leave everything else in it as it is. Raises ConfigError for a
-    file of another hand, or one whose calibration the recordings were not made with; RecordingError."""
+def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> str:
+    """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
+    that, or nothing. Raises ConfigError for a nominal hand's file, for one of another hand, or one whose calibration
+    the recordings were not made with; RecordingError."""
     with locked(path):
         text = read_text(path)
         content = parse_yaml(text, str(path)) if holds_anything(text) else {}
         check(path, content, motions)
-        made = with_document(text, content | _blocks(content, found, values, motions, day), str(path))
+        made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        kept = _kept_offsets(path, content, motions[0])
         write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+    if kept is None:
+        return ""
+    apart = np.abs(values["offset"].value - shift(motions[0].version, motions[0].calibration, kept))
+    apart = np.where(values["offset"].determined, apart, 0.0)
+    most = int(apart.argmax())
+    return (
+        f"The encoder offsets in {path} stay as they were: {motions[0].name} was recorded with others. By weight "
+        f"they are up to {1000 * apart[most]:.1f} mrad from that ({_joint(motions[0].spec, most)}); take "
+        "`wire.encoder_offset` out of the file to have that instead."
+    )
+
+
+def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tuple[int, ...] | None:
+    """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`, and the recordings were not made
+    with."""
+    if "encoder_offset" not in (content.get("wire") or {}):
+        return None
+    written = load_wiring(serial=str(path)).calibration.encoder_offset
+    return None if written == first.calibration.encoder_offset else written
 
 
 def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
-    """Raise ConfigError where the recordings are not of the file's hand as the file has it."""
+    """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for the file of a
+    nominal hand."""
+    refuse_nominal(path)
     wire, first = content.get("wire") or {}, motions[0]
     for key, value in (("version", first.version), ("side", first.spec.side)):
         if wire.get(key, value) != value:
@@ -71,15 +94,19 @@ def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> 
 
 
 def _blocks(
-    content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
+    path: Path, content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
 ) -> dict[str, Any]:
     first = motions[0]
     spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
-    own = settled(found, held, _before(first, float(drive.get("delay", 0.0)), found))
+    before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
+    if kept is not None:
+        held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
+        before = replace(before, offset=shift(first.version, first.calibration, kept))
+    own = settled(found, held, before)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
-    wire["encoder_offset"] = _offsets(first, own.offset)
+    wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
     drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
     if not held["delay"][0]:
         drive["delay"] = float(f"{own.delay[0]:.3g}")
