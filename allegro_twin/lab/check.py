@@ -86,14 +86,16 @@ def between(press: Vector, nothing: Nothing, meeting: NDArray[np.bool_]) -> floa
 
 
 def surely(
-    press: Vector, nothing: Nothing, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
+    press: Array, nothing: Nothing, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
 ) -> bool:
-    """Whether the fingers press on something, whichever single joint is stuck or misread: two of them press, and more
-    than `least`, N·m, is left without those that may touch each other, (k, n), for k ways in which the hand may be
-    misread. `fingers`: the joints of each."""
+    """Whether the fingers press on something, whichever single joint is stuck or misread, in each of k ways in which the
+    hand may be misread: two of them press, and more than `least`, N·m, is left without those that may touch each other.
+    `press`, N·m, and `meeting`, (k, n), are those of each way: a joint at its own stop, read a little short of it,
+    presses on nothing. `fingers`: the joints of each."""
     telling = np.where(nothing.telling, press, 0.0)
-    two = sum(float(telling[list(joints)].sum()) > _PART * telling.sum() for joints in fingers) >= 2
-    return two and bool((np.where(meeting, 0.0, telling).sum(axis=1) > least).all())
+    parts = np.stack([telling[:, list(joints)].sum(axis=1) for joints in fingers])
+    two = (parts > _PART * telling.sum(axis=1)).sum(axis=0) >= 2
+    return bool((two & (np.where(meeting, 0.0, telling).sum(axis=1) > least)).all())
 
 
 def verdict(t: float, found: Checked, sight: Sight, sure: Callable[[], bool], settings: ValidateSettings) -> Seen:

@@ -304,7 +304,9 @@ class Work:
         self.checked = with_doubt(found, why, settings)
 
         def sure() -> bool:
-            meet = meeting(room.settings.hand, misread(hand.position))
-            return surely(press, nothing, meet, [finger.joints for finger in spec.fingers], settings.torque)
+            ways = misread(hand.position)
+            off = pressing(ways, torque - gravity, nothing, room.stiffness, friction)
+            meet = meeting(room.settings.hand, ways)
+            return surely(off, nothing, meet, [finger.joints for finger in spec.fingers], settings.torque)
 
         return verdict(state.t, self.checked, sight, sure, settings)

@@ -8,7 +8,7 @@ import pytest
 from allegro_twin.lab.camera_check import Sight
 from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
 from allegro_twin.lab.doubt import doubted, drifted
-from allegro_twin.lab.nothing import Nothing
+from allegro_twin.lab.nothing import Nothing, misread
 from allegro_twin.lab.settings import ValidateSettings
 from allegro_twin.types import Array
 
@@ -85,12 +85,21 @@ def test_fingers_that_hook_into_each_other_tell_nothing_while_another_can() -> N
 
 def test_one_finger_may_be_stuck_and_two_may_press_on_each_other_where_one_is_misread() -> None:
     def sure(press: list[float], *meet: list[int]) -> bool:
-        return surely(np.array(press), ALL, np.array(meet, bool), SINGLE, 0.1)
+        return surely(np.tile(press, (len(meet), 1)), ALL, np.array(meet, bool), SINGLE, 0.1)
 
     assert sure([0.3, 0.3, 0.0, 0.0], [0, 0, 0, 0])
     assert not sure([0.6, 0.0, 0.0, 0.0], [0, 0, 0, 0])
     assert not sure([0.3, 0.3, 0.0, 0.0], [0, 0, 0, 0], [1, 1, 0, 0])
     assert sure([0.3, 0.3, 0.3, 0.0], [1, 1, 0, 0], [0, 1, 1, 0])
+
+
+def test_a_motor_at_its_own_stop_that_is_read_a_little_short_of_it_presses_on_nothing_for_sure() -> None:
+    """A hand of one motor that moves two fingers, 60 N·m/rad: 1° short of where it would be around nothing."""
+    alone, way = Nothing(np.array([0.5]), np.ones(1, bool)), np.zeros((2, 1), bool)
+    for short, sure in ((np.radians(1.0), False), (0.1, True)):
+        off = misread(np.array([0.5 - short]))
+        press = pressing(off, np.array([1.0]), alone, np.array([60.0]), np.zeros(1))
+        assert surely(press, alone, way, [[0], [0]], 0.1) == sure
 
 
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])
