@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.library.taxonomy import KINDS, Control, Observed, Opposition
+from allegro_twin.library.taxonomy import KINDS, NONE, Control, Observed, Opposition
 from allegro_twin.types import Array
 
 CARRIES = 0.05
@@ -133,7 +133,7 @@ class _Grasp:
     def type(self) -> Observed:
         """What it is, or why it is none."""
         if not self.share:
-            return Observed(why="nothing of the hand carries the object")
+            return Observed(number=None, name=NONE, why="nothing of the hand carries the object")
         back = [part for part in self.share if self._part_of(part, "back") >= MOSTLY]
         if back:
             return self._none("on its back: " + _list(back))
@@ -235,7 +235,13 @@ class _Grasp:
         if opposition == "pad":
             control = "power" if self._inner() >= INNER else "precision"
         return Observed(
-            type=control, opposition=opposition, virtual_fingers=self._against(), carries=self._carries(), why=why
+            number=None,
+            name=NONE,
+            type=control,
+            opposition=opposition,
+            virtual_fingers=self._against(),
+            carries=self._carries(),
+            why=why,
         )
 
     def _against(self) -> str:
