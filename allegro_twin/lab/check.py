@@ -88,7 +88,7 @@ def between(press: Vector, nothing: Nothing, meeting: NDArray[np.bool_]) -> floa
 def surely(
     press: Array, nothing: Nothing, meeting: NDArray[np.bool_], fingers: Sequence[Sequence[int]], least: float
 ) -> bool:
-    """Whether the fingers press on something, whichever single joint is stuck or misread, in each of k ways in which the
+    """Whether the fingers press on something, whichever joint is stuck or misread, in each of k ways in which the
     hand may be misread: two of them press, and more than `least`, N·m, is left without those that may touch each other.
     `press`, N·m, and `meeting`, (k, n), are those of each way: a joint at its own stop, read a little short of it,
     presses on nothing. `fingers`: the joints of each."""
