@@ -32,9 +32,12 @@ def stage(spec: HandSpec) -> Scenery:
 
 def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
     """A stage after the mirror's."""
-    said = ""
+    said, unnamed = "", mirror.unnamed
     for sample in samples:
         viewer.draw(sample, _beside(sample.state, mirror, health))
+        if unnamed:
+            viewer.happens(sample.state.t, f"not looked for: {', '.join(unnamed)}")
+            unnamed = ()
         now = happening(mirror)
         if now != said:
             viewer.happens(sample.state.t, now)
@@ -44,8 +47,7 @@ def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Hea
 
 def happening(mirror: Mirror) -> str:
     """In words; empty where all is as expected."""
-    parts = [f"not looked for: {', '.join(mirror.unnamed)}"] if mirror.unnamed else []
-    parts += [f"{name} is touched" for name in mirror.contacts]
+    parts = [f"{name} is touched" for name in mirror.contacts]
     if mirror.anomaly is not None:
         parts.append(words(mirror.anomaly, mirror.spec))
     return "; ".join(parts)

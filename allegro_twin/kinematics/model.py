@@ -31,19 +31,36 @@ class HandModel:
         self._moving = Moving(spec, self._model)
         self._tips = {finger.name: self._model.getFrameId(finger.tip) for finger in spec.fingers}
         self._links = {frame.name: index for index, frame in enumerate(self._model.frames) if _is_link(frame)}
-        self._gravity: Vector | None = None
+        self._n, self._gravity = spec.n_joints, np.full(3, np.nan)
 
     def gravity_torque(self, position: Vector, gravity: Vector) -> Vector:
         """The torques that hold the hand still against gravity: g(q) = ∂V/∂q, shape (n,), N·m.
 
         `gravity` is the acceleration in the palm frame, shape (3,), m/s². Of many postures at once: (k, n) and (k, 3).
         """
+        position, gravity = self._checked(position, gravity)
         if position.ndim == 2:
             return np.array([self.gravity_torque(*each) for each in zip(position, gravity, strict=True)])
-        if gravity is not self._gravity:
-            self._model.gravity.linear = self._gravity = gravity
+        if not np.array_equal(gravity, self._gravity):
+            self._model.gravity.linear = self._gravity = gravity.copy()
         torque: Vector = pin.computeGeneralizedGravity(self._model, self._data, self._moving.configuration(position))
         return self._moving.driven(torque, position)
+
+    def _checked(self, position: Vector, gravity: Vector) -> tuple[Vector, Vector]:
+        """As arrays. Raises ConfigError unless they are numbers of shapes that belong together."""
+        n = self._n
+        try:
+            q, down = np.asarray(position, dtype=np.float64), np.asarray(gravity, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(
+                f"gravity_torque needs {n} joints, rad, and gravity, m/s², as numbers: {error}"
+            ) from error
+        if q.ndim not in (1, 2) or q.shape[-1] != n or down.shape != (*q.shape[:-1], 3):
+            raise ConfigError(
+                f"gravity_torque needs positions of shape ({n},) and gravity of shape (3,), or (k, {n}) and (k, 3); "
+                f"these have {q.shape} and {down.shape}"
+            )
+        return q, down
 
     def fingertips(self, position: Vector) -> dict[str, Pose]:
         """Centre and orientation of every fingertip."""

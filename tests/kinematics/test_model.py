@@ -81,3 +81,12 @@ def test_a_straight_finger_cannot_move_along_itself_and_a_bent_one_can() -> None
 def test_a_palm_that_is_no_matrix_is_refused() -> None:
     with pytest.raises(ConfigError, match="shape \\(3, 3\\)"):
         HANDS["right"].jacobian(np.zeros(16), np.array([1.0, 0, 0, 0]))
+
+
+def test_gravity_of_a_list_is_that_of_an_array_and_a_wrong_shape_is_one_line_of_ours() -> None:
+    model, q, down = HandModel(load_spec()), [0.1] * 16, [0.0, 0.0, -9.81]
+    listed = model.gravity_torque(q, down)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(listed, model.gravity_torque(np.array(q), np.array(down)))
+    for wrong, pull in ((q[:15], down), (q, down[:2]), ([q, q], down), (["a"] * 16, down)):
+        with pytest.raises(ConfigError, match=r"gravity_torque needs .*16"):
+            model.gravity_torque(wrong, pull)  # type: ignore[arg-type]
