@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from allegro_twin.arm.target import Target
-from allegro_twin.control.trajectory import FASTEST, Path
+from allegro_twin.control.timed import Timed
+from allegro_twin.control.trajectory import FASTEST
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.pose import Pose, placed
@@ -21,7 +22,8 @@ _MOST = 40  # Such places.
 _NEAR = 5e-3  # m and rad: how exactly the arm has to reach them on paper.
 _ROOM = 0.05  # rad, to the end of every joint.
 _TICK, _LONGEST = 0.02, 4000
-"""s between two postures of the fingers that are looked at, and so many of them at most."""
+"""s between two postures of the fingers that are looked at, and so many of them at most in a clearance."""
+_IN_A_LEG = 4  # Moments of every leg, however short: a fast one must not lie between two ticks.
 _GIVES = 0.002  # m. As `hand.ways`: so deep in each other fingers may be asked to be.
 
 
@@ -54,11 +56,13 @@ class Fence:
             self._joints(at, palm)
         return palm
 
-    def fingers(self, path: Path, seconds: float, palm: Pose) -> None:
-        """Look at a path of the fingers from 0 to `seconds`, with the palm at a pose of the world."""
+    def fingers(self, path: Timed, palm: Pose) -> None:
+        """Look at a path of the fingers, with the palm at a pose of the world."""
         spec = self._room.hand.spec
-        count = min(max(int(seconds / _TICK), 2), _LONGEST)
-        points = [path(t) for t in np.linspace(0.0, seconds, count)]
+        legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()
+        count = min(max(int(path.seconds / _TICK), 2), _LONGEST)
+        times = np.unique(np.concatenate([legs, np.linspace(0.0, path.seconds, count)]))
+        points = [path(t) for t in times]
         fastest = max(float(np.abs(point.velocity).max()) for point in points)
         if fastest > FASTEST:
             raise CommandError(f"fingers: {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
@@ -67,13 +71,15 @@ class Fence:
         for row in rows[1:]:  # A joint that rests beyond its limit comes back.
             if said := spec.beyond(row, least, most, 1e-9):
                 raise CommandError(f"fingers: {said}")
+        thin = math.ceil(len(rows) / _LONGEST)
+        rows, times = rows[::-thin][::-1], times[::-thin][::-1]
         apart = self._apart(rows[1:])
         if apart.min() < -_GIVES:
             moment, pair = np.unravel_index(int(apart.argmin()), apart.shape)
             one, other = self._apart.pairs[pair]
-            when = seconds * (moment + 1) / (count - 1)
-            raise CommandError(f"fingers: {one} and {other} would meet after {when:.2f} s; go round")
-        for row in rows[:: max(len(rows) // 20, 1)]:
+            said = f"{one} and {other} would meet after {times[1 + moment]:.2f} s"
+            raise CommandError(f"fingers: {said}; go round")
+        for row in rows[:: -max(len(rows) // 20, 1)]:
             self._over(palm, row, "fingers")
 
     def _joints(self, at: Vector, palm: Pose) -> None:

@@ -107,7 +107,7 @@ class Led:
                 self._goal = self._fence.arm(pose, self._at, arm.position, self.fingers(arm.t).position)
             case Fingers(times, postures, velocities):
                 path = self._timed(times, postures, velocities, arm.t)
-                self._fence.fingers(path, path.seconds, self.room.cell.palm(arm))
+                self._fence.fingers(path, self.room.cell.palm(arm))
                 self._path, self._since = path, arm.t
             case Stay():
                 self._goal = self._at = self.room.cell.palm(arm)

@@ -129,10 +129,17 @@ def changed(room: Room, **joints: float) -> Array:
     return posture
 
 
+def darting(room: Room) -> tuple[Array, Array]:
+    """Slow but for 4 ms between two ticks of the check."""
+    return np.array([0.5, 0.504, 1.0]), room.open + np.array([[0.0], [0.1], [0.1]])
+
+
 @pytest.mark.parametrize(
     ("wish", "said"),
     [
-        (lambda room: Fingers(np.array([0.01]), room.open[None] + 0.1), "is where the guard stops: slow down"),
+        (lambda room: Fingers(np.array([0.005]), room.open[None] + 0.1), "is where the guard stops: slow down"),
+        (lambda room: Fingers(*darting(room)), "is where the guard stops: slow down"),
+        (lambda room: Fingers(*darting(room), np.zeros((3, 16))), "is where the guard stops: slow down"),
         (lambda room: Fingers(np.array([1.0, 0.5]), np.tile(room.open, (2, 1))), "times must ascend from above 0 s"),
         (lambda room: Fingers(np.array([1.0]), changed(room, index_3=3.0)[None]), "outside its limits"),
     ],
