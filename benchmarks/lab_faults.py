@@ -1,7 +1,8 @@
 """Faults injected into the cell, hand by hand and state by state: does it ever say `held` of what is not?
 
-`python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--most N] [--seed 0] [--rows FILE]`
-prints the table of docs/lab.md. Objects, places, yaws and joints are drawn, and with `--most` N cases of each kind. Kinds:
+`python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--most N] [--seed 0]
+[--rows FILE]`
+prints the table of docs/lab.md. Objects, places, yaws and joints are drawn, with `--most` N cases of each kind. Kinds:
 
 - `power`: the motors of the whole hand, or of one finger, give nothing from a state on, for every state;
 - `weak`: the motors give 20 % from a state on;

@@ -15,6 +15,8 @@ from allegro_twin.lab.states import End, Seen
 from allegro_twin.types import Array, Vector
 
 _GRAVITY = 9.81  # m/s².
+_LIGHT = 120.0  # kg/m³ of its box: YCB's fruits of plastic have 120 to 150, an orange of 73 mm 47 g.
+_CHANCE = 3.0  # Standard deviations of a weight: one empty hand in 740 weighs more by chance.
 _PART = 0.1  # Of the pressure: a finger that gives less does not count as one that presses.
 
 
@@ -24,6 +26,8 @@ class Checked:
 
     weight: float
     """Of what hangs on the hand, kg."""
+    least: float
+    """Less than this the force sensor cannot tell, kg."""
     torque: float
     """That stops the fingers, summed over the joints, N·m."""
     between: float
@@ -40,12 +44,29 @@ class Checked:
     """Why the force sensor is not to be trusted; nothing where it is."""
 
 
-def checked(weight: float, torque: float, between: float, sight: Sight, settings: ValidateSettings) -> Checked:
-    """The verdicts of all four."""
-    force = True if weight > settings.least else None
+def tare(size: Vector, settings: ValidateSettings) -> int:
+    """Samples before the approach to a solid of a size, (3,), m: more where `samples` may not tell it."""
+    light = _LIGHT * float(np.prod(size)) < settings.least
+    return max(settings.tare, settings.samples) if light else settings.samples
+
+
+def detectable(before: int, after: int, settings: ValidateSettings) -> float:
+    """The weight that so many samples before and after can tell from none, kg: less than `settings.least` only where it
+    was weighed for long."""
+    if after < settings.long:
+        return settings.least
+    noise = settings.noise * float(np.sqrt(1.0 / before + 1.0 / after))
+    return min(settings.least, _CHANCE * noise / _GRAVITY)
+
+
+def checked(
+    weight: float, least: float, torque: float, between: float, sight: Sight, settings: ValidateSettings
+) -> Checked:
+    """The verdicts of all four; `least`: the weight that can be told, kg."""
+    force = True if weight > least else None
     press, there = torque > settings.torque, between > settings.torque
     held = {"force": force is True, "torque": press, "fingers": there}[settings.by]
-    return Checked(weight, torque, between, force, press, there, sight.held, held)
+    return Checked(weight, least, torque, between, force, press, there, sight.held, held)
 
 
 def weighed(before: Sequence[Vector], after: Sequence[Vector], axes: Array) -> float:
@@ -122,7 +143,7 @@ def verdict(t: float, found: Checked, sight: Sight, sure: Callable[[], bool], se
     if not (found.by_force or found.by_camera or (sight.fresh and sure())):
         said = (
             f"the fingers press with {found.between:.2f} N·m, and nothing confirms that on an object: it weighs "
-            f"{1e3 * found.weight:.0f} g of the {1e3 * settings.least:.0f} g that can be told, and {sight.hidden}; see "
+            f"{1e3 * found.weight:.0f} g of the {1e3 * found.least:.0f} g that can be told, and {sight.hidden}; see "
             "what is in the hand before it is opened"
         )
         return Seen(t, fault=End("fault", "not confirmed", said))

@@ -76,11 +76,11 @@ class TimeoutSettings(Settings):
 
     security: Positive = 6.0
     look: Positive = 1.0
-    target: Positive = 6.0
+    target: Positive = 9.0
     approach: Positive = 4.0
     close: Positive = 6.0
     lift: Positive = 4.0
-    check: Positive = 3.0
+    check: Positive = 6.0
 
 
 class DecideSettings(Settings):
@@ -104,9 +104,13 @@ class ValidateSettings(Settings):
     by: Literal["force", "torque", "fingers"] = "fingers"
     """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
     samples: Annotated[int, Field(ge=1)] = 100
-    """Of the force, before and after."""
+    """Of the force, where the arm waits and after the lift."""
+    tare: Annotated[int, Field(ge=1)] = 1000
+    """Of the force before the approach to an object that may be too light for `samples`."""
+    long: Annotated[int, Field(ge=1)] = 1500
+    """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
-    """kg: what weighs more is there. 100 samples detect it (docs/lab.md)."""
+    """kg: what weighs more is there. `samples` detect it (docs/lab.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1

@@ -15,7 +15,18 @@ from allegro_twin.kinematics.arm import turn
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.lab.camera_check import Sight, sighted
 from allegro_twin.lab.cell import Room
-from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
+from allegro_twin.lab.check import (
+    Checked,
+    between,
+    checked,
+    detectable,
+    pressing,
+    stopped,
+    surely,
+    tare,
+    verdict,
+    weighed,
+)
 from allegro_twin.lab.choice import Way
 from allegro_twin.lab.clutter import beside
 from allegro_twin.lab.doubt import doubted, drifted, with_doubt
@@ -69,8 +80,11 @@ class Work:
         self._sight: Sight | None = None
         samples = room.settings.validation.samples
         self._idle: deque[Vector] = deque(maxlen=samples)
-        self._before: deque[Vector] = deque(maxlen=samples)
-        self._after: deque[Vector] = deque(maxlen=samples)
+        self._before: deque[Vector] = deque()
+        self._after: deque[Vector] = deque(maxlen=room.settings.validation.long)
+        self._tare = samples
+        self._enough = samples
+        """So many samples of the force before the approach, and after the lift."""
 
     def enter(self, now: Now, state: HandState) -> None:
         """Begin what a state is for; `state` is the arm's."""
@@ -86,6 +100,8 @@ class Work:
                 assert self.way is not None
                 self._grasp = self.room.library.grasp(self.way.card.grasp, self.room.hand.spec)
                 self._before.clear()
+                if self.solid is not None:
+                    self._tare = tare(np.asarray(self.solid.size), self.room.settings.validation)
                 self._head_for(t, self._grasp.preshape, OPENING)
                 self._left = list(self._through)
                 self._far(t, state, self._left.pop(0))
@@ -101,6 +117,7 @@ class Work:
             case "ToLiftedPose":
                 assert self.way is not None
                 self._after.clear()
+                self._enough = self.room.settings.validation.samples
                 self._grasped = self.room.cell.palm(state)
                 up = np.array([0.0, 0.0, self.room.settings.lift])
                 self._go(t, Pose(self.way.palm.position + up, self.way.palm.rotation), self.room.settings.arm.lift)
@@ -156,7 +173,7 @@ class Work:
         if now.state == "ToTargetPose" and self._left and state.t >= self._there:
             self._far(state.t, state, self._left.pop(0))
             return Seen(state.t)
-        if now.state == "ToTargetPose" and len(self._before) < self.room.settings.validation.samples:
+        if now.state == "ToTargetPose" and len(self._before) < self._tare:
             return Seen(state.t)  # The tare.
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Seen(state.t, done=self._arrived(state, loose) and state.t >= self._there)
@@ -285,7 +302,7 @@ class Work:
 
     def _check(self, state: HandState) -> Seen:
         room, settings = self.room, self.room.settings.validation
-        if len(self._after) < settings.samples or self._hand is None or self.way is None or self._grasp is None:
+        if len(self._after) < self._enough or self._hand is None or self.way is None or self._grasp is None:
             return Seen(state.t)
         hand, spec, friction = self._hand, room.hand.spec, room.hand.spec.actuation.frictionloss
         dead, sight = self._motors.dead(hand), self._sighted(state, hand)
@@ -298,7 +315,8 @@ class Work:
         press = pressing(hand.position, torque - gravity, nothing, room.stiffness, friction)
         squeeze = between(press, nothing, meeting(room.settings.hand, hand.position))
         stop, weight = stopped(torque, gravity, friction), weighed(self._before, self._after, axes)
-        found = checked(weight, stop, squeeze, sight, settings)
+        told = detectable(len(self._before), len(self._after), settings)
+        found = checked(weight, told, stop, squeeze, sight, settings)
         why = drifted(self._idle, self._before, settings, len(self.others))
         why = why or doubted(found, self._before, self._after, axes, settings)
         self.checked = with_doubt(found, why, settings)
@@ -309,4 +327,8 @@ class Work:
             meet = meeting(room.settings.hand, ways)
             return surely(off, nothing, meet, [finger.joints for finger in spec.fingers], settings.torque)
 
-        return verdict(state.t, self.checked, sight, sure, settings)
+        seen = verdict(state.t, self.checked, sight, sure, settings)
+        if seen.fault is not None and seen.fault.reason == "not confirmed" and len(self._after) < settings.long:
+            self._enough = settings.long  # It may be light: weigh it for longer.
+            return Seen(state.t)
+        return seen

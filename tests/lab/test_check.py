@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 from allegro_twin.lab.camera_check import Sight
-from allegro_twin.lab.check import Checked, between, checked, pressing, stopped, surely, verdict, weighed
+from allegro_twin.lab.check import (
+    Checked,
+    between,
+    checked,
+    detectable,
+    pressing,
+    stopped,
+    surely,
+    tare,
+    verdict,
+    weighed,
+)
 from allegro_twin.lab.doubt import doubted, drifted
 from allegro_twin.lab.nothing import Nothing, misread
 from allegro_twin.lab.settings import ValidateSettings
@@ -36,6 +47,26 @@ def test_more_samples_weigh_more_finely() -> None:
 
     assert scatter(1) == pytest.approx(np.sqrt(2.0) * 1.3 / 9.81, rel=0.15)
     assert scatter(100) == pytest.approx(scatter(1) / 10.0, rel=0.2)
+
+
+def test_an_empty_hand_that_is_weighed_for_long_hardly_ever_weighs_what_can_be_told() -> None:
+    before, after = SETTINGS.tare, SETTINGS.long
+    told = detectable(before, after, SETTINGS)
+    assert detectable(before, after - 1, SETTINGS) == SETTINGS.least
+    assert told == pytest.approx(0.0162, abs=1e-4)
+    pairs = [(felt(0.0, before, 2 * k), felt(0.0, after, 2 * k + 1)) for k in range(100)]
+    assert np.mean([weighed(*pair, AXES) > told for pair in pairs]) < 0.02
+    pairs = [(felt(0.029, before, 2 * k), felt(0.029, after, 2 * k + 1)) for k in range(100)]
+    assert np.mean([weighed(*pair, AXES) > told for pair in pairs]) > 0.95
+
+
+@pytest.mark.parametrize(("size", "samples"), [
+    ((0.068, 0.054, 0.054), SETTINGS.tare),  # A lemon of 29 g.
+    ((0.043, 0.043, 0.043), SETTINGS.tare),  # A golf ball of 46 g.
+    ((0.067, 0.067, 0.102), SETTINGS.samples),  # A soup can of 349 g.
+])  # fmt: skip
+def test_before_a_small_object_is_taken_the_tare_is_longer(size: tuple[float, float, float], samples: int) -> None:
+    assert tare(np.array(size), SETTINGS) == samples
 
 
 def test_friction_and_the_fingers_own_weight_are_no_grip() -> None:
@@ -105,7 +136,7 @@ def test_a_motor_at_its_own_stop_that_is_read_a_little_short_of_it_presses_on_no
 @pytest.mark.parametrize(("by", "held"), [("force", False), ("torque", True), ("fingers", False)])
 def test_the_settings_say_which_check_decides(by: str, held: bool) -> None:
     settings = ValidateSettings.model_validate({"by": by})
-    found = checked(0.03, 1.0, 0.1, Sight(), settings)
+    found = checked(0.03, 0.053, 1.0, 0.1, Sight(), settings)
     assert (found.by_force, found.by_torque, found.by_fingers, found.held) == (None, True, False, held)
 
 
@@ -122,7 +153,7 @@ def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
     by: str, weight: float, torque: float, press: float, sure: bool, sight: Sight
 ) -> None:
     settings = ValidateSettings.model_validate({"by": by})
-    found = checked(weight, torque, press, sight, settings)
+    found = checked(weight, 0.053, torque, press, sight, settings)
     said = verdict(1.0, found, sight, lambda: sure, settings)
     confirmed = weight > 0.0 or sight is SEEN or (sure and sight is HIDDEN)
     held = torque > 0.0 and press > 0.0 and sight is not TABLE and confirmed and (by != "force" or weight > 0.0)
@@ -133,7 +164,7 @@ def test_checks_that_disagree_and_checks_that_nothing_confirms_are_never_held(
 
 
 def test_a_hand_that_presses_on_something_that_nothing_confirms_says_what_is_missing() -> None:
-    said = verdict(1.0, checked(0.02, 1.0, 0.9, FROZEN, SETTINGS), FROZEN, lambda: True, SETTINGS)
+    said = verdict(1.0, checked(0.02, 0.053, 1.0, 0.9, FROZEN, SETTINGS), FROZEN, lambda: True, SETTINGS)
     assert said.fault is not None
     assert "weighs 20 g of the 53 g that can be told, and the camera is frozen" in said.fault.sentence
 
@@ -146,7 +177,7 @@ def test_a_zero_that_moves_while_nothing_touches_the_hand_is_told() -> None:
 
 def empty(weight: float, press: float, by: str = "fingers") -> tuple[Checked, ValidateSettings]:
     settings = ValidateSettings.model_validate({"by": by})
-    return checked(weight, 0.0, press, Sight(), settings), settings
+    return checked(weight, 0.053, 0.0, press, Sight(), settings), settings
 
 
 @pytest.mark.parametrize(("weight", "press", "by", "why"), [
