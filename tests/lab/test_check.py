@@ -56,7 +56,7 @@ def test_an_empty_hand_that_is_weighed_for_long_hardly_ever_weighs_what_can_be_t
     assert told == pytest.approx(0.0162, abs=1e-4)
     pairs = [(felt(0.0, before, 2 * k), felt(0.0, after, 2 * k + 1)) for k in range(100)]
     assert np.mean([weighed(*pair, AXES) > told for pair in pairs]) < 0.02
-    pairs = [(felt(0.029, before, 2 * k), felt(0.029, after, 2 * k + 1)) for k in range(100)]
+    pairs = [(felt(0.0, before, 2 * k), felt(0.029, after, 2 * k + 1)) for k in range(100)]
     assert np.mean([weighed(*pair, AXES) > told for pair in pairs]) > 0.95
 
 
