@@ -162,11 +162,16 @@ def test_a_light_thing_is_held_by_the_camera_or_by_fingers_where_it_cannot_be_we
     assert report.checked.by_force is None
 
 
-def test_a_light_thing_that_no_picture_shows_after_the_lift_is_not_said_to_be_held() -> None:
-    room = room_of(**LIGHT)
+@pytest.mark.parametrize(("long", "end"), [(1500, "held"), (100, "fault: not confirmed")])
+def test_a_light_thing_that_no_picture_shows_after_the_lift_is_held_only_if_it_is_weighed_for_long(
+    long: int, end: str
+) -> None:
+    room = room_of(**LIGHT, validation={"long": long})
     report = perform(room, entered=lambda now: room.camera.freeze() if now.state == "Approach" else None)
-    assert str(report.end) == "fault: not confirmed"
-    assert "the camera is frozen, or its cable is out" in report.end.sentence
+    assert (str(report.end), report.truly) == (end, True)
+    assert report.checked is not None
+    assert report.checked.by_force is (True if long > 100 else None)
+    assert ("the camera is frozen, or its cable is out" in report.end.sentence) == (long == 100)
 
 
 def test_a_thing_that_fell_back_on_the_table_is_seen_there() -> None:
