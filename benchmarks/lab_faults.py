@@ -1,7 +1,7 @@
 """Faults injected into the cell, hand by hand and state by state: does it ever say `held` of what is not?
 
-`python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--seed 0] [--rows FILE]`
-prints the table of docs/lab.md. Objects, places, yaws and joints are drawn. Kinds:
+`python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--most N] [--seed 0] [--rows FILE]`
+prints the table of docs/lab.md. Objects, places, yaws and joints are drawn, and with `--most` N cases of each kind. Kinds:
 
 - `power`: the motors of the whole hand, or of one finger, give nothing from a state on, for every state;
 - `weak`: the motors give 20 % from a state on;
@@ -240,6 +240,7 @@ def main() -> None:
     parser.add_argument("--hands", default=",".join(HANDS))
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--objects", type=int, default=1)
+    parser.add_argument("--most", type=int, help="cases of one kind and object, drawn; all without it")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rows", type=Path)
     asked = parser.parse_args()
@@ -259,7 +260,9 @@ def main() -> None:
                 continue  # Nothing moves: nothing can go wrong.
             left -= 1
             for kind in asked.kinds.split(","):
-                for case in cases(kind, load_spec(hand), draws):
+                every = list(cases(kind, load_spec(hand), draws))
+                for each in draws.permutation(len(every))[: asked.most]:
+                    case = every[each]
                     rows.append(tried(here, case))
                     if asked.rows is not None:
                         with asked.rows.open("a") as file:
