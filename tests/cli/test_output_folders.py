@@ -284,3 +284,11 @@ def test_two_programs_do_not_record_into_one_file(command: Run, tmp_path: Path) 
     assert (status, said.count("\n")) == (2, 1)
     assert "another program records to it" in said
     assert path.read_bytes() == b"theirs"
+
+
+def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere" / "else")
+    for place in (Path("/proc/nowhere"), tmp_path / "file", tmp_path / "file" / "below", tmp_path / "dangling"):
+        with pytest.raises(RecordingError, match="cannot be a folder to write into"), locked(place):
+            pass
