@@ -23,7 +23,7 @@ from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
 from tests.cli.wrong import built
 
-POSE = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 0.6\n"
+POSE = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 3\n"
 
 
 def content(folder: Path) -> dict[str, bytes]:

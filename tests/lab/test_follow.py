@@ -132,7 +132,7 @@ def changed(room: Room, **joints: float) -> Array:
 @pytest.mark.parametrize(
     ("wish", "said"),
     [
-        (lambda room: Fingers(np.array([0.01]), room.open[None] + 0.1), "is where the guard stops: slow down"),
+        (lambda room: Fingers(np.array([0.01]), room.open[None] + 0.3), "is where the guard stops: slow down"),
         (lambda room: Fingers(np.array([1.0, 0.5]), np.tile(room.open, (2, 1))), "times must ascend from above 0 s"),
         (lambda room: Fingers(np.array([1.0]), changed(room, index_3=3.0)[None]), "outside its limits"),
     ],
