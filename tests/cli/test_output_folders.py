@@ -77,7 +77,7 @@ def interrupted(arguments: list[str], folder: Path, how: signal.Signals) -> tupl
     return program.returncode, said
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     lemon: Path, tmp_path: Path, how: signal.Signals
 ) -> None:
@@ -99,6 +99,7 @@ def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     assert set(content(out)) == {"next", FILES}
 
 
+@pytest.mark.slow
 def test_a_stopped_first_run_is_no_run(tmp_path: Path) -> None:
     out = tmp_path / "f"
     interrupted(["run", "lemon", "--out", str(out)], out, signal.SIGINT)
@@ -117,6 +118,7 @@ def test_another_run_takes_the_place_of_the_one_before_and_of_nothing_else(
     assert {path.name for path in out.iterdir()} == {"notes.txt", "p.arrow", "p.png", FILES}
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_leaves_the_run_before_it_as_it_was(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(POSE)
     out, run = tmp_path / "f", [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out"]
@@ -181,6 +183,7 @@ def test_a_default_folder_has_one_writer_too(command: Run, tmp_path: Path, monke
     assert "runs/reach: another program writes into this folder" in said
 
 
+@pytest.mark.slow
 def test_two_programs_at_once_are_one_run_and_one_refusal(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(POSE)
     run = [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "f")]
