@@ -8,7 +8,7 @@ PYTEST = $(BIN)/pytest -n $(JOBS) --dist worksteal
 # What is compiled once is kept for the next run and for every program that a test starts, whatever a container says.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo demo-all docs test tests types test-rl test-panel test-realtime test-socketcan test-socketcan-timing test-long \
+.PHONY: demo demo-all docs test tests types test-rl test-panel test-realtime test-socketcan test-socketcan-timing test-slow test-long \
         test-lowest test-all mutants bench models install tutorials clean
 
 demo: $(READY)
@@ -33,7 +33,7 @@ types: $(READY)
 # Learning: PyTorch and its learners, which are gigabytes.
 RL := $(VENV)/.rl
 test-rl: $(RL)
-	$(PYTEST) --whole rl tests/train tests/policy tests/gym tests/lab/test_pick.py tests/test_arrays.py tests/test_examples.py
+	$(PYTEST) -m 'not long and not realtime' --whole rl tests/train tests/policy tests/gym tests/lab/test_pick.py tests/test_arrays.py tests/test_examples.py
 
 $(RL): $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[rl,rsl]'
@@ -42,7 +42,7 @@ $(RL): $(READY)
 # The panel in a browser: apt-get install chromium.
 PANEL := $(VENV)/.panel
 test-panel: $(PANEL)
-	$(PYTEST) --whole panel tests/panel
+	$(PYTEST) -m 'not long and not realtime' --whole panel tests/panel
 
 $(PANEL): $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[panel]' playwright
@@ -58,16 +58,20 @@ test-socketcan: $(READY)
 test-socketcan-timing: $(READY)
 	$(BIN)/python -m tests.socketcan.emulated --color=no
 
+# What takes seconds, or a kind of its own of what `make test` has one of.
+test-slow: $(READY)
+	$(PYTEST) -m 'slow and not long and not realtime'
+
 test-long: $(READY)
 	$(PYTEST) -m 'long and not realtime'
 	$(BIN)/pytest -m 'long and realtime'
 
-test-all: test test-realtime test-rl test-panel test-long test-socketcan-timing
+test-all: test test-slow test-realtime test-rl test-panel test-long test-socketcan-timing
 
 # Small errors that no test sees: an hour and more. docs/tests.md has the last result.
 MUTANTS ?= --count 200 --seed 1 --bar 0.9
 mutants: $(RL)
-	$(BIN)/python -m tests.mutants --map
+	$(BIN)/python -m tests.mutants --map -m 'not long and not realtime'
 	$(BIN)/python -m tests.mutants --map -m 'realtime and not long'
 	$(BIN)/python -m tests.mutants $(MUTANTS)
 

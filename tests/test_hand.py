@@ -388,7 +388,14 @@ def test_a_trajectory_of_the_library_is_performed_by_name_on_either_hand(side: S
             hand.play("rippel")
 
 
-@pytest.mark.parametrize("name", ["grasp_3", "grasp_4", "pinch_index", "pinch_middle", "envelop"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "grasp_3",
+        "envelop",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("grasp_4", "pinch_index", "pinch_middle")),
+    ],
+)
 def test_the_manufacturers_grasps_close_on_a_hand_in_the_air(name: str, hand: Hand) -> None:
     hand.move_to("ready")
     felt = hand.grasp(name)
@@ -398,6 +405,7 @@ def test_the_manufacturers_grasps_close_on_a_hand_in_the_air(name: str, hand: Ha
     assert np.abs(hand.errors).max() < 0.03
 
 
+@pytest.mark.slow
 def test_a_force_grasp_can_ask_the_mirror_of_a_hand_on_a_bus_what_its_fingers_touch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -72,6 +72,7 @@ def test_moves_on_which_fingers_used_to_meet_arrive(start: str, goal: str) -> No
         assert not missed(hand, goal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "side"),
     [
@@ -190,6 +191,7 @@ def straight_into_a_jam(hand: Hand) -> Motion:
     return Motion(np.array([0.0, 1.5]), rows, "jam")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sim", "v4"])
 def test_a_motion_that_is_stopped_says_by_what_and_gives_up_its_torque(kind: str) -> None:
     with Hand.open(config() if kind == "sim" else can_config("v4")) as hand:

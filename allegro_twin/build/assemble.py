@@ -66,7 +66,8 @@ def _served(config: RunConfig, settings: DynamixelSettings | PolledSettings) -> 
     from allegro_twin.build.wired import Scene
 
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    check_period(config.period, spec)
+    if "torque" not in spec.commands:  # One that takes torques is refused by what its line is for.
+        check_period(config.period, spec)
     scene = Scene()
     if isinstance(settings, PolledSettings):
         polled = make_polled(config, settings, spec, scene)

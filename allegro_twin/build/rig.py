@@ -73,7 +73,7 @@ def check_period(period: float, spec: HandSpec, where: str = "period") -> None:
     if period <= slowest + 1e-12:
         return
     what = "set-points for its own loop" if own else "its joints' loop"
-    hint = f"; it is in seconds: {period:g} ms is {period / 1e3:g}" if period / 1e3 <= slowest else ""
+    hint = f"; it is in seconds: {period:g} ms is {period / 1e3:g}" if period >= 0.5 and period / 1e3 <= slowest else ""
     raise ConfigError(f"{where} {period:g} s: {spec.name} needs {what} every {slowest:g} s at least{hint}")
 
 

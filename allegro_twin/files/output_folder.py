@@ -20,6 +20,8 @@ UNFINISHED = "unfinished"
 """The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""
 FILES = "run.json"
 """Which files of an output folder its run wrote: the next run replaces these and no others."""
+_TRIES = 100
+"""To lock a folder that its last writer removes, empty, at the same moment."""
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)]
 
 
@@ -95,9 +97,12 @@ def undisturbed() -> Iterator[None]:
 
 def _lock(folder: Path) -> int:
     """An open handle that holds the folder's lock."""
-    while True:
+    for _ in range(_TRIES):
         try:
             folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(f"{folder}: cannot be a folder to write into: {error.strerror or error}") from error
+        try:
             handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:
             continue  # Its last writer has just removed it, empty.
@@ -117,6 +122,7 @@ def _lock(folder: Path) -> int:
             os.close(handle)
             raise refused(folder, error) from error
         os.close(handle)
+    raise RecordingError(f"{folder}: cannot be a folder to write into: it vanishes as soon as it is made")
 
 
 def _written(folder: Path) -> list[Path]:

@@ -132,6 +132,6 @@ def _recording(path: Path, stream: Stream, complete: bool, name: str) -> Recordi
 
 def _short(path: Path, stream: Stream, what: str) -> RecordingError:
     return RecordingError(
-        f"{path} is cut short after {stream.table.num_rows} {what}; `run`, `view` and `export` "
-        "take --partial to use them, and a config says `partial: true`"
+        f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view` "
+        "and `export` pass --partial to use them; a config says `partial: true`"
     )

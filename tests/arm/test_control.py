@@ -41,6 +41,7 @@ def followed(arm: Rig, law: Compliance, goal: Pose, cycles: int, wall: float = n
     return heights
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fer", "fr3"])
 @pytest.mark.parametrize("stiffness", [150.0, 400.0, 1000.0])
 def test_a_push_of_ten_newtons_moves_the_tool_by_ten_over_k(name: str, stiffness: float) -> None:
@@ -52,6 +53,7 @@ def test_a_push_of_ten_newtons_moves_the_tool_by_ten_over_k(name: str, stiffness
     assert np.abs(state.velocity).max() < 1e-3  # Stable: it has come to rest.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "axis", "stiffness", "angular"), [
     ("fer", 0, 150.0, 10.0), ("fer", 0, 1000.0, 10.0), ("fr3", 0, 400.0, 10.0), ("fr3", 2, 150.0, 30.0),
 ])  # fmt: skip

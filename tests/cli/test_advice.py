@@ -24,8 +24,8 @@ OTHERS = {
     "--version",
 }
 """Of other programs, such as pip, and of every one."""
-NO_ADVICE = ("build/twin_page", "evaluate/page", "look/server.py")
-"""Style sheets, and what Rerun is started with."""
+NO_ADVICE = ("build/twin_page", "evaluate/page", "look/server.py", "suspend.py")
+"""Style sheets, and what Rerun and systemd-inhibit are started with."""
 
 
 def below(group: Any, name: str = "") -> Iterator[tuple[str, set[str]]]:

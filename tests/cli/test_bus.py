@@ -269,6 +269,7 @@ def test_messages_are_said_in_words(message: Message, words: tuple[str, str]) ->
     assert describe(message) == words
 
 
+@pytest.mark.slow
 def test_a_served_hand_is_checked_from_another_process_and_its_log_survives_sigterm(
     command: Run, config: Any, tmp_path: Path
 ) -> None:

@@ -75,7 +75,7 @@ def calibrated(command: Run, config: Path, target: Path) -> tuple[int, ...]:
     return load_wiring(serial=str(target)).calibration.encoder_offset
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_hand_whose_encoders_are_off_is_right_once_it_was_calibrated(
     hide: Callable[[int], tuple[int, ...]], command: Run, tmp_path: Path
 ) -> None:

@@ -112,7 +112,7 @@ def test_a_folder_of_other_targets_is_refused_in_a_line(command: Run, tmp_path: 
     assert errors.count("\n") == 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_recordings_of_the_best_and_the_worst_of_each_object_are_linked_from_the_report(
     command: Run, tmp_path: Path
 ) -> None:

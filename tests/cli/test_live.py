@@ -59,7 +59,7 @@ def test_a_taught_posture_is_stored_for_both_hands(tmp_path: Path, command: Run)
     assert (right[4:8] == left[4:8] * (-1, 1, 1, 1)).all()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_calibration_writes_the_hands_own_file_and_the_hand_uses_it(tmp_path: Path, command: Run) -> None:
     target = tmp_path / "mine.yaml"
     target.write_text("# my hand, bought 2019\nactuation:\n  damping: 0.08  # measured\n")
@@ -96,6 +96,7 @@ def test_every_key_of_the_manufacturer_does_what_it_did() -> None:
         assert pressed(hand, "x") == "'x' has no meaning; ? lists the keys"
 
 
+@pytest.mark.slow
 def test_the_keyboard_reads_keys_from_a_pipe() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "allegro_twin", "keyboard"],
@@ -109,6 +110,7 @@ def test_the_keyboard_reads_keys_from_a_pipe() -> None:
     assert "off" in done.stdout.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_the_keyboard_reads_single_keys_from_a_terminal_and_leaves_it_as_it_was() -> None:
     main, other = pty.openpty()
     before = termios.tcgetattr(other)

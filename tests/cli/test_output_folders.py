@@ -23,7 +23,7 @@ from allegro_twin.replay.recording import load
 from tests.cli.conftest import Run
 from tests.cli.wrong import built
 
-POSE = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 0.6\n"
+POSE = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 3\n"
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -77,7 +77,7 @@ def interrupted(arguments: list[str], folder: Path, how: signal.Signals) -> tupl
     return program.returncode, said
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
 def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     lemon: Path, tmp_path: Path, how: signal.Signals
 ) -> None:
@@ -99,6 +99,7 @@ def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
     assert set(content(out)) == {"next", FILES}
 
 
+@pytest.mark.slow
 def test_a_stopped_first_run_is_no_run(tmp_path: Path) -> None:
     out = tmp_path / "f"
     interrupted(["run", "lemon", "--out", str(out)], out, signal.SIGINT)
@@ -117,6 +118,7 @@ def test_another_run_takes_the_place_of_the_one_before_and_of_nothing_else(
     assert {path.name for path in out.iterdir()} == {"notes.txt", "p.arrow", "p.png", FILES}
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_leaves_the_run_before_it_as_it_was(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(POSE)
     out, run = tmp_path / "f", [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out"]
@@ -181,6 +183,7 @@ def test_a_default_folder_has_one_writer_too(command: Run, tmp_path: Path, monke
     assert "runs/reach: another program writes into this folder" in said
 
 
+@pytest.mark.slow
 def test_two_programs_at_once_are_one_run_and_one_refusal(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(POSE)
     run = [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "f")]
@@ -284,3 +287,11 @@ def test_two_programs_do_not_record_into_one_file(command: Run, tmp_path: Path) 
     assert (status, said.count("\n")) == (2, 1)
     assert "another program records to it" in said
     assert path.read_bytes() == b"theirs"
+
+
+def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere" / "else")
+    for place in (Path("/proc/nowhere"), tmp_path / "file", tmp_path / "file" / "below", tmp_path / "dangling"):
+        with pytest.raises(RecordingError, match="cannot be a folder to write into"), locked(place):
+            pass

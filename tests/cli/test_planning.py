@@ -41,6 +41,7 @@ def test_what_cannot_be_planned_for_is_one_line(words: list[str], message: str, 
     assert errors.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_mesh_with_a_hole_is_refused_with_a_way_out_that_each_command_has(command: Run, tmp_path: Path) -> None:
     """A tetrahedron of 60 mm without one of its faces."""
     (tmp_path / "open.obj").write_text("v 0 0 0\nv .06 0 0\nv 0 .06 0\nv 0 0 .06\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")

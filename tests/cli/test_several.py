@@ -35,7 +35,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_recordings_pictures_and_report_are_the_same_bytes_whether_in_one_process_or_in_two(
     tmp_path: Path, command: Run
 ) -> None:
@@ -57,7 +57,7 @@ def test_recordings_pictures_and_report_are_the_same_bytes_whether_in_one_proces
     assert [name for name in one if one[name] != two[name]] == []
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_is_shown_comes_in_the_order_that_was_asked_for_whichever_ends_first(tmp_path: Path, command: Run) -> None:
     paths = written(tmp_path, long=MOMENT.replace("0.3", "3.0"), short=MOMENT)
     code, shown, _ = command("run", *paths, "--jobs", 2)
@@ -65,7 +65,7 @@ def test_what_is_shown_comes_in_the_order_that_was_asked_for_whichever_ends_firs
     assert shown.index("at 3.000 s") < shown.index("at 0.300 s")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_error_of_the_earliest_run_is_told_as_if_they_had_come_one_after_the_other(
     tmp_path: Path, command: Run
 ) -> None:
@@ -138,7 +138,7 @@ def test_processes_end_with_the_program_that_started_them_even_if_it_is_killed(t
         assert within(30, lambda: not any(alive(worker) for worker in workers))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_run_whose_process_is_killed_is_one_line_that_names_it(tmp_path: Path) -> None:
     with two_running(tmp_path) as (program, workers):
         for worker in workers:

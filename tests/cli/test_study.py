@@ -19,7 +19,7 @@ def protocol(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_study_goes_on_where_it_stopped_and_says_what_it_found(command: Run, protocol: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     asked = ("study", "preemption", "--protocol", protocol, "--out", out, "--jobs", 1)
@@ -60,6 +60,7 @@ def test_a_slip_is_one_line(
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_on_the_command_line_a_study_is_registered_refused_and_called_exploratory(
     command: Run, protocol: Path, tmp_path: Path
 ) -> None:

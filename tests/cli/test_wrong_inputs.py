@@ -140,7 +140,7 @@ def names_in_a_line(extra: str, answer: tuple[int, str]) -> bool:
     return f"pip install 'allegro-twin[{extra}]'" in errors and (errors.count("\n"), code) == (1, ends)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_without_any_extra_the_table_is_answered_in_one_line_each(place: Path) -> None:
     found = without(EXTRAS, [row.typed for row in TABLE], place)
     for row in TABLE:
@@ -149,7 +149,7 @@ def test_without_any_extra_the_table_is_answered_in_one_line_each(place: Path) -
         assert row.names in errors or "pip install 'allegro-twin[" in errors, row
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_without_any_extra_what_needs_one_says_which_and_the_rest_works(place: Path, tmp_path: Path) -> None:
     needed = {typed: extra for _, extra, rows in NEEDED for typed in rows}
     found = without(EXTRAS, [*needed, *WORKS], kitchen(place, tmp_path))
@@ -272,6 +272,7 @@ def on_a_full_disk(place: Path, tmp_path_factory: pytest.TempPathFactory) -> Ans
     return {typed: (folders[typed], code, errors) for typed, (code, errors) in json.loads(done.stdout).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("typed", EXPORTS)
 def test_a_full_disk_leaves_nothing_half_written(typed: str, on_a_full_disk: Answers) -> None:
     folder, code, errors = on_a_full_disk[typed]

@@ -211,6 +211,7 @@ def test_a_second_session_repeats_the_first_bit_for_bit(backend: HandBackend) ->
         np.testing.assert_array_equal(before.torque, after.torque)
 
 
+@pytest.mark.slow
 def test_a_second_instance_repeats_the_first_bit_for_bit(make: Make) -> None:
     first, second = drive(make(), 30), drive(make(), 30)
     for before, after in zip(first, second, strict=True):

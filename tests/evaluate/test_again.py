@@ -20,6 +20,7 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> tuple[object, Path]:
     return perform(assemble(config), config, Outputs(record=path)).report, path
 
 
+@pytest.mark.slow
 def test_a_recorded_trial_has_the_same_verdict_again(trial: tuple[object, Path]) -> None:
     report, path = trial
     recording = load(path)

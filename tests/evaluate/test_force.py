@@ -75,13 +75,13 @@ def thumb_force(rig: Rig, position: Vector) -> float:
     "name", ["grasp_4", *(pytest.param(n, marks=pytest.mark.long) for n in FORCE if n != "grasp_4")]
 )
 @pytest.mark.parametrize("thing", ["lemon", pytest.param("tuna_fish_can", marks=pytest.mark.long)])
-@pytest.mark.long
+@pytest.mark.slow
 def test_one_grasp_holds_a_small_and_a_wide_object(name: str, thing: str) -> None:
     report, _ = attempt(name, "right", thing)
     assert report.held, report.reason
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["pinch_index", *(pytest.param(n, marks=pytest.mark.long) for n in FORCE if n != "pinch_index")]
 )
@@ -129,7 +129,7 @@ def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_fr
     np.testing.assert_allclose(np.mean(felt, axis=0), share, rtol=0.05, atol=hidden)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("diameter", [0.100, *(pytest.param(d, marks=pytest.mark.long) for d in (0.060, 0.080))])
 @pytest.mark.parametrize("side", SIDES)
 def test_the_envelop_grasp_wraps_cans_of_any_diameter_from_their_side(diameter: float, side: Side) -> None:

@@ -175,7 +175,9 @@ def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> t
     return verdict.held, None if verdict.report is None else verdict.report.observed
 
 
-@pytest.mark.parametrize("name", ["apple", "foam_brick", "power_sphere"])
+@pytest.mark.parametrize(
+    "name", ["apple", *(pytest.param(name, marks=pytest.mark.slow) for name in ("foam_brick", "power_sphere"))]
+)
 def test_a_grasp_whose_fingers_are_ghosts_is_lost_or_of_another_type(name: str) -> None:
     held, found = shown(name)
     assert held
@@ -193,6 +195,7 @@ def test_a_grasp_whose_fingers_are_ghosts_is_lost_or_of_another_type(name: str) 
         )
 
 
+@pytest.mark.slow
 def test_the_mug_is_held_between_palm_and_thumb_and_says_so() -> None:
     """It was called Large Diameter, palm against index, middle, ring and thumb."""
     held, found = shown("mug")
@@ -202,7 +205,13 @@ def test_the_mug_is_held_between_palm_and_thumb_and_says_so() -> None:
     assert shown("mug", ("index", "middle", "ring"))[1] == found
 
 
-@pytest.mark.parametrize("name", ["leap_potted_meat_can", "model_o_apple", "sih_lemon", "qb_softhand_tennis_ball"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "leap_potted_meat_can",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("model_o_apple", "sih_lemon", "qb_softhand_tennis_ball")),
+    ],
+)
 def test_other_hands_have_a_type_or_none(name: str) -> None:
     _, found = shown(name)
     assert found is not None

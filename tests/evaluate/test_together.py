@@ -45,6 +45,7 @@ def bench() -> Bench:
     return Bench(load_spec())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "draw", [pytest.param(None, marks=pytest.mark.long), Draw(0.004, -0.003, 0.1, 1.04, 0.9, 0.6, 0.8)]
 )
@@ -128,7 +129,7 @@ def test_a_unit_of_a_sweep_is_rows_in_the_order_of_its_items() -> None:
     assert judged({}, items[1:2])[0] == rows[1]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_further() -> None:
     bench = Bench(load_spec(), period=0.004)
     whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)

@@ -60,7 +60,7 @@ def test_an_object_is_picked_up_turned_over_and_shaken_without_being_lost(name: 
     assert report.held, report.reason
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gelatin_box", pytest.param("tomato_soup_can", marks=pytest.mark.long)])
 def test_those_that_fell_with_the_manufacturers_gains_are_held_with_them(name: str) -> None:
     """A quarter of the stiffness presses with a quarter of the force, where the clip does not cut it."""
@@ -101,6 +101,7 @@ def test_no_scenario_bends_the_rules(name: str) -> None:
     np.testing.assert_array_equal(model.actuator_forcerange[:16, 1], load_spec().actuation.torque_limit)
 
 
+@pytest.mark.slow
 def test_a_trial_repeats_bit_for_bit() -> None:
     first, second = picked("tennis_ball", "right"), pick("tennis_ball", "right")[0]
     assert first == second or repr(first) == repr(second)
@@ -128,6 +129,7 @@ def test_a_trial_that_was_cut_short_has_no_verdict() -> None:
         rig.trial.report()
 
 
+@pytest.mark.slow
 def test_an_open_hand_does_not_pass() -> None:
     """The bar can be missed: fingers that do not close leave the object on the table."""
     rig = assemble(scenario_config("rubiks_cube"))

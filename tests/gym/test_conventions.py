@@ -36,6 +36,7 @@ def test_every_id_passes_the_checker_without_a_warning(name: str) -> None:
         check_env(env.unwrapped)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_two_copies_with_the_same_seed_and_actions_agree_exactly(name: str) -> None:
     first, second = make(name, randomise="default"), make(name, randomise="default")
@@ -58,7 +59,7 @@ def test_an_environment_goes_through_a_pickle_as_it_was_made(task: str) -> None:
     assert data_equivalence(env.unwrapped.reset(seed=1), copy.reset(seed=1), exact=True)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_id_is_found_by_its_module_and_runs_in_spawned_workers() -> None:
     code = """
 import gymnasium, numpy as np

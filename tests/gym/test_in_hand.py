@@ -255,7 +255,7 @@ def test_the_package_brings_the_states_that_its_search_would_find() -> None:
     np.testing.assert_array_equal(right.pose[:, 1], -left.pose[:, 1])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from allegro_twin.gym.tasks import held as module
 

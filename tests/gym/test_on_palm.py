@@ -133,6 +133,7 @@ def test_an_episode_begins_above_the_palm_and_a_dropped_cube_ends_on_it() -> Non
     assert failed or info["on_palm"] > 0.0
 
 
+@pytest.mark.slow
 def test_evaluations_report_it_in_tables_files_and_over_can(tmp_path: Path) -> None:
     settings = EnvSettings(timestep=0.003, decimation=100)
     found = evaluate(Still(16), "Rotate", settings, 2, seed=3)

@@ -27,6 +27,7 @@ print("shown")
 """
 
 
+@pytest.mark.slow
 def test_a_window_shows_the_steps_and_is_closed_with_the_environment() -> None:
     screen = [] if has_screen() else ["xvfb-run", "--auto-servernum"]
     if screen and not shutil.which(screen[0]):

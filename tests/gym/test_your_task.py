@@ -20,7 +20,7 @@ BLOCK = re.compile(r"```python\n# (\w+\.py)\n(.*?)```", re.DOTALL)
 BOX = {"name": "soap", "shape": "box", "size": [0.055, 0.055, 0.08], "mass": 0.1}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     blocks = BLOCK.findall((ROOT / "docs" / "your_task.md").read_text())
     assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "use.py"]

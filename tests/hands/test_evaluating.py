@@ -67,6 +67,7 @@ def told(report: Report | None) -> list[Any]:
     return [*phases, report.lift, report.peak_torque, report.at_limit]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_each_of_several_trials_of_any_hand_moves_as_if_it_were_alone(name: str) -> None:
     bench = Bench(load_spec(name), period=0.004)

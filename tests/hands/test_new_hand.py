@@ -29,7 +29,7 @@ def performed(folder: Path, *words: str) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     written = dict(FILE.findall(PAGE))
     assert list(written) == ["gripper.xml", "close.py"]

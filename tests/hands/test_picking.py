@@ -30,6 +30,7 @@ def held(path: Path, side: str = "right") -> bool:
     return rig.trial.report().held
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", QUICK, ids=lambda path: path.stem)
 def test_an_object_is_lifted_turned_and_shaken(path: Path) -> None:
     assert held(path)
@@ -41,7 +42,7 @@ def test_every_object_of_each_hand_is_lifted_turned_and_shaken(path: Path) -> No
     assert held(path)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_left_leap_hand_does_what_the_right_one_does() -> None:
     assert held(data_root() / "scenarios/leap/leap_rubiks_cube.yaml", "left")
 
@@ -68,7 +69,7 @@ def test_a_scenario_of_another_hand_is_refused_by_name(tmp_path: Path) -> None:
         app(["run", str(path), "--config", "sim_model_o", "--out", str(tmp_path)], standalone_mode=False)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_demo_with_another_hand_is_what_that_hand_has_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -104,7 +104,7 @@ def test_a_search_side_by_side_is_of_the_hand_that_it_was_asked_for() -> None:
     thing = heavy.objects[0].model_copy(update={"shape": "sphere", "size": (0.0647,), "mass": 12.0})
     shared = {
         "scenario": heavy.model_copy(update={"objects": (thing,)}).model_dump(mode="json"), "folder": ".",
-        "hand": "model_o", "side": "right", "kind": None, "n": 1, "seconds": 0.5,
+        "hand": "model_o", "side": "right", "kind": None, "n": 1, "budget": {"candidates": 2},
         "effort": {"guessed": 4, "closed": 2, "drawn": 1}, "region": None,
     }  # fmt: skip
     (row,) = searched(shared, [{"seed": 0}])

@@ -19,6 +19,7 @@ from tests.cli.conftest import Run
 from tests.identify import hidden
 
 
+@pytest.mark.slow
 def test_every_joint_creeps_and_runs_both_ways(side: Side) -> None:
     speed = rehearsed(load_spec(side=side), pose("side", side), 0, 16.0).speed
     assert (speed.max(axis=0) > 0.5).all()
@@ -52,7 +53,7 @@ def test_a_hand_that_lies_otherwise_is_not_moved() -> None:
         pose("up", "right").check(np.array([-9.81, 0.0, 0.0]))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_virtual_hand_lies_as_the_pose_says() -> None:
     for path, name in zip(hidden.recordings(), hidden.POSES, strict=True):
         gravity = load(path).columns["gravity"]

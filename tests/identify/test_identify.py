@@ -39,7 +39,7 @@ def motions() -> list[Motion]:
     return list(hidden.found().motions)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_hidden_hand_is_found_out() -> None:
     drive, late = hidden.found().fit.drive, hidden.found().values["delay"]
     constant = np.abs(drive.torque_constant / hidden.CONSTANT - 1.0)
@@ -52,6 +52,7 @@ def test_a_hidden_hand_is_found_out() -> None:
     assert abs(late.value[0] - hidden.DELAY) < 0.3e-3
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_is_hidden() -> None:
     truth = {
         "torque_constant": hidden.CONSTANT,

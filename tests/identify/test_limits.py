@@ -44,6 +44,7 @@ class Shifted:
         return replace(state, position=frozen(state.position + self._offset))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_hidden_stops_and_offsets_are_found_within_a_hundredth_of_a_radian(
     seed: int, side: Side, make_sim: MakeSim

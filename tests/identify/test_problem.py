@@ -37,7 +37,7 @@ def values(problem: Problem, x: Vector) -> Vector:
     return np.concatenate([getattr(drive, name) for name in names])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
     _, drive = made
     back = unscaled(scaled(drive))
@@ -45,6 +45,7 @@ def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None
         np.testing.assert_allclose(getattr(back, name), getattr(drive, name), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]) -> None:
     problem, drive = made
     x, names = scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")

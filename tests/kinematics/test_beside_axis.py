@@ -28,6 +28,7 @@ def beside(finger: FingerKinematics, distance: float, n: int = 400) -> Array:
     return np.asarray(q[((q > finger.lower) & (q < finger.upper)).all(axis=1)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", DISTANCES)
 @pytest.mark.parametrize("key", THUMBS, ids=str)
 def test_a_posture_beside_the_axis_is_found_in_every_mode(key: Key, distance: float) -> None:

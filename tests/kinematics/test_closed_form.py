@@ -81,6 +81,7 @@ def test_a_full_pose_of_the_finger_is_found_with_no_angle_left(key: Key) -> None
         np.testing.assert_allclose(best.posture, q, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", shortly(LONG), ids=str)
 def test_the_rotation_found_is_the_nearest_that_the_finger_can_have_there(key: Key) -> None:
     """Against every pitch in steps of 1e-3 rad, limits left aside and limits kept."""

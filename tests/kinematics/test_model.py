@@ -51,6 +51,7 @@ def test_a_turned_palm_turns_the_jacobian_into_the_world(seed: int, side: Side) 
         np.testing.assert_allclose(world[name][3:], palm @ local[name][3:], atol=1e-15)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(SEEDS)
 def test_the_left_jacobian_is_the_mirrored_right_one(seed: int) -> None:

@@ -43,7 +43,7 @@ def least_angle(finger: FingerKinematics, points: Array, wanted: Array, count: i
     return best
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.003, 0.02, 0.3])
 @pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_no_posture_of_a_dense_sampling_is_turned_nearer(key: Key, noise: float) -> None:
@@ -61,6 +61,7 @@ def test_no_posture_of_a_dense_sampling_is_turned_nearer(key: Key, noise: float)
     assert (best.angle > 1e-4).any()  # It is not what the finger can have.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", THUMBS, ids=str)
 def test_almost_half_a_turn_off_is_not_taken_for_almost_there(key: Key) -> None:
     """Both have a small sine, by which the thumb's q₀ is bounded."""

@@ -28,6 +28,7 @@ def test_a_scalar_fingertip_is_the_batchs(key: Key) -> None:
     np.testing.assert_allclose(scalar, finger.fk(q).position, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin", [0.0, 0.1])
 @pytest.mark.parametrize("key", EVERY, ids=str)
 def test_a_scalar_solve_finds_the_branches_of_the_batch(key: Key, margin: float) -> None:

@@ -42,6 +42,7 @@ def agree(one: Solutions, batch: Solutions, row: int) -> None:
     np.testing.assert_allclose(one.angle, batch.angle[row], rtol=0, atol=SAME)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_one_target_gives_what_a_batch_gives(key: Key) -> None:
     """Postures anywhere, with a straight elbow and at limits, and points anywhere, most of which are out of reach."""

@@ -59,6 +59,7 @@ def test_the_nearest_point_is_nearer_than_any_of_a_dense_sampling(key: Key, give
     np.testing.assert_allclose(np.linalg.norm(there - FAR, axis=-1), nearest.distance, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", shortly(EVERY), ids=str)
 def test_with_no_angle_held_the_nearest_point_is_that_of_all_postures(key: Key) -> None:
     finger = FINGERS[key]

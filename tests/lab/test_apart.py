@@ -61,7 +61,7 @@ def test_a_table_in_the_way_is_named_and_a_hand_that_lies_on_it_may_rise() -> No
     assert APART.on_way(*up) is None
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_grasp_that_would_have_the_arm_in_the_table_is_refused_in_one_line_and_nothing_moves() -> None:
     hand = {"model": "qb_softhand", "side": "right"}
     room = room_of(hand=hand, objects=[{"name": "mug", "at": [0.0, 0.03]}])
@@ -73,6 +73,7 @@ def test_a_grasp_that_would_have_the_arm_in_the_table_is_refused_in_one_line_and
     assert still(room)
 
 
+@pytest.mark.slow
 def test_a_way_back_through_the_table_is_not_gone() -> None:
     room = room_of(decide={"retries": 1})
     low = room.posture + np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])

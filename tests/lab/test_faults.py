@@ -42,6 +42,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("force", "at"), [*DRIFTS, *(pytest.param(*row, marks=pytest.mark.long) for row in OTHERS)])
 def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     force: tuple[float, float, float], at: float
@@ -53,7 +54,7 @@ def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     assert "the force sensor is suspect" in report.end.sentence
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [3.0, pytest.param(-3.0, marks=pytest.mark.long)])
 def test_a_force_sensor_that_decides_and_drifts_ends_in_a_fault_with_the_thing_in_the_hand(force: float) -> None:
     room = room_of(**BY_FORCE, objects=HEAVY)
@@ -63,6 +64,7 @@ def test_a_force_sensor_that_decides_and_drifts_ends_in_a_fault_with_the_thing_i
     assert still(room)
 
 
+@pytest.mark.slow
 def test_a_drift_that_looks_like_a_weight_is_no_thing_in_the_hand() -> None:
     room = room_of(**BY_FORCE, objects=HEAVY)
     down = np.array([0.0, 0.0, -3.4])  # What the can weighs, where a can is no more.
@@ -110,11 +112,13 @@ def test_motors_that_give_a_fifth_are_a_fault() -> None:
     assert str(powerless(room_of(**ONCE), HAND, "ToLiftedPose", 0.2).end) == "fault: hand without torque"
 
 
+@pytest.mark.slow
 def test_a_hand_of_position_servos_without_power_is_a_fault() -> None:
     room = make_room(load(LabSettings, data_root() / "conf" / "lab_leap.yaml"))
     assert str(powerless(room, HAND, "Validate").end) == "fault: hand without torque"
 
 
+@pytest.mark.slow
 def test_what_falls_out_of_the_hand_after_the_check_is_no_longer_held() -> None:
     room = room_of(**ONCE)
     report = perform(room, entered=lambda now: away(room, now, "Done"))
@@ -155,6 +159,7 @@ def test_an_encoder_that_is_off_never_makes_an_empty_hand_hold(joint: int, degre
     assert report.truly or report.end.word != "held"
 
 
+@pytest.mark.slow
 def test_a_light_thing_is_held_by_the_camera_or_by_fingers_where_it_cannot_be_weighed() -> None:
     report = perform(room_of(**LIGHT))
     assert (str(report.end), report.truly) == ("held", True)
@@ -162,6 +167,7 @@ def test_a_light_thing_is_held_by_the_camera_or_by_fingers_where_it_cannot_be_we
     assert report.checked.by_force is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("long", "end"), [(1500, "held"), (100, "fault: not confirmed")])
 def test_a_light_thing_that_no_picture_shows_after_the_lift_is_held_only_if_it_is_weighed_for_long(
     long: int, end: str
@@ -174,6 +180,7 @@ def test_a_light_thing_that_no_picture_shows_after_the_lift_is_held_only_if_it_i
     assert ("the camera is frozen, or its cable is out" in report.end.sentence) == (long == 100)
 
 
+@pytest.mark.slow
 def test_a_thing_that_fell_back_on_the_table_is_seen_there() -> None:
     room = room_of(**ONCE)
 
@@ -188,6 +195,7 @@ def test_a_thing_that_fell_back_on_the_table_is_seen_there() -> None:
     assert "the camera sees" in report.end.sentence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
 def test_a_sensor_that_is_only_noisy_is_not_suspect(seed: int) -> None:
     """Nor is it with seed 0, in test_run.py."""
@@ -195,6 +203,7 @@ def test_a_sensor_that_is_only_noisy_is_not_suspect(seed: int) -> None:
     assert (str(report.end), report.end.sentence) == ("held", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "way",
     [(0.05, 0.0), *(pytest.param(way, marks=pytest.mark.long) for way in ((0.0, -0.05), (-0.05, 0.0), (0.0, 0.05)))],
@@ -215,6 +224,7 @@ def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_
     assert report.tries == 2
 
 
+@pytest.mark.slow
 def test_an_empty_hand_whose_fingers_meet_is_not_said_to_hold() -> None:
     room = room_of(objects=[{"name": "pear"}], decide={"retries": 0})
     report = perform(room, entered=lambda now: away(room, now, "Approach", "pear"))

@@ -78,6 +78,7 @@ def test_a_palm_that_is_only_turned_turns_about_itself(room: Room) -> None:
     assert 2.0 * np.arccos(min(turns[-1], 1.0)) == pytest.approx(0.9, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "said"),
     [

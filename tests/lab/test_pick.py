@@ -37,7 +37,7 @@ def scripted(env: ArmPick, most: int = 1000) -> tuple[float, bool, dict[str, Any
     return earned, lost, info
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["joints", "grasp"])
 def test_it_passes_the_checker_without_a_warning(control: str) -> None:
     check_env(gymnasium.make(allegro_twin.gym.PICK, render_mode="rgb_array", control=control).unwrapped)
@@ -48,6 +48,7 @@ def test_it_passes_the_checker_of_stable_baselines3() -> None:
     checker.check_env(ArmPick())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kwargs", [{"camera_shift": 0.005, "camera_turn": 0.1}, {"perception": True}])
 def test_the_same_seed_is_the_same_episode_whatever_was_before(kwargs: dict[str, Any]) -> None:
     first, second = ArmPick(objects=("apple", "mug"), **kwargs), ArmPick(objects=("apple", "mug"), **kwargs)
@@ -61,6 +62,7 @@ def test_the_same_seed_is_the_same_episode_whatever_was_before(kwargs: dict[str,
         assert data_equivalence(first.step(action), second.step(action), exact=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kwargs", SCRIPTED)
 def test_the_script_picks_an_apple_and_is_paid_for_it(kwargs: dict[str, Any]) -> None:
     env = apple(**kwargs)

@@ -22,7 +22,7 @@ from allegro_twin.replay.recording import Tracks, load, load_tracks
 from tests.lab.test_run import SETTINGS, room_of
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[Tracks, Report]) -> None:
     found, report = run
     assert found.complete
@@ -32,6 +32,7 @@ def test_the_states_and_their_times_and_the_end_are_those_of_the_run(run: tuple[
     assert events[2]["grasp"] == "apple"
 
 
+@pytest.mark.slow
 def test_it_holds_the_config_its_hash_and_what_made_it(run: tuple[Tracks, Report]) -> None:
     found, _ = run
     again = LabSettings.model_validate(found.meta["config"])
@@ -52,6 +53,7 @@ def test_what_perception_saw_is_there_with_its_points_and_its_target(run: tuple[
     assert event["known"] > 100_000
 
 
+@pytest.mark.slow
 def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple[Tracks, Report]) -> None:
     found, report = run
     pictures = found.events("pictures")
@@ -90,7 +92,7 @@ def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report])
     np.testing.assert_array_equal(arm_rig.backend.reset().position, arm.columns["position"][0])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_run_that_is_killed_leaves_all_that_was_whole(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "allegro_twin", "lab", "conf/lab_allegro.yaml", "--out", str(tmp_path)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)

@@ -56,7 +56,7 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     room.close()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_by_events_the_same_is_done_in_less_time() -> None:
     clock, event = room_of(), room_of(decide={"by": "event"})
     slow, fast = perform(clock), perform(event)
@@ -88,6 +88,7 @@ def test_an_empty_table_is_refused() -> None:
     assert str(gone.end) == "refused: no_object"
 
 
+@pytest.mark.slow
 def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     room = room_of(validation={"by": "force"}, decide={"retries": 0})
     report = perform(room, entered=lambda now: away(room, now, "Approach"))

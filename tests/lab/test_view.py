@@ -25,7 +25,7 @@ def drawn(run: tuple[Tracks, Report], tmp_path_factory: pytest.TempPathFactory) 
     return rows_of(path)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_scene_has_the_arm_the_hand_the_thing_the_cloud_and_every_frame(drawn: Rows) -> None:
     for path in (
         "world/fixed", "world/arm/fer_link7/look", "world/flange/look", "world/palm/look", "world/objects/apple/look",
@@ -73,7 +73,7 @@ def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(drawn: Rows, r
     assert len(torques[0]) == 7
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_writes_a_file_for_rerun_and_a_track_for_tables(run: tuple[Tracks, Report], tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["export", str(run[0].path), str(tmp_path / "a.rrd")])
     assert done.exit_code == 0, done.output

@@ -82,6 +82,7 @@ def test_without_the_hand_cut_out_a_finger_would_be_a_thing(wrist: Room) -> None
     assert clean.reason == "no_object"
 
 
+@pytest.mark.slow
 def test_with_the_camera_at_the_wrist_a_thing_is_taken(wrist: Room) -> None:
     report = perform(wrist)
     assert str(report.end) == "held"
@@ -89,7 +90,7 @@ def test_with_the_camera_at_the_wrist_a_thing_is_taken(wrist: Room) -> None:
     assert report.error < 0.003
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_model_o_that_closes_its_own_loop_takes_a_can() -> None:
     report = perform(room_of("lab_model_o"))
     assert str(report.end) == "held"
@@ -103,6 +104,7 @@ def test_a_wrist_without_reach_is_refused_before_anything_moves() -> None:
         make_room(settings.model_copy(update={"security": far}))
 
 
+@pytest.mark.slow
 def test_the_hand_is_cut_out_as_it_was_when_the_picture_was_taken(wrist: Room) -> None:
     asked: list[np.ndarray] = []
 

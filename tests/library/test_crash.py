@@ -54,7 +54,7 @@ def writer(path: Path, name: str, count: int) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_writer_killed_at_any_moment_leaves_the_old_entry_or_the_new_one(tmp_path: Path, spec: HandSpec) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(START)
@@ -103,6 +103,7 @@ def test_a_first_entry_that_cannot_be_written_leaves_the_comments_of_a_file_that
     assert sorted(file.name for file in tmp_path.iterdir()) == [".mine.yaml.lock", "mine.yaml"]
 
 
+@pytest.mark.slow
 def test_two_writers_at_once_lose_no_entry(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(START)

@@ -291,6 +291,7 @@ def suffering(
             done = True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "joint", "amount"), [("weak", 6, 0.4), ("encoder_step", 9, 0.05)])
 def test_what_goes_wrong_with_a_hand_can_stop_it(
     spec: HandSpec, make_sim: MakeSim, what: Ailment, joint: int, amount: float

@@ -75,6 +75,7 @@ def test_a_drift_is_known_with_its_joint_and_its_rate(spec: HandSpec) -> None:
     assert rate == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", ["nothing", "step", "fading"])
 def test_a_step_a_motor_that_fades_and_nothing_at_all_are_no_drift(spec: HandSpec, wrong: str) -> None:
     _, said = seen(spec, 150.0, wrong)

@@ -46,6 +46,7 @@ def test_a_jump_a_push_and_noise_are_no_falls(spec: HandSpec) -> None:
     assert said(spec, 7, 0.2 * FALL) == [None] * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "name"), [("loose", "loose"), ("encoder_step", "encoder_step")])
 def test_a_hand_whose_fingertip_comes_loose_is_called_so(
     spec: HandSpec, make_sim: MakeSim, what: str, name: str

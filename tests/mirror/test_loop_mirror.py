@@ -69,6 +69,7 @@ def test_a_free_hand_in_its_own_loop_moves_as_expected(name: str, make_sim: Make
     assert each.contacts == ()
 
 
+@pytest.mark.slow
 def test_the_disturbance_of_a_servo_is_the_torque_from_outside(make_sim: MakeSim) -> None:
     spec = load_spec("leap")
     sim, push = make_sim(spec, posture=middle(spec)), np.zeros(16)
@@ -102,6 +103,7 @@ def test_a_hand_with_one_motor_cannot_tell_which_finger_is_touched(make_sim: Mak
     assert seen == {(), tuple(finger.name for finger in spec.fingers)}
 
 
+@pytest.mark.slow
 def test_a_touch_of_a_hand_in_its_own_loop_can_stop_it(make_sim: MakeSim) -> None:
     spec = load_spec("leap")
     sim = make_sim(spec, posture=middle(spec))
@@ -120,6 +122,7 @@ def gains(*of: float) -> Vector:
     return Kalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
 
 
+@pytest.mark.slow
 def test_a_recording_of_any_hand_plays_past_its_mirror_and_says_where_down_is_or_is_told(
     make_sim: MakeSim, tmp_path: Path
 ) -> None:
@@ -162,6 +165,7 @@ def test_a_hand_whose_tendon_runs_through_space_says_that_it_has_no_mirror(
         make_loop_mirror(spec, 0.003)
 
 
+@pytest.mark.slow
 def test_a_virtual_leap_hand_on_its_servos_line_is_mirrored_with_their_counts(tmp_path: Path) -> None:
     pytest.importorskip("dynamixel_sdk", reason="the servos' own SDK: extra dynamixel")
     config = load_config("leap_virtual")

@@ -119,6 +119,7 @@ def test_a_finger_whose_report_alone_is_lost_is_expected_where_it_went(spec: Han
     assert np.isfinite(each.external_torque).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [6e-5, 2e-4, 4e-4])
 def test_noisy_encoders_are_no_touch_and_no_fault_even_where_no_file_says_so(
     spec: HandSpec, make_sim: MakeSim, noise: float
@@ -129,6 +130,7 @@ def test_noisy_encoders_are_no_touch_and_no_fault_even_where_no_file_says_so(
     assert each.observer.noise == pytest.approx(np.full(N, max(noise, NOISE)), rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_push_is_noticed_in_time_though_reports_are_lost_and_noisy(spec: HandSpec, make_sim: MakeSim) -> None:
     push = np.zeros(N)
     push[5] = 0.06
@@ -140,6 +142,7 @@ def test_a_push_is_noticed_in_time_though_reports_are_lost_and_noisy(spec: HandS
         assert each.external_torque[5] == pytest.approx(0.06, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_meanwhile(
     spec: HandSpec, make_sim: MakeSim
 ) -> None:
@@ -155,6 +158,7 @@ def test_a_mirror_that_hears_nothing_for_long_begins_again_and_says_nothing_mean
     assert blind == [0, 600 + long]
 
 
+@pytest.mark.slow
 def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_path: Path) -> None:
     path = tmp_path / "noisy.yaml"
     path.write_text("wire: {version: v4}\nidentified: {noise: 3.0e-4}\n")
@@ -186,6 +190,7 @@ def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_l
     np.testing.assert_array_equal(again[-1], steady)
 
 
+@pytest.mark.slow
 def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make_sim: MakeSim, tmp_path: Path) -> None:
     push = np.zeros(N)
     push[9] = 0.06

@@ -217,7 +217,7 @@ def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it
     assert "a sim hand is its own twin" in error
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_encoders_that_are_off_are_no_push(spec: HandSpec, make_sim: MakeSim) -> None:
     off = replace(spec, drive=Drive.made({"encoder_offset": 0.05, "delay": 0.004}, N))
     drive = drive_of(off, ONE, np.full(N, 0.05))
@@ -278,7 +278,7 @@ def resting(spec: HandSpec, make_sim: MakeSim, push: Vector | None = None) -> tu
     return t, disturbance, each
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_noise_does_not_unbend_the_bristles_of_a_hand_that_rests(sticky: HandSpec, make_sim: MakeSim) -> None:
     """Friction of 75 mN·m held what the disturbance then had to: 20 mN·m and more."""
     t, disturbance, _ = resting(sticky, make_sim)
@@ -296,6 +296,7 @@ def test_a_push_that_a_resting_joints_friction_holds_bends_its_bristles_and_is_f
     assert np.abs(np.delete(felt, 9)).max() < 0.008
 
 
+@pytest.mark.slow
 def test_a_hand_that_rests_is_not_touched_however_long(spec: HandSpec, make_sim: MakeSim) -> None:
     """The engine's friction creeps under a load: what held it in the mirror was 16 to 30 mN·m after 20 s."""
     backend = make_sim(spec, posture=(spec.lower + spec.upper) / 2.0)

@@ -149,6 +149,7 @@ def test_a_stop_works_while_a_wish_is_being_planned(desk: Desk, monkeypatch: pyt
     assert desk.page.frame().kind == "torque"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gone", "stopped"), [("hold", False), ("limp", True)])
 def test_when_nobody_drives_a_motion_ends_as_configured(gone: str, stopped: bool, tmp_path: Path) -> None:
     desk = Desk(tmp_path, gone=gone)

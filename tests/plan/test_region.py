@@ -59,7 +59,7 @@ def test_a_region_without_a_surface_is_an_error() -> None:
         next(proposer.fresh())
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_share_of_the_force_in_a_region_and_beside_it_is_all_of_it() -> None:
     bench = Bench(SPEC, period=0.004)
     case = case_of({"scenario": "tomato_soup_can", "protocol": "quick"}, SPEC)
@@ -88,7 +88,7 @@ def test_whoever_waits_for_proposals_can_look_at_the_clock_after_every_batch() -
     assert list(proposer.fresh(tries=3 * BATCH)).count(None) == 3
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[Search, Planned]) -> None:
     """What holds the pushes, but elsewhere, is not returned."""
     search, planned = in_the_air

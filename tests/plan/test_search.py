@@ -62,6 +62,7 @@ def test_a_ball_is_held_by_what_a_short_search_finds(found: tuple[Search, list[P
     assert closed == rounds * LITTLE.closed, "each candidate has one end"
 
 
+@pytest.mark.slow
 def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned], int], tmp_path: Path) -> None:
     """The same trial from its files gives the same margin, to the last digit."""
     _, (planned,), _ = found
@@ -99,6 +100,7 @@ def files(planned: list[Planned], folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.rglob("*.yaml"))}
 
 
+@pytest.mark.slow
 def test_the_same_seed_and_as_many_candidates_write_the_same_files_bit_for_bit(
     found: tuple[Search, list[Planned], int], tmp_path: Path
 ) -> None:
@@ -110,6 +112,7 @@ def test_the_same_seed_and_as_many_candidates_write_the_same_files_bit_for_bit(
     assert files(first, tmp_path / "first") == files(second, tmp_path / "second")
 
 
+@pytest.mark.slow
 def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) -> None:
     """The budget is looked at between rounds only, and the last round counts as it was."""
     timed, counted = (
@@ -125,12 +128,14 @@ def test_a_search_that_ran_out_of_time_is_repeated_by_its_count(tmp_path: Path) 
     assert files(found, tmp_path / "timed") == files(again, tmp_path / "counted")
 
 
+@pytest.mark.slow
 def test_a_budget_of_candidates_is_kept_to_the_last_one() -> None:
     search = Search(scenario_of("tennis_ball", "z", 1.0, None, 0.8), SPEC, templates(SPEC), seed=0, effort=TINY)
     search.run(5, Budget(3))
     assert search.closed == 3
 
 
+@pytest.mark.slow
 def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
     found: tuple[Search, list[Planned], int], tmp_path: Path
 ) -> None:
@@ -155,6 +160,7 @@ def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
     assert not set(drawn) & {draw for seed in range(6) for draw in draws(search.uncertainty, 50, seed)}
 
 
+@pytest.mark.slow
 def test_what_is_written_claims_the_type_that_its_contacts_show(
     found: tuple[Search, list[Planned], int], tmp_path: Path
 ) -> None:
@@ -180,7 +186,7 @@ def test_a_search_for_a_type_keeps_nothing_of_another(found: tuple[Search, list[
     assert wanted.ends["other type"] >= 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     """A ball of lead: 12 kg."""
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8)
@@ -190,6 +196,7 @@ def test_an_object_that_nothing_can_hold_says_where_candidates_ended() -> None:
     assert set(search.ends) <= {"empty", "unbalanced", "lift", "turn", "diverged"}
 
 
+@pytest.mark.slow
 def test_in_the_air_a_ball_is_held_against_pushes_along_every_axis(in_the_air: tuple[Search, Planned]) -> None:
     search, planned = in_the_air
     assert planned.margin > 0.0

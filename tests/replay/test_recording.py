@@ -227,7 +227,7 @@ def test_a_file_that_cannot_be_made_is_an_error_before_anything_moves(tmp_path: 
         Recorder(tmp_path / "file" / "r.arrow", spec, 0.003)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_long_session_needs_no_more_memory_than_a_short_one(tmp_path: Path, spec: HandSpec) -> None:
     """Ten minutes are 200,000 rows; the buffers of one batch are all that is kept."""
     recorder = Recorder(tmp_path / "long.arrow", spec, 0.003)

@@ -182,7 +182,7 @@ def passed_on(path: Path, spec: HandSpec, counts: list[int]) -> Iterator[None]:
             each.close()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Exception ignored in")  # A file that was opened by a line that never ended.
 def test_an_interruption_at_any_line_loses_no_sample_of_any_track(
     tmp_path: Path, spec: HandSpec, monkeypatch: pytest.MonkeyPatch

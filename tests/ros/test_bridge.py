@@ -144,6 +144,7 @@ def test_the_manufacturers_words_move_the_hand(hand: Hand, peer: Peer, word: str
     assert waited(there(hand, load_posture(word, hand.spec)), f"{word} was not reached")
 
 
+@pytest.mark.slow
 def test_words_change_controllers_and_a_saved_posture_comes_back(hand: Hand, peer: Peer) -> None:
     peer.lib_cmd("gravcomp")
     assert waited(lambda: hand.controller == "gravity", "no gravity compensation")
@@ -172,6 +173,7 @@ def test_joint_cmd_leads_the_hand_no_faster_than_the_speed(hand: Hand, peer: Pee
     waited(there(hand, home + 0.2), "the stream was not followed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 def test_a_trajectory_from_another_program_moves_the_hand_on_its_bus(
     namespace: str, peer: Peer, words: v.Vocabulary, home: Vector, smooth: bool

@@ -50,7 +50,7 @@ def test_through_the_servos_it_goes_where_it_goes_without_them() -> None:
     wired.backend.close()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_leap_hand_picks_a_cube_up_through_its_servos_turns_it_and_shakes_it() -> None:
     content = config_of().model_dump(exclude_unset=True, exclude={"seconds"})
     rig = assemble(parse(RunConfig, content | {"task": {"scenario": "leap_rubiks_cube"}}, "test"))

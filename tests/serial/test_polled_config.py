@@ -46,7 +46,7 @@ def test_through_its_wire_a_hand_goes_where_it_goes_without_it(hand: str) -> Non
     wired.backend.close()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(("hand", "scenario"), [("qb_softhand", "qb_softhand_apple"), ("sih", "sih_lemon")])
 def test_a_hand_picks_its_object_up_through_its_wire_turns_it_and_shakes_it(hand: str, scenario: str) -> None:
     content = polled_config(hand, HANDS[hand]).model_dump(exclude_unset=True, exclude={"seconds"})

@@ -102,6 +102,7 @@ def test_a_hand_survives_any_bytes(kind: Kind) -> None:
     assert fuzzed_hand(kind, FEW, seed=1) >= FEW
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_backend_survives_any_bytes_with_errors_of_the_tree_and_no_torn_state(kind: Kind) -> None:
     assert fuzzed_host(kind, FEW, seed=2) >= FEW

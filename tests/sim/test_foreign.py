@@ -177,6 +177,7 @@ def test_a_hand_that_carries_its_own_weight_stays_where_it_is(tmp_path: Path, si
     assert abs(last.state.position - before).max() < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

@@ -64,7 +64,7 @@ def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(), unit=0.001)
     spec = mujoco.MjSpec()
@@ -83,7 +83,7 @@ def test_a_ball_falls_through_the_hole_of_a_ring_untouched(tmp_path: Path) -> No
     assert touched == 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_ring_stands_on_few_points_of_the_table_around_a_ball_that_it_does_not_touch(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring(9))
     ring_ = Placement(Thing("ring", "mesh", (), 0.1, file), (0, 0, HALF), (1, 0, 0, 0))
@@ -122,6 +122,7 @@ def test_it_has_the_inertia_of_the_solid_and_not_of_its_hull(tmp_path: Path) -> 
     assert model.body("ring").inertia.max() == pytest.approx(about_z, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [4, 9])
 def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
     corners: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -136,7 +137,7 @@ def test_pieces_stand_out_of_the_surface_by_a_millimetre_at_most_and_are_kept(
         np.testing.assert_array_equal(again.vertices, piece.vertices)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each draw of a size would cost half a minute otherwise."""
     thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
@@ -199,7 +200,7 @@ def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(t
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_mesh_takes_the_place_of_a_scenarios_object_by_its_path(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     (job,) = configs_of(["grasp_3"], Options(object=str(file)))

@@ -127,6 +127,7 @@ def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
     return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline
 
 
+@pytest.mark.slow
 def test_the_wrist_is_where_the_timeline_says_and_shakes_as_hard_as_it_says(side: Side) -> None:
     backend, timeline = wrist_run("table_pick", side)
     backend.reset()

@@ -46,6 +46,7 @@ def free_postures(hand: Hand, n: int, seed: int) -> list[Vector]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["nearby", "middle"])
 def test_all_four_tips_reach_what_a_free_posture_reaches(hands: Hands, side: Side, start: str) -> None:
     spec, solver, model = hands[side]

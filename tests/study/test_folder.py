@@ -47,7 +47,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_killed_and_resumed_it_is_the_same_file(done: Path, tmp_path: Path) -> None:
     with pytest.raises(Killed):
         swept(study(), tmp_path, units=3)
@@ -58,6 +58,7 @@ def test_killed_and_resumed_it_is_the_same_file(done: Path, tmp_path: Path) -> N
     assert (tmp_path / "report.html").read_bytes() == (done / "report.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_another_protocol_is_refused(done: Path) -> None:
     changed = study(seed=1)
     assert changed.digest != study().digest
@@ -97,7 +98,7 @@ def test_the_hash_is_of_what_is_said_and_not_of_how() -> None:
     assert study(version=2).digest != study().digest
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_hands_made_in_folders_of_their_own_are_one_study_and_the_last_made_counts(done: Path, tmp_path: Path) -> None:
     two = study(hands={"model_o": "model_o_{object}", "sih": "sih_{object}"})
     old, new = tmp_path / "old", tmp_path / "new"

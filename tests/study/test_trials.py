@@ -33,7 +33,7 @@ def row(table: list[dict[str, Any]], policy: str, trial: int = 0, control: str =
     return next(r for r in table if (r["policy"], r["trial"], r["control"]) == (policy, trial, control))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_hand_that_can_grasp_it_has_it_at_the_end(table: list[dict[str, Any]]) -> None:
     one = row(table, "P0e")
     assert one["held"]
@@ -42,6 +42,7 @@ def test_a_hand_that_can_grasp_it_has_it_at_the_end(table: list[dict[str, Any]])
     assert one["felt_g"] == pytest.approx(97.0, abs=45.0)  # The gelatin box, by a spring and a noisy sensor.
 
 
+@pytest.mark.slow
 def test_a_frozen_hand_never_has_it(table: list[dict[str, Any]]) -> None:
     one = row(table, "P0e", control="frozen")
     assert not one["held"]

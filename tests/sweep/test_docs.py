@@ -11,7 +11,7 @@ import pytest
 DOCS = Path(__file__).resolve().parents[2] / "docs/sweeps.md"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_example_runs(tmp_path: Path) -> None:
     (tmp_path / "study.py").write_text(DOCS.read_text().split("```python\n")[1].split("```")[0])
     done = subprocess.run([sys.executable, "study.py"], cwd=tmp_path, capture_output=True, text=True)

@@ -34,6 +34,7 @@ def started(log: Path, folder: Path, processes: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", PROGRAM, log, folder, str(processes)], cwd=ROOT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [0, 2])
 def test_a_sweep_that_is_killed_goes_on_and_repeats_only_what_was_in_flight(tmp_path: Path, processes: int) -> None:
     log, folder = tmp_path / "log", tmp_path / "s"

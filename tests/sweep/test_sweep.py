@@ -20,6 +20,7 @@ def sweep_of(function: str = "waves", count: int = 10, unit: int = 3, **shared: 
     return Sweep(f"tests.sweep.work:{function}", numbered(count), shared, unit=unit)
 
 
+@pytest.mark.slow
 def test_the_table_is_the_same_to_the_bit_in_this_process_and_in_two_others(tmp_path: Path) -> None:
     sweep = sweep_of(count=100, unit=7)
     table = run(sweep, engine=Local(0))

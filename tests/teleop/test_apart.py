@@ -62,6 +62,7 @@ def test_a_question_is_answered_elsewhere_and_may_wait() -> None:
         assert not work.ready()
 
 
+@pytest.mark.slow
 def test_what_is_raised_there_is_raised_here() -> None:
     with pytest.raises(ConfigError, match="it is not installed"):
         Apart(Absent())
@@ -221,7 +222,7 @@ def test_a_tracker_of_ones_own_leads_a_hand_frame_by_frame() -> None:
     assert len(said) == 1
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_line_follows_a_file_or_says_what_it_lacks(tmp_path: Path) -> None:
     times, frames = performed(rate=10.0)
     write_csv(tmp_path / "short.csv", times[:6], frames[:6])

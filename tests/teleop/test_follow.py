@@ -34,6 +34,7 @@ def gap(at: Hand) -> float:
     return float(np.linalg.norm(tips["thumb"].position - tips["index"].position))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "config",
     [sim_config(), sim_config("left"), can_config("v4")],

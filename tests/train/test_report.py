@@ -77,6 +77,7 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
     assert list(sets(recipe())) == ["trained on"]
 
 
+@pytest.mark.slow
 def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
     (found,) = compare(REACH, recipe(), 20)
@@ -88,7 +89,7 @@ def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) ->
         compare(REACH, load_recipe("Lift"), 1)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
     av = pytest.importorskip("av", reason="films are made by PyAV: extra view")
     slow = EnvSettings(decimation=40)  # A third of the pictures of a shipped policy, which take the time.
@@ -98,7 +99,7 @@ def test_a_film_shows_whole_episodes(tmp_path: Path) -> None:
         assert film.streams.video[0].average_rate == 8
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_command_line_says_both_rates_and_films(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -123,6 +124,7 @@ def ask(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *wor
     return int(ended.value.code or 0), said.out, said.err
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_set_of_episodes(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

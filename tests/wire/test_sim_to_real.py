@@ -101,6 +101,7 @@ def test_open_loop_every_tick_is_the_simulations_within_half_a_count(version: Ve
     assert np.ptp([here.position, sim.reset().position], axis=0).max() > 0.1  # They did move.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 def test_closed_loop_the_bus_is_quantisation_and_the_velocity_filter_and_nothing_else(
     version: Version, make_sim: MakeSim
@@ -164,6 +165,7 @@ def verdict(rig: Rig) -> Report:
     return rig.trial.report()
 
 
+@pytest.mark.slow
 def test_a_grasp_has_the_same_verdict_through_the_bus() -> None:
     here, there = rig("right", None), rig("right", "v4")
     apart = [

@@ -179,8 +179,9 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, 
                 raise LinkError(ran.outcome.unconfirmed)
             if ran.outcome.report is None:
                 console.console.print(console.final_state(ran.spec, ran.outcome.last))
-                if ran.outcome.missed:
-                    done &= job.cut and ran.outcome.last.t < ran.outcome.motion  # Then it was not asked to arrive.
+                cut = job.cut and ran.outcome.last.t < ran.outcome.motion  # Then it was not asked to arrive.
+                if ran.outcome.missed and not cut:
+                    done = False
                     console.warn(f"{job.name}, {ran.spec.side} hand: {ran.outcome.missed}")
             else:
                 reports[job.name, ran.spec.side], grasps[job.name] = ran.outcome.report, ran.grasp

@@ -51,7 +51,6 @@ def teleop(
     from allegro_twin.cli.performers import on_hand
     from allegro_twin.cli.run.looking import show_live
     from allegro_twin.config import load_config
-    from allegro_twin.files.assets import find
     from allegro_twin.teleop.apart import Apart
     from allegro_twin.teleop.camera import Webcam
     from allegro_twin.teleop.leading import live, replay
@@ -63,7 +62,7 @@ def teleop(
     if source == WEBCAM and model is None:
         raise ConfigError("--from webcam needs --model hand_landmarker.task, MediaPipe's; docs/teleop.md says whence")
     settings = on_hand(load_config(config), other)
-    track = None if source == WEBCAM else read_track(find(source, "tracked hand", "examples", ".csv"))
+    track = None if source == WEBCAM else read_track(_here_or_shipped(Path(source)))
     side: Side = tracked or (None if track is None else track.side) or "right"
     sys.setswitchinterval(_TURNS)
     with ExitStack() as stack:
@@ -80,6 +79,13 @@ def teleop(
         elif watcher is not None:
             live(hand, watcher, follower)
         console.console.print(_summed(follower.tally), soft_wrap=True)
+
+
+def _here_or_shipped(path: Path) -> Path:
+    from allegro_twin.files.assets import data_root
+
+    shipped = data_root() / path
+    return shipped if not path.exists() and shipped.is_file() else path
 
 
 def _summed(tally: Tally) -> str:

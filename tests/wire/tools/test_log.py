@@ -62,6 +62,7 @@ def torques(t: float, torque: float) -> list[tuple[float, str, Message | Frame]]
     return [(t + 1e-4 * k, "can0", m.SetTorque(k, (torque, 0.0, 0.0, 0.0))) for k in range(4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("version", ["v2", "v4", "v5"])
 def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, suffix: str, tmp_path: Path) -> None:
