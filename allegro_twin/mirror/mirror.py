@@ -23,6 +23,9 @@ STOPS = ("contact", *NAMES)
 """What can stop a hand."""
 BLIND = 0.1
 """s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
+DIM = 0.02
+"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a joint
+off its mirror by no linear law, and what is left of that is gone by then."""
 NOISIER = 1.25
 """Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
 
@@ -46,7 +49,7 @@ class Mirror:
         self._gravity, self._told = gravity, limp_of(spec)
         self._calm = calm or Calm.usual(spec)
         self._estimate: Estimate | None = None
-        self._begun = np.nan
+        self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new touch is told.
         self._over = np.zeros(len(spec.fingers), dtype=int)
         self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
         self._noise: Noise | None = Noise(spec.n_joints)
@@ -121,7 +124,9 @@ class Mirror:
         if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
-            heard = np.isfinite(state.position)
+            heard, blind = np.isfinite(state.position), gone * self._observer.period
+            if blind > DIM:
+                self._clear = max(self._clear, state.t + blind)
             self._since += gone
             for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
                 ends = lost == gone
@@ -183,7 +188,7 @@ class Mirror:
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         if not np.isfinite(state.position).all():
             return  # Nothing can begin at a place that is not known.
-        self._begun, self._estimate = state.t, None
+        self._begun, self._clear, self._estimate = state.t, 0.0, None
         self._since[:], self._over[:] = 0, 0
         self._observer.reset(state.position)
         self._pace = Pace(self._spec.n_joints, self._observer.period)
@@ -210,6 +215,8 @@ class Mirror:
         if not since.any():
             return  # What nobody saw counts for nothing.
         over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+        if state.t < self._clear:
+            over &= self._over >= PERIODS
         self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
