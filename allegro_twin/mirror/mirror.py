@@ -24,8 +24,8 @@ STOPS = ("contact", *NAMES)
 BLIND = 0.1
 """s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
 DIM = 0.02
-"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a joint
-off its mirror by no linear law, and what is left of that is gone by then."""
+"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a
+joint off its mirror by no linear law, and what is left of that is gone by then."""
 NOISIER = 1.25
 """Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
 

@@ -66,7 +66,7 @@ class Kalman:
 
     def missed(self, unsure: Vector, keeps: Vector | None = None) -> None:
         """A period without any report, whose accelerations may be off by `unsure`, (n,), rad/s², more than always.
-        `keeps`: what it leaves of an error in speed, (n,), more than 1 where that grows; None: what every period does."""
+        `keeps`: what it leaves of an error in speed, (n,), more than 1 where that grows; None: as always."""
         more = np.square(unsure)[:, None, None] * np.outer(self._kick, self._kick)
         A = self._A.copy()
         A[:, 1, 1] = A[:, 1, 1] if keeps is None else keeps
