@@ -27,6 +27,7 @@ from allegro_twin.replay.recorder import recorded
 from allegro_twin.sim.beside.observer import NOISE, Observer, kalman
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector, frozen
+from allegro_twin.wire.host.clock import HandClock
 from tests.conftest import MakeSim
 from tests.mirror.test_mirror import N, mirror
 
@@ -87,6 +88,24 @@ def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> 
 @pytest.mark.parametrize(("share", "longest"), [(0.001, 2), (0.05, 2), (0.2, 3), (0.01, 20)])
 def test_lost_periods_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim, share: float, longest: int) -> None:
     each, touches = watch(spec, motion(spec, make_sim, losses(share, longest)))
+    assert not touches
+    assert each.anomaly is None
+
+
+@pytest.mark.parametrize("late", [0.0, 0.9])
+def test_a_period_of_which_a_host_heard_nothing_is_no_touch_before_its_clock_counts_it(
+    spec: HandSpec, make_sim: MakeSim, late: float
+) -> None:
+    def heard() -> Iterator[Sample]:
+        """By a host's own clock; `late`: of stamps of some states of which nothing is lost before, periods."""
+        clock, begun = HandClock(0.003, 0.0, 0), 0
+        for state, command in motion(spec, make_sim, {} if late else dict.fromkeys(range(400, 1300, 40), 1)):
+            if state.tick:
+                begun += 1
+                clock.advance(state.t + (0.003 * late if state.tick % 40 == 0 else 0.0), begun)
+            yield Sample(replace(state, tick=clock.tick, t=clock.t), command)
+
+    each, touches = watch(spec, heard())
     assert not touches
     assert each.anomaly is None
 
