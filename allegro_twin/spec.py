@@ -211,7 +211,7 @@ class HandSpec:
         value, least, most, over = (float(each[worst]) for each in (posture, lower, upper, excess))
         if over <= give:
             return ""
-        digits = 4 if over >= 0.001 else 2 - math.floor(math.log10(over))
+        digits = 4 if round(over, 6) >= 0.001 else 2 - math.floor(math.log10(over))
         said = (
             f"{self.readable[worst]} = {value:.{digits}f} rad is {over:.{digits}f} rad {of} "
             f"[{least:.{digits}f}, {most:.{digits}f}]"

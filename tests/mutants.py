@@ -273,9 +273,9 @@ def _rounds(mutant: Mutant, tests: list[str], cpu: dict[str, float]) -> Iterator
     files = list(dict.fromkeys(test.split("::")[0] for test in tests))[:6]
     room = ROOT / "tests" / mutant.room
     if _at_import(mutant) and room.is_dir():
-        files += [str(path.relative_to(ROOT)) for path in sorted(room.glob("test_*.py"))]
+        files += [str(path.relative_to(ROOT)) for path in sorted(room.rglob("test_*.py"))]
     wanted = [test for test in cpu if test.split("::")[0] in files and test not in tests[:FIRST]]
-    yield sorted(wanted, key=lambda test: cpu[test])[:400]
+    yield sorted(wanted, key=lambda test: cpu[test])[:800]
 
 
 def _at_import(mutant: Mutant) -> bool:

@@ -12,6 +12,7 @@ import typer
 
 from allegro_twin.cli import complete, console
 from allegro_twin.errors import ConfigError, HandError, RecordingError
+from allegro_twin.files.assets import refuse_shipped
 from allegro_twin.files.output_folder import UNFINISHED, locked, one_run
 from allegro_twin.files.whole import check_place
 
@@ -88,6 +89,7 @@ def file(*suffixes: str) -> Callable[[typer.CallbackParam, Path | None], Path | 
             return None
         if value.suffix not in suffixes:
             raise ConfigError(f"{option(param)} {value}: must end in {' or '.join(suffixes)}")
+        refuse_shipped(value)
         check_place(value)
         return value
 

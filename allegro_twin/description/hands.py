@@ -210,12 +210,3 @@ def _block(where: str, table: Mapping[str, Any], name: str, known: Sequence[str]
         if known is not None and key not in known:
             raise ConfigError(f"{where}: {name}: {unknown('key', str(key), known)}")
     return dict(block)
-
-
-def refuse_nominal(path: Path) -> None:
-    """Raise ConfigError for a file in conf/hands that is of no hand in particular, but of a model."""
-    if path.resolve().parent == (data_root() / "conf" / "hands").resolve() and is_model(path.stem):
-        raise ConfigError(
-            f"{path} is the nominal {path.stem}, which every hand of this model rests on: name a file of your own, as "
-            f"my_{path.stem}.yaml"
-        )

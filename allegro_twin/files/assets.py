@@ -31,6 +31,14 @@ def data_root() -> Path:
     return inside if inside.is_dir() else _PACKAGE.parent
 
 
+def refuse_shipped(path: str | Path) -> None:
+    """Raise ConfigError for a file to be written that lies among those of conf."""
+    file = Path(path).resolve()
+    if file.is_relative_to((data_root() / "conf").resolve()):
+        copy = f": copy it, `cp {path} my_{file.name}`, and name the copy" if file.is_file() else "; name one elsewhere"
+        raise ConfigError(f"{path}: what ships with the package is not changed; choose a file of your own{copy}")
+
+
 def find(path: str | Path, kind: str, folder: str, suffix: str = ".yaml", *, below: bool = False) -> Path:
     """A file given by its path, or by its bare name in a shipped folder, or `below` it too. Raises ConfigError with the
     nearest names, and with what else has that name."""

@@ -8,11 +8,13 @@ from typing import Any
 import yaml
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import refuse_shipped
 from allegro_twin.files.whole import whole_file
 
 
 def written(path: Path, content: dict[str, Any], headline: str) -> None:
-    """A YAML file, whole or not at all. Raises ConfigError where it cannot be."""
+    """A YAML file, whole or not at all. Raises ConfigError where it cannot be, or is a file that ships."""
+    refuse_shipped(path)
     lines = [f"# {headline}", *(_block(key, value) for key, value in content.items())]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from allegro_twin.control.motion import Motion
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files import edit
-from allegro_twin.files.assets import data_root, parse_yaml
+from allegro_twin.files.assets import data_root, parse_yaml, refuse_shipped
 from allegro_twin.library import select
 from allegro_twin.library.entries import (
     Entry,
@@ -130,8 +130,7 @@ class Library:
         file = Path(path).resolve()
         if file.suffix != ".yaml":
             raise ConfigError(f"{path}: a library file ends in .yaml")
-        if file.is_relative_to(data_root() / "conf"):
-            raise ConfigError(f"{path}: what ships with the package is not changed; choose a file of your own")
+        refuse_shipped(path)
         with edit.locked(file):
             others = read_all(self._sources).get(name)
             if others is not None and others.path != file:

@@ -23,6 +23,13 @@ STOPS = ("contact", *NAMES)
 """What can stop a hand."""
 BLIND = 0.1
 """s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
+DIM = 0.02
+"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a
+joint off its mirror by no linear law, and what is left of that is gone by then."""
+COUNTS = 4
+"""States within which a host counts a period of which it heard nothing (`wire.host.clock.PATIENCE`), and one more."""
+CLEARLY = 0.25
+"""Of the squares by which a step is off: of fewer a period that nobody counted explains it. Half of each is none."""
 NOISIER = 1.25
 """Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
 
@@ -46,9 +53,10 @@ class Mirror:
         self._gravity, self._told = gravity, limp_of(spec)
         self._calm = calm or Calm.usual(spec)
         self._estimate: Estimate | None = None
-        self._begun = np.nan
+        self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new touch is told.
         self._over = np.zeros(len(spec.fingers), dtype=int)
         self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
+        self._lost = Lost(observer.period)
         self._noise: Noise | None = Noise(spec.n_joints)
         self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
         self._diagnosis = Diagnosis(spec, self._calm, observer.period)
@@ -117,11 +125,13 @@ class Mirror:
         """The next sample; periods that are missing before it, by its tick, pass without a report. Raises as
         `watched`."""
         state = sample.state
-        gone = max(state.tick - self._tick, 1)
+        gone = self._lost.gone(state, max(state.tick - self._tick, 1), self._estimate)
         if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
-            heard = np.isfinite(state.position)
+            heard, blind = np.isfinite(state.position), gone * self._observer.period
+            if blind > DIM:
+                self._clear = max(self._clear, state.t + blind)
             self._since += gone
             for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
                 ends = lost == gone
@@ -183,9 +193,10 @@ class Mirror:
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         if not np.isfinite(state.position).all():
             return  # Nothing can begin at a place that is not known.
-        self._begun, self._estimate = state.t, None
+        self._begun, self._clear, self._estimate = state.t, 0.0, None
         self._since[:], self._over[:] = 0, 0
         self._observer.reset(state.position)
+        self._lost = Lost(self._observer.period)
         self._pace = Pace(self._spec.n_joints, self._observer.period)
         self._diagnosis.interrupted()
         if self._noise is not None:
@@ -210,6 +221,8 @@ class Mirror:
         if not since.any():
             return  # What nobody saw counts for nothing.
         over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+        if state.t < self._clear:
+            over &= self._over >= PERIODS
         self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
             joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
@@ -219,6 +232,32 @@ class Mirror:
             )
         if self.anomaly is not None and self.anomaly.name in self._stop:
             raise HandFault(f"{words(self.anomaly, self._spec)}, at {state.t:.3f} s")
+
+
+class Lost:
+    """Tells a period of which a host heard nothing at once: its `tick` counts it with the third state that is late, for
+    one that is merely late is followed by one that is not. How far the joints went tells before."""
+
+    def __init__(self, period: float) -> None:
+        self._period, self._t, self._at = period, np.inf, np.zeros(0)
+        self._ahead, self._left = 0, 0  # Periods that `tick` lacks, and states in which it is to count them.
+
+    def gone(self, state: HandState, counted: int, last: Estimate | None) -> int:
+        """Periods from the last state to this one; `counted`: by the ticks."""
+        stamped = round((state.t - self._t) / self._period) if np.isfinite(self._t) else counted
+        gone, step = counted, state.position - self._at if last is not None else np.zeros(0)
+        self._t, self._at, self._left = state.t, state.position, self._left - 1
+        if self._left < 0:
+            self._ahead = 0
+        if counted > 1 and stamped < counted:
+            caught = min(self._ahead, counted - 1)
+            self._ahead, gone = self._ahead - caught, counted - caught
+        elif last is not None and stamped == counted + 1:
+            went = self._period * last.velocity
+            off = [float(np.nansum(np.square(step - periods * went))) for periods in (counted, stamped)]
+            if off[1] < CLEARLY * off[0]:
+                self._ahead, self._left, gone = self._ahead + 1, COUNTS, stamped
+        return gone
 
 
 class Noise:

@@ -17,6 +17,7 @@ from allegro_twin.description.calibration import Version
 from allegro_twin.description.hands import load_spec
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
 from allegro_twin.identify.motions.encoders import centred
 from allegro_twin.identify.motions.limits import BEYOND, FoundLimits
 from allegro_twin.loop import run, until
@@ -182,3 +183,22 @@ def test_a_file_of_comments_keeps_them(start: str, spec: HandSpec, tmp_path: Pat
         assert text.count("# Measured by `allegro-twin calibrate limits`, today; rad") == 1
         assert ("\r\n" in start) == (text.count("\r\n") == text.count("\n"))
     np.testing.assert_allclose(load_spec(serial=str(target)).upper, spec.upper, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", "limits", "--into", "conf/hands/SAH030C033R.yaml"],
+        ["teach", "mine", "--seconds", "0.1", "--into", "conf/postures/home.yaml"],
+        ["hand", "new", "models/mjcf/leap_right.xml", "--name", "leap", "--out", "conf/hands", "--force"],
+        ["identify", "conf/sim_right.yaml", "--hand", "SAH030C033R"],
+        ["panel", "--into", "conf/grasps/rock.yaml"],
+    ],
+)
+def test_no_command_writes_over_a_file_that_ships(command: Run, arguments: list[str]) -> None:
+    root = data_root()
+    before = {path: path.read_bytes() for path in (root / "conf").rglob("*.*")}
+    code, _, err = command(*(str(root / each) if "/" in each else each for each in arguments))
+    assert code == 2
+    assert "what ships with the package is not changed" in " ".join(err.split())
+    assert {path: path.read_bytes() for path in (root / "conf").rglob("*.*")} == before

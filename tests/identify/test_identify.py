@@ -347,11 +347,29 @@ def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path
     assert not stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
 
 
-def test_the_file_of_a_nominal_hand_is_refused() -> None:
-    path = data_root() / "conf" / "hands" / "allegro.yaml"
+@pytest.mark.parametrize("name", ["allegro", "SAH030C033R"])
+def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Path) -> None:
+    path = data_root() / "conf" / "hands" / f"{name}.yaml"
     before = path.read_bytes()
-    with pytest.raises(ConfigError, match=r"is the nominal allegro, .* name a file of your own, as my_allegro\.yaml"):
-        stored.store(path, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
-    with pytest.raises(ConfigError, match="is the nominal allegro"):
+    with pytest.raises(ConfigError, match=rf"what ships .* is not changed; .*copy it, `cp .* my_{name}\.yaml`"):
+        stored.check(path, {}, hidden.found().motions)
+    with pytest.raises(ConfigError, match="what ships .* is not changed"):
         refuse_another_hand(path, hidden.config(), "can_v4", None)
+    with pytest.raises(ConfigError, match="is not changed; choose a file of your own; name one elsewhere"):
+        stored.check(path.with_name("mine.yaml"), {}, hidden.found().motions)
     assert path.read_bytes() == before
+
+
+def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the_file(tmp_path: Path) -> None:
+    result = hidden.found()
+    plain, weak = tmp_path / "plain.yaml", tmp_path / "weak.yaml"
+    weak.write_text("drive: {strength: 0.5}\n")
+    for path in (plain, weak):
+        said = stored.store(path, result.fit, result.values, result.motions, "2026-01-02")
+    assert "drive.strength is out of" in said
+    one, other = (yaml.safe_load(path.read_text()) for path in (plain, weak))
+    assert "strength" not in other["drive"]
+    factor = np.array(other["wire"]["torque_constant"]) / one["wire"]["torque_constant"]
+    determined = result.values["torque_constant"].determined
+    np.testing.assert_allclose(factor[determined], 1.0, rtol=0.2)
+    np.testing.assert_allclose(factor[~determined], 0.5, rtol=1e-4)

@@ -17,15 +17,17 @@ from allegro_twin.description.calibration import Calibration
 from allegro_twin.description.hands import load_spec
 from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.identify.results.gap import drive_of
 from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.mirror.anomalies import NAMES
 from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import BLIND, Mirror
+from allegro_twin.mirror.mirror import BLIND, DIM, Mirror
 from allegro_twin.replay.recorder import recorded
 from allegro_twin.sim.beside.observer import NOISE, Observer, kalman
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector, frozen
+from allegro_twin.wire.host.clock import HandClock
 from tests.conftest import MakeSim
 from tests.mirror.test_mirror import N, mirror
 
@@ -86,6 +88,24 @@ def watch(spec: HandSpec, samples: Iterator[Sample], above: float = LEARNED) -> 
 @pytest.mark.parametrize(("share", "longest"), [(0.001, 2), (0.05, 2), (0.2, 3), (0.01, 20)])
 def test_lost_periods_are_no_touch_and_no_fault(spec: HandSpec, make_sim: MakeSim, share: float, longest: int) -> None:
     each, touches = watch(spec, motion(spec, make_sim, losses(share, longest)))
+    assert not touches
+    assert each.anomaly is None
+
+
+@pytest.mark.parametrize("late", [0.0, 0.9])
+def test_a_period_of_which_a_host_heard_nothing_is_no_touch_before_its_clock_counts_it(
+    spec: HandSpec, make_sim: MakeSim, late: float
+) -> None:
+    def heard() -> Iterator[Sample]:
+        """By a host's own clock; `late`: of stamps of some states of which nothing is lost before, periods."""
+        clock, begun = HandClock(0.003, 0.0, 0), 0
+        for state, command in motion(spec, make_sim, {} if late else dict.fromkeys(range(400, 1300, 40), 1)):
+            if state.tick:
+                begun += 1
+                clock.advance(state.t + (0.003 * late if state.tick % 40 == 0 else 0.0), begun)
+            yield Sample(replace(state, tick=clock.tick, t=clock.t), command)
+
+    each, touches = watch(spec, heard())
     assert not touches
     assert each.anomaly is None
 
@@ -190,6 +210,46 @@ def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_l
     np.testing.assert_array_equal(again[-1], steady)
 
 
+def test_an_error_in_speed_grows_in_a_gap_as_falling_friction_makes_it_grow(spec: HandSpec) -> None:
+    own = replace(spec.actuation, frictionloss=np.full(N, 0.04))
+    shape = {"stiction": 1.7, "stribeck_speed": 0.14, "bristle": 1e-3}
+    breaking = replace(spec, actuation=own, drive=Drive.made(shape, N))
+
+    def gap(speed: float) -> Array:
+        """Of a middle joint, period by period: rad/s, and what is left of an error in it, (20, 2)."""
+        each = Observer(breaking, drive_of(breaking, np.ones(N), np.zeros(N)), 0.003, bristly=True)
+        each.reset((spec.lower + spec.upper) / 2.0)
+        player, data, kept, rows = each._player, each._data, 1.0, []
+        data.qvel[player.dofs][5] = speed
+        data.act[player.bristles][5] = 1e-3 * (1.0 + 0.7 * np.exp(-((speed / 0.14) ** 2))) / 1.7
+        balance = 0.04 * (1.0 + 0.7 * np.exp(-((0.1 / 0.14) ** 2))) + 0.1 * spec.actuation.damping[5]
+        duty = np.where(np.arange(N) == 5, balance, 0.0)
+        for _ in range(20):
+            kept *= each._kept(duty)[5]
+            rows.append((each.missed(duty, np.zeros(3), np.zeros(N)).velocity[5], kept))
+        return np.array(rows)
+
+    slow, middle, fast = gap(0.095), gap(0.1), gap(0.105)
+    apart = fast[:, 0] - slow[:, 0]
+    grew = apart[-1] / apart[7]  # Until then bristles bend.
+    assert grew > 2.0
+    assert middle[-1, 1] / middle[7, 1] == pytest.approx(grew, rel=0.2)
+
+
+def test_after_a_long_gap_no_new_touch_is_told_for_as_long_again_and_one_that_lasts_is(
+    spec: HandSpec, make_sim: MakeSim
+) -> None:
+    push = np.zeros(N)
+    push[5] = 0.06
+    for lost in (round(DIM / 0.003) - 1, 20):  # Periods, before which the push begins.
+        gap = (lost + 1) * 0.003
+        _, touches = watch(spec, motion(spec, make_sim, {666: lost}, push))
+        after = touches[0][0] - (666 * 0.003 + gap)
+        assert {name for _, name in touches} == {"middle"}
+        assert len(touches) > 100
+        assert after == pytest.approx(gap + 0.005 if gap > DIM else 0.015, abs=0.007)
+
+
 @pytest.mark.slow
 def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make_sim: MakeSim, tmp_path: Path) -> None:
     push = np.zeros(N)
@@ -209,8 +269,6 @@ def test_a_hand_is_stopped_by_a_touch_and_by_no_lost_report(spec: HandSpec, make
 
 
 def test_thresholds_go_out_with_what_noise_alone_makes_now(spec: HandSpec) -> None:
-    from allegro_twin.identify.results.gap import drive_of
-
     above, one = np.full((2, N), 0.01), np.ones(N)
     observer = Observer(spec, drive_of(spec, one, np.zeros(N)), 0.003)
     calm = Calm(above, np.full(4, np.inf), observer.spread)

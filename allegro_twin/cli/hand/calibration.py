@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from allegro_twin.build import assemble
 from allegro_twin.config import CanSettings, RunConfig
 from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
-from allegro_twin.description.hands import load_spec, refuse_nominal
+from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import parse_yaml
+from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
 from allegro_twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 from allegro_twin.library.gains import load_gains
@@ -72,9 +72,9 @@ def codec_with_encoders(settings: RunConfig, config: str) -> Codec:
 
 def refuse_another_hand(path: Path, settings: RunConfig, config: str, codec: Codec | None) -> None:
     """Raise ConfigError where what is measured on the config's hand must not go into that file: it has encoder offsets
-    that the hand is not measured with; or with `codec`, whose offsets are to be written, it is another hand's; or it is
-    of a nominal hand."""
-    refuse_nominal(path)
+    that the hand is not measured with; or with `codec`, whose offsets are to be written, it is another hand's; or it
+    ships."""
+    refuse_shipped(path)
     wire = _read(path)[1].get("wire") or {}
     if codec is not None:
         for key, value in (("version", codec.version), ("side", settings.hand.side)):

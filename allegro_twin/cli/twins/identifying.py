@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import find, parse_yaml
+from allegro_twin.files.assets import find, parse_yaml, refuse_shipped
 from allegro_twin.files.edit import holds_anything, read_text
 from allegro_twin.files.whole import whole_file
 from allegro_twin.spec import HandSpec
@@ -45,6 +45,8 @@ def identified(
     tell: Callable[[str], None],
 ) -> Identified:
     """Raises HandError. A file of another hand is refused before the work."""
+    if path is not None:
+        refuse_shipped(path)
     check_scipy()
     from allegro_twin.identify.motions.motion import read_motion
     from allegro_twin.identify.results.method import identify

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.description.calibration import Calibration, Version
-from allegro_twin.description.hands import load_actuation, refuse_nominal
+from allegro_twin.description.hands import load_actuation
 from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.assets import parse_yaml
+from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.edit import holds_anything, locked, read_text, with_document, with_note, write_text
 from allegro_twin.identify.fitting.fit import Fit
 from allegro_twin.identify.fitting.scaled import PLAY, SHAPE
@@ -44,7 +44,7 @@ _DIGITS = 6
 
 def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> str:
     """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
-    that, or nothing. Raises ConfigError for a nominal hand's file, for one of another hand, or one whose calibration
+    that, or nothing. Raises ConfigError for a file that ships, for one of another hand, or one whose calibration
     the recordings were not made with; RecordingError."""
     with locked(path):
         text = read_text(path)
@@ -53,6 +53,17 @@ def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence
         made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
         write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+    return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
+
+
+def _weakened(path: Path, content: Mapping[str, Any]) -> str:
+    if "strength" not in (content.get("drive") or {}):
+        return ""
+    return f"drive.strength is out of {path}: wire.torque_constant, which was found, holds it."
+
+
+def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value], motions: Sequence[Motion]) -> str:
+    """How far encoder offsets that stay are from what weight says, rad; nothing where none do."""
     if kept is None:
         return ""
     apart = np.abs(values["offset"].value - shift(motions[0].version, motions[0].calibration, kept))
@@ -75,9 +86,9 @@ def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tupl
 
 
 def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
-    """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for the file of a
-    nominal hand."""
-    refuse_nominal(path)
+    """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for a file that
+    ships."""
+    refuse_shipped(path)
     wire, first = content.get("wire") or {}, motions[0]
     for key, value in (("version", first.version), ("side", first.spec.side)):
         if wire.get(key, value) != value:
@@ -102,6 +113,8 @@ def _blocks(
     if kept is not None:
         held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
         before = replace(before, offset=shift(first.version, first.calibration, kept))
+    strength = drive.pop("strength", 1.0)  # Has gone into what was found.
+    before = replace(before, torque_constant=before.torque_constant * np.array(strength))
     own = settled(found, held, before)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}

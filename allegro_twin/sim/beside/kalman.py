@@ -38,7 +38,7 @@ class Kalman:
     deviation of reports, (n,), rad; `period`: s."""
 
     def __init__(self, A: Array, Q: Array, noise: Vector, period: float) -> None:
-        self._A, self._back, self._Q, self._still = A, A.swapaxes(1, 2), Q, Q.copy()
+        self._A, self._Q, self._still = A, Q, Q.copy()
         self._still[:, 2, 2] = 0.0
         self._kick = np.array([period**2 / 2.0, period, 0.0])
         self._R = np.square(noise)
@@ -47,7 +47,7 @@ class Kalman:
         self._K: Array = P[:, :, 0] / (P[:, 0, 0] + self._R)[:, None]
         S = self._still
         for _ in range(LONGEST):
-            before, S = S, self._predicted(self._corrected(S, self._K), self._still)
+            before, S = S, _carried(A, self._corrected(S, self._K), self._still)
             if _same(before, S):
                 break
         self._now = self._steady = _Covariance(P, S)
@@ -64,11 +64,14 @@ class Kalman:
         """From now on reports have this noise, (n,), rad."""
         self._R, self._rests, self._known = np.square(noise), False, False
 
-    def missed(self, unsure: Vector) -> None:
-        """A period without any report, whose accelerations may be off by `unsure`, (n,), rad/s², more than always."""
+    def missed(self, unsure: Vector, keeps: Vector | None = None) -> None:
+        """A period without any report, whose accelerations may be off by `unsure`, (n,), rad/s², more than always.
+        `keeps`: what it leaves of an error in speed, (n,), more than 1 where that grows; None: as always."""
         more = np.square(unsure)[:, None, None] * np.outer(self._kick, self._kick)
+        A = self._A.copy()
+        A[:, 1, 1] = A[:, 1, 1] if keeps is None else keeps
         P, S = self._now
-        self._now = _Covariance(self._predicted(P, self._Q + more), self._predicted(S, self._still + more))
+        self._now = _Covariance(_carried(A, P, self._Q + more), _carried(A, S, self._still + more))
         self._rests = False
 
     def gains(self, reported: NDArray[np.bool_]) -> Array:
@@ -79,8 +82,8 @@ class Kalman:
             return self._K.T
         before, P = self._now, self._now.P
         K = np.where(reported[:, None], P[:, :, 0] / (P[:, 0, 0] + self._R)[:, None], 0.0)
-        corrected = (self._corrected(each, K) for each in before)
-        self._now = _Covariance(*map(self._predicted, corrected, (self._Q, self._still)))
+        P, S = (self._corrected(each, K) for each in before)
+        self._now = _Covariance(_carried(self._A, P, self._Q), _carried(self._A, S, self._still))
         self._rests = whole and all(map(_same, before, self._now))
         if self._rests and self._known:
             self._now = self._steady
@@ -95,8 +98,10 @@ class Kalman:
         left = np.eye(3) - K[:, :, None] * _C
         return np.asarray(left @ covariance @ left.swapaxes(1, 2) + self._R[:, None, None] * K[:, :, None] * K[:, None])
 
-    def _predicted(self, covariance: Array, Q: Array) -> Array:
-        return np.asarray(self._A @ covariance @ self._back + Q)
+
+def _carried(A: Array, covariance: Array, Q: Array) -> Array:
+    """By a period."""
+    return np.asarray(A @ covariance @ A.swapaxes(1, 2) + Q)
 
 
 def _same(before: Array, after: Array) -> bool:

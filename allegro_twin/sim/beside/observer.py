@@ -105,7 +105,7 @@ class Observer:
 
     def missed(self, duty: Vector, gravity: Vector, unsure: Vector) -> Estimate:
         """A period whose report was lost, in which a fraction of full PWM acted, (n,), known but for `unsure`, (n,)."""
-        self._kalman.missed(unsure * self.torque_constant / self._inertia)
+        self._kalman.missed(unsure * self.torque_constant / self._inertia, self._kept(duty))
         began, bent = self._bristles()
         predicted = self._predicted(duty, gravity)
         return self._corrected(predicted, np.zeros((3, len(duty))), np.zeros(len(duty)), began, bent)
@@ -119,6 +119,17 @@ class Observer:
         return self._corrected(
             predicted, self._kalman.gains(heard), np.where(heard, reported - predicted, 0.0), began, bent
         )
+
+    def _kept(self, duty: Vector) -> Vector:
+        """What a period leaves of an error in speed now, (n,): friction that falls as a joint goes faster, from F_s to
+        F_c by exp(−(v / v_s)²), makes it grow."""
+        drive, falls = self._drive, np.zeros(len(duty))
+        if self._player.bristly:
+            dry = drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
+            along = np.abs(self._data.qvel[self._player.dofs]) / drive.stribeck_speed
+            steep = 2.0 * along * np.exp(-np.square(along))
+            falls = steep * dry * (drive.stiction - 1.0) / drive.stribeck_speed
+        return np.asarray(np.exp((falls - drive.damping) * self.period / self._inertia))
 
     def _bristles(self) -> tuple[Vector, Vector]:
         """Where joints are, and how far their bristles are bent, (n,), rad."""
