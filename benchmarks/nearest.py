@@ -1,9 +1,9 @@
-"""Is what `nearest()` finds the nearest? Against a bounded least-squares search from many starts, which knows `fk` alone.
+"""Is what `nearest()` finds the nearest? Against bounded least squares from many starts, which knows `fk` alone.
 
-`python -m benchmarks.nearest [--targets 40] [--seed 0] [--fingers index,thumb]` draws targets for every finger of both hands: beside postures, off
-by 30 mm (σ), and anywhere within 0.25 m. It prints by how much `nearest()` is further than the best of the search's runs
-at most, m (below zero: it is nearer everywhere). The search (SciPy's `least_squares`, trust region, bounds) starts at the
-16 corners of the limits, in their middle, and at as many random postures as make 24.
+`python -m benchmarks.nearest [--targets 40] [--seed 0] [--fingers index,thumb]` draws targets for both hands: one half
+beside postures, off by 30 mm (σ), the other anywhere within 0.25 m. It prints by how much `nearest()` is further than
+the best of the search's runs at most, m (below zero: it is nearer everywhere). The search (SciPy's `least_squares`)
+starts at the 16 corners of the limits, in their middle, and at as many random postures as make 24.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import argparse
 from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares  # type: ignore[import-untyped]
 
 from allegro_twin.description.hands import load_spec
 from allegro_twin.kinematics.closed_form import FingerKinematics
@@ -35,9 +35,7 @@ def searched(finger: FingerKinematics, target: Array, random: np.random.Generato
     return min(
         float(np.linalg.norm(found.fun))
         for start in low + shares * (high - low)
-        for found in [
-            least_squares(error, start, bounds=(low, high), x_scale=0.1, xtol=1e-11, ftol=1e-13, gtol=1e-13)
-        ]
+        for found in [least_squares(error, start, bounds=(low, high), x_scale=0.1, xtol=1e-11, ftol=1e-13, gtol=1e-13)]
     )
 
 

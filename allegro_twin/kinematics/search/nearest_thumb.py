@@ -27,7 +27,9 @@ from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_tu
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
 _GAIN = 1e-10  # m
-_NARROW = 1e-9  # rad. Less is left between two places only where the distance is next to nothing: 1e-19 m² can be there.
+_NARROW = (
+    1e-9  # rad. Less is left between two places only where the distance is next to nothing: 1e-19 m² can be there.
+)
 _THERE = 1e-24  # m²: nothing is nearer than the target itself.
 Seen: TypeAlias = tuple[float, float, Posture]
 """With one q₀ the square of the least distance, m², its slope by q₀ and the posture."""
