@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
+from allegro_twin.kinematics.arguments import finite
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import Array, Vector
@@ -31,7 +33,8 @@ FLANGE = Placed(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 class ArmModel:
-    """Rigid-body kinematics and dynamics of an arm with its load. Joint vectors have shape (n,).
+    """Rigid-body kinematics and dynamics of an arm with its load. Joint vectors have shape (n,), lists included;
+    every method raises ConfigError for other shapes, and for numbers that are not finite.
 
     `tool` is the frame that poses and Jacobians are of, on the flange; by default the flange itself.
     """
@@ -53,35 +56,38 @@ class ArmModel:
         self._model.gravity.linear = np.zeros(3)  # The arm carries itself.
         self._data = self._model.createData()
 
-    def pose(self, position: Vector) -> Pose:
+    def pose(self, position: ArrayLike) -> Pose:
         """Of the tool."""
         return self._pose(self._frame, position)
 
-    def flange(self, position: Vector) -> Pose:
+    def flange(self, position: ArrayLike) -> Pose:
         """Of the flange."""
         return self._pose(self._flange, position)
 
-    def _pose(self, frame: int, position: Vector) -> Pose:
-        pin.framesForwardKinematics(self._model, self._data, position)
+    def _pose(self, frame: int, position: ArrayLike) -> Pose:
+        pin.framesForwardKinematics(self._model, self._data, self._joints("position", position))
         found = self._data.oMf[frame]
         return Pose(found.translation.copy(), found.rotation.copy())
 
-    def motion(self, position: Vector) -> tuple[Array, Array, Array]:
+    def _joints(self, what: str, value: ArrayLike) -> Vector:
+        return finite(f"{self.spec.name}: {what}", value, self.spec.n_joints)
+
+    def motion(self, position: ArrayLike) -> tuple[Array, Array, Array]:
         """The tool's place (3,), m, its axes (3, 3), and the J in (v; ω) = J q̇, (6, n), in the axes of the base."""
         data = self._data
-        pin.computeJointJacobians(self._model, data, position)
+        pin.computeJointJacobians(self._model, data, self._joints("position", position))
         frame = pin.updateFramePlacement(self._model, data, self._frame)
         jacobian = pin.getFrameJacobian(self._model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        return frame.translation, frame.rotation, jacobian
+        return frame.translation.copy(), frame.rotation.copy(), jacobian
 
-    def coriolis(self, position: Vector, velocity: Vector) -> Vector:
+    def coriolis(self, position: ArrayLike, velocity: ArrayLike) -> Vector:
         """C(q, q̇) q̇, N·m."""
-        found: Vector = pin.nonLinearEffects(self._model, self._data, position, velocity)
-        return found
+        q, speed = self._joints("position", position), self._joints("velocity", velocity)
+        return np.array(pin.nonLinearEffects(self._model, self._data, q, speed))
 
-    def inertia(self, position: Vector) -> Array:
+    def inertia(self, position: ArrayLike) -> Array:
         """M(q) with the rotors, (n, n), kg·m²."""
-        return np.array(pin.crba(self._model, self._data, position))
+        return np.array(pin.crba(self._model, self._data, self._joints("position", position)))
 
     def light(self, link: float = 0.1, tip: float = 1.0) -> ArmModel:
         """The same chain with other masses: every link a point of `link` kg at its joint, and at the tool a body of
@@ -98,11 +104,13 @@ class ArmModel:
         other._data = other._model.createData()
         return other
 
-    def reach(self, wanted: Pose, near: Vector, tolerance: float = 1e-4) -> Vector:
+    def reach(self, wanted: Pose, near: ArrayLike, tolerance: float = 1e-4) -> Vector:
         """Joint positions inside the limits with the tool at a pose, found from nearby ones. Raises ConfigError with
         how near it came, when that is not within `tolerance`, m and rad."""
-        spec, at = self.spec, np.array(near, dtype=np.float64)
-        goal = pin.SE3(np.array(wanted.rotation), np.array(wanted.position))
+        spec, start = self.spec, self._joints("near", near)
+        at = start
+        place = finite(f"{spec.name}: wanted position", wanted.position, 3)
+        goal = pin.SE3(finite(f"{spec.name}: wanted rotation", wanted.rotation, 3, 3), place)
         for _ in range(_STEPS):
             place, axes, jacobian = self.motion(at)
             error = np.concatenate([goal.translation - place, pin.log3(goal.rotation @ axes.T)])
@@ -110,7 +118,7 @@ class ArmModel:
                 break
             inverse = jacobian.T @ np.linalg.inv(jacobian @ jacobian.T + _DAMPING * np.eye(6))
             # What is free goes back to where it began.
-            step = inverse @ error + 0.1 * ((near - at) - inverse @ (jacobian @ (near - at)))
+            step = inverse @ error + 0.1 * ((start - at) - inverse @ (jacobian @ (start - at)))
             at = np.clip(at + step * min(1.0, _STEP / max(float(np.abs(step).max()), 1e-9)), spec.lower, spec.upper)
         place, axes, _ = self.motion(at)
         short, turned = np.linalg.norm(goal.translation - place), np.linalg.norm(pin.log3(goal.rotation @ axes.T))

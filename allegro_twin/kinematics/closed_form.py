@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics import batch, single
+from allegro_twin.kinematics.arguments import finite, rows
 from allegro_twin.kinematics.bounds import Bounds
 from allegro_twin.kinematics.chain import Chain
 from allegro_twin.kinematics.forms.finger import ImaFinger
@@ -44,11 +45,11 @@ class FingerKinematics:
         self._bounds: dict[float, Bounds] = {}
 
     def fk(self, position: ArrayLike) -> Pose:
-        """The fingertip in the palm frame, joints (..., 4), rad → position (..., 3), m, and rotation (..., 3, 3)."""
-        joints = np.asarray(position, dtype=np.float64)
-        if joints.shape[-1:] != (4,):
-            raise ConfigError(f"{self.name} has 4 joints; these positions have shape {joints.shape}")
-        q = np.moveaxis(joints * self._signs, -1, 0)
+        """The fingertip in the palm frame, joints (..., 4), rad → position (..., 3), m, and rotation (..., 3, 3).
+
+        NaN of a posture with a NaN, as of a branch that does not exist. Raises ConfigError for another shape.
+        """
+        q = self._joints(position)
         return Pose(self._frame.out(self._forms.tip(q)), self._frame.turned_out(self._forms.rotation(q)))
 
     def tip(self, position: ArrayLike) -> Array:
@@ -57,9 +58,14 @@ class FingerKinematics:
         The matrix product runs over one row at a time where an axis of length one precedes the joints, and then the
         result of a row does not depend on how many there are.
         """
-        return self._frame.out(
-            self._forms.tip(np.moveaxis(np.asarray(position, dtype=np.float64) * self._signs, -1, 0))
-        )
+        return self._frame.out(self._forms.tip(self._joints(position)))
+
+    def _joints(self, position: ArrayLike) -> Array:
+        """As of the right hand's, (4, ...)."""
+        joints = rows(f"{self.name}: position of its 4 joints", position, 4)
+        if np.isinf(joints).any():
+            raise ConfigError(f"{self.name}: positions must be finite; {int(np.isinf(joints).sum())} of them are not")
+        return np.moveaxis(joints * self._signs, -1, 0)
 
     def ik(
         self,
@@ -89,6 +95,8 @@ class FingerKinematics:
         given = {"pitch": pitch, "rotation": rotation, "quaternion": quaternion, "euler": euler,
                  "q0": q0, "q1": q1, "psi": psi, "near": near}  # fmt: skip
         target = read_target(self.name, isinstance(self._forms, Thumb), position, given)
+        if not isinstance(margin, float):
+            margin = float(finite(f"{self.name}: margin", margin))
         bounds = self._bounds.get(margin) or self._bounded(margin)
         if isinstance(target.angle, float):
             return single.solve(self._chain, bounds, target)

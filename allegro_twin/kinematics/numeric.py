@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arguments import finite
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.kinematics.solution import Best
@@ -47,12 +48,13 @@ class NumericFinger:
 
     def fk(self, position: ArrayLike) -> Pose:
         """The fingertip in the palm frame, joints (k,), rad."""
-        self._posture[self._joints] = position
+        self._posture[self._joints] = finite(f"{self.name}: position", position, len(self._joints))
         return self._model.fingertips(self._posture)[self.name]
 
     def ik(self, position: ArrayLike, *, near: ArrayLike) -> _Answer:
         """The tip at a point, (3,), m, from a posture of the finger, (k,), rad; turned as it comes."""
-        target, start = np.asarray(position, dtype=np.float64), np.asarray(near, dtype=np.float64)
+        target = finite(f"{self.name}: position", position, 3)
+        start = finite(f"{self.name}: near", near, len(self._joints))
         q, closest, least = np.clip(start, self.lower, self.upper), start, np.inf
         for _ in range(_ROUNDS):
             self._posture[self._joints] = q

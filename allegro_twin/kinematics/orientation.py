@@ -3,7 +3,8 @@
 A quaternion is (w, x, y, z); q and -q are one orientation. Euler angles are roll, pitch and yaw about the fixed axes x,
 y and z, in that order, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll). A rotation vector is the axis times the angle. The
 columns of a matrix are the turned frame's axes. Angles rad; every function works over leading axes, and a row's result
-does not depend on how many there are (the products of linear algebra libraries do).
+does not depend on how many there are (the products of linear algebra libraries do). NaN gives NaN, except of a
+quaternion that has to be brought to length one. Raises ConfigError for other shapes.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.arrays import library, own
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arguments import numbers, rows
 from allegro_twin.kinematics.forms.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
 
@@ -73,7 +75,7 @@ def quaternion_from_euler(angles: ArrayLike) -> Array:
 
 def quaternion_from_vector(turn: ArrayLike) -> Array:
     """The quaternion of a rotation vector, shape (..., 3), rad → (..., 4)."""
-    vector = own(turn)
+    vector = _given("rotation vectors", turn, 3)
     xp, size = library(vector), _length(vector)
     scale = xp.where(size > 1e-12, xp.sin(size / 2) / xp.maximum(size, 1e-12), 0.5)
     return own(xp.concatenate([xp.cos(size / 2)[..., None], scale[..., None] * vector], axis=-1))
@@ -90,7 +92,7 @@ def vector_from_quaternion(quaternion: ArrayLike) -> Array:
 
 def product(first: ArrayLike, second: ArrayLike) -> Array:
     """The quaternion product, the turn `second` in the axes that `first` has turned, (..., 4)."""
-    one, other = own(first), own(second)
+    one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
     a, b, c, d = (one[..., k] for k in range(4))
     w, x, y, z = (other[..., k] for k in range(4))
     i, j, k = a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
@@ -99,12 +101,12 @@ def product(first: ArrayLike, second: ArrayLike) -> Array:
 
 def conjugate(quaternion: ArrayLike) -> Array:
     """The turn back, (..., 4)."""
-    return np.asarray(quaternion, dtype=np.float64) * (1.0, -1.0, -1.0, -1.0)
+    return rows("quaternions", quaternion, 4) * (1.0, -1.0, -1.0, -1.0)
 
 
 def mirrored(quaternion: ArrayLike) -> Array:
     """What a left hand's x-z plane makes of an orientation, (..., 4)."""
-    return np.asarray(quaternion, dtype=np.float64) * (1.0, -1.0, 1.0, -1.0)
+    return rows("quaternions", quaternion, 4) * (1.0, -1.0, 1.0, -1.0)
 
 
 def turned_by(quaternion: ArrayLike, turn: ArrayLike) -> Array:
@@ -112,7 +114,7 @@ def turned_by(quaternion: ArrayLike, turn: ArrayLike) -> Array:
     return product(quaternion_from_vector(turn), quaternion)
 
 
-def turn_about_z(before: Array, after: Array) -> Array:
+def turn_about_z(before: ArrayLike, after: ArrayLike) -> Array:
     """How far an orientation has turned about the world's z, (...), rad: the twist of after · before⁻¹ about z."""
     change = product(after, conjugate(before))
     turn = 2.0 * np.arctan2(change[..., 3], change[..., 0])
@@ -123,7 +125,7 @@ def slerp(first: ArrayLike, second: ArrayLike, part: ArrayLike) -> Array:
     """The orientation `part` (...) of the shortest way from the first to the second, (..., 4), at constant speed."""
     p, q = np.stack(_unit(first), axis=-1), np.stack(_unit(second), axis=-1)
     way = vector_from_quaternion(product(q, conjugate(p)))
-    return turned_by(p, np.asarray(part, dtype=np.float64)[..., None] * way)
+    return turned_by(p, numbers("part", part)[..., None] * way)
 
 
 def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
@@ -131,10 +133,11 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
     return angle_left(ARRAYS, entries_of_matrix(first), entries_of_matrix(second))
 
 
-def angle_between_quaternions(first: Array, second: Array) -> Array:
+def angle_between_quaternions(first: ArrayLike, second: ArrayLike) -> Array:
     """Likewise of quaternions (..., 4) of any length: Kahan's angle of two vectors, of which the turn is twice."""
-    p, q = first / _length(first)[..., None], second / _length(second)[..., None]
-    apart, along, xp = _length(p - q), _length(p + q), library(first)
+    one, other = _given("quaternions", first, 4), _given("quaternions", second, 4)
+    p, q = one / _length(one)[..., None], other / _length(other)[..., None]
+    apart, along, xp = _length(p - q), _length(p + q), library(one)
     return own(4.0 * xp.arctan2(xp.minimum(apart, along), xp.maximum(apart, along)))
 
 
@@ -143,7 +146,7 @@ def facing(x: ArrayLike, z: ArrayLike) -> Array:
 
     Raises ConfigError where they are parallel.
     """
-    along, towards = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    along, towards = rows("facing", x, 3), rows("fingers", z, 3)
     first = along / _length(along)[..., None]
     last = towards - first * np.add.reduce(first * towards, axis=-1)[..., None]
     if not (_length(last) > 1e-6).all():
@@ -165,7 +168,7 @@ def gravity_from_quaternion(quaternion: ArrayLike, size: float = STANDARD_GRAVIT
 
 def quaternion_from_gravity(gravity: ArrayLike) -> Array:
     """An orientation of the palm in the world with this gravity, the least turned one, (..., 3) → (..., 4), m/s²."""
-    down = np.asarray(gravity, dtype=np.float64)
+    down = rows("gravity", gravity, 3)
     x, y, z = np.moveaxis(-down / _length(down)[..., None], -1, 0)
     flat = np.hypot(x, y)
     great = np.sqrt((1.0 + np.abs(z)) / 2.0)  # Of cos(θ/2) and sin(θ/2) the greater; the other follows from sin θ.
@@ -176,7 +179,7 @@ def quaternion_from_gravity(gravity: ArrayLike) -> Array:
 
 def entries_of_matrix(rotation: ArrayLike) -> Entries[Array]:
     """The entries of a matrix, shape (..., 3, 3) → nine of (...)."""
-    r = np.asarray(rotation, dtype=np.float64)
+    r = rows("rotation matrices", rotation, 3, 3)
     a, b, c, d, e, f, g, h, i = np.moveaxis(r.reshape(*r.shape[:-2], 9), -1, 0)
     return a, b, c, d, e, f, g, h, i
 
@@ -239,12 +242,22 @@ def _unit(quaternion: ArrayLike) -> tuple[Array, ...]:
     given = np.stack(_columns(quaternion, 4, "quaternions", "w, x, y, z"), axis=-1)
     size = _length(given)
     if not (size > _NO_LENGTH).all():
-        raise ConfigError("a quaternion of length zero is no orientation")
+        raise ConfigError("a quaternion of length zero, or with a NaN, is no orientation")
     return tuple(np.moveaxis(given / size[..., None], -1, 0))
 
 
 def _columns(values: ArrayLike, n: int, what: str, names: str) -> tuple[Array, ...]:
-    given = np.asarray(values, dtype=np.float64)
+    given = numbers(what, values)
     if given.shape[-1:] != (n,):
         raise ConfigError(f"{what} need shape (..., {n}): {names}; they have {given.shape}")
     return tuple(np.moveaxis(given, -1, 0))
+
+
+def _given(what: str, values: ArrayLike, n: int) -> Array:
+    """A tensor as it is, anything else as NumPy's array, (..., n)."""
+    if not hasattr(values, "device") or isinstance(values, np.ndarray):
+        return rows(what, values, n)
+    tensor = own(values)
+    if tuple(tensor.shape[-1:]) != (n,):
+        raise ConfigError(f"{what} needs shape (..., {n}); it has {tuple(tensor.shape)}")
+    return tensor

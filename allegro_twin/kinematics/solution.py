@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arguments import finite, rows
 from allegro_twin.kinematics.forms.planar import Flags
 from allegro_twin.kinematics.search.nearest import Nearest
 from allegro_twin.types import Array, Vector
@@ -76,10 +78,11 @@ class Solutions:
         """One posture a target: of the branches inside the limits the one nearest to `near`, shape (..., 4), rad.
 
         Without `near`, the one furthest from its nearest limit; a full pose prefers the least angle first.
-        Where no branch is inside the limits, the nearest posture, and its distance.
+        Where no branch is inside the limits, the nearest posture, and its distance. Raises ConfigError for a `near`
+        that is not finite, or more than there are targets.
         """
-        wish = None if near is None else np.asarray(near, dtype=np.float64)
-        if self.within.ndim == 1 and (wish is None or wish.ndim == 1):
+        wish = None if near is None else self._wished(near)
+        if self.within.ndim == 1:
             return self._best_of_one(wish)
         if wish is None:
             cost = -np.minimum(self.position - self.lower, self.upper - self.position).min(axis=-1)
@@ -99,6 +102,16 @@ class Solutions:
             np.where(reached, 0.0, nearest.distance),
             np.where(reached, angle, np.nan),
         )
+
+    def _wished(self, near: ArrayLike) -> Array:
+        wish, targets = rows("near", near, 4), self.within.shape[:-1]
+        try:
+            fits = np.broadcast_shapes(wish.shape[:-1], targets) == targets
+        except ValueError:
+            fits = False
+        if not fits:
+            raise ConfigError(f"near {wish.shape} does not go with targets of shape {targets}")
+        return finite("near", wish, *wish.shape)
 
     def _best_of_one(self, near: Vector | None) -> Best:
         """The same of one target."""

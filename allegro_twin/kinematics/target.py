@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arguments import numbers, rows
 from allegro_twin.kinematics.forms.maths import ARRAYS, FLOATS, Maths, T
 from allegro_twin.kinematics.orientation import Entries, entries_of_euler, entries_of_quaternion, is_rotation
 from allegro_twin.kinematics.search.nearest import Mode
@@ -94,13 +95,8 @@ def _turn(m: Maths[T], finger: str, name: str, values: list[T]) -> Entries[T]:
 
 
 def _array(finger: str, name: str, value: ArrayLike | None, own: tuple[int, ...]) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{finger}: {name} must be numbers, not {value!r}") from error
-    if own and array.shape[-len(own) :] != own:
-        raise ConfigError(f"{finger}: {name} needs shape (..., {', '.join(map(str, own))}); it has {array.shape}")
-    return array
+    what = f"{finger}: {name}"
+    return rows(what, value, *own) if own else numbers(what, value)
 
 
 def _numbers(finger: str, name: str, array: Array, own: tuple[int, ...], shape: tuple[int, ...]) -> list[float]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.control.planning import CLEARANCE, Room, clear, crossing, way
+from allegro_twin.control.planning import CLEARANCE, Room, _shortened, clear, crossing, way
 from allegro_twin.types import Array, Vector
 
 RADIUS = 0.02  # m. Two round fingers in a plane, 0.1 m a radian: joints 0 and 1 place one, 2 and 3 the other.
@@ -129,3 +129,40 @@ def test_a_thin_thing_in_the_middle_of_a_line_is_seen() -> None:
     space = Room(needle, [(0,)], np.zeros(1), np.zeros(1), np.ones(1))
     assert not clear(space, np.zeros(1), np.ones(1))
     assert clear(space, np.full(1, 0.2), np.ones(1))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_stop_of_a_way_can_be_left_out_and_none_that_is_needed_is(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    start, goal = (posture for posture in random.uniform(-0.6, 0.6, (2, 4)))
+    start[:2], goal[:2] = (-0.3, 0.0), (0.3, 0.02 * seed)
+    start[2:], goal[2:] = (0.3, 0.02 * seed), (-0.3, 0.0)
+    found = way(room(), start, goal)
+    assert found is not None
+    rows = [start, *found]
+    assert len(rows) > 2
+    assert all(clear(room(), a, b) for a, b in pairwise(rows))
+    for k, stop in enumerate(rows):
+        assert not any(clear(room(), stop, later) for later in rows[k + 2 :])
+
+
+def test_a_contact_that_is_left_in_two_steps_is_left_in_one_line() -> None:
+    """3 mm deep, and clear after two steps of 4 mm: they make one leg, and the rest of the way another."""
+    touching, goal = np.array([-0.185, 0.0, 0.185, 0.0]), np.array([-0.6, 0.3, 0.6, -0.3])
+    found = way(room(), touching, goal)
+    assert found is not None
+    assert len(found) == 2
+    np.testing.assert_allclose(found[0], [-0.225, 0.0, 0.225, 0.0], atol=1e-3)
+
+
+def test_a_stop_at_a_corner_is_kept_and_one_on_a_straight_is_not() -> None:
+    """Around the corner of a square, which is too big to be passed without a stop."""
+
+    def corner(rows: Array) -> Array:
+        return np.minimum(np.maximum(rows[:, :1], rows[:, 1:]) * 0.1 + 0.005, 0.01)
+
+    space = Room(corner, [(0, 1)], np.zeros(2), np.full(2, -1.0), np.ones(2))
+    rows = [np.array(each) for each in ((0.0, -0.8), (0.0, -0.4), (0.0, 0.0), (-0.8, 0.0))]
+    assert np.array(_shortened(space, rows)).tolist() == [[0.0, -0.8], [0.0, 0.0], [-0.8, 0.0]]
+    assert np.array(_shortened(space, rows[1:])).tolist() == [[0.0, -0.4], [0.0, 0.0], [-0.8, 0.0]]
+    assert np.array(_shortened(space, rows[:2])).tolist() == [[0.0, -0.8], [0.0, -0.4]]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -84,10 +88,73 @@ def test_a_palm_that_is_no_matrix_is_refused() -> None:
         HANDS["right"].jacobian(np.zeros(16), np.array([1.0, 0, 0, 0]))
 
 
-def test_gravity_of_a_list_is_that_of_an_array_and_a_wrong_shape_is_one_line_of_ours() -> None:
-    model, q, down = HandModel(load_spec()), [0.1] * 16, [0.0, 0.0, -9.81]
-    listed = model.gravity_torque(q, down)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(listed, model.gravity_torque(np.array(q), np.array(down)))
-    for wrong, pull in ((q[:15], down), (q, down[:2]), ([q, q], down), (["a"] * 16, down)):
-        with pytest.raises(ConfigError, match=r"gravity_torque needs .*16"):
-            model.gravity_torque(wrong, pull)  # type: ignore[arg-type]
+ASKED: list[Callable[[HandModel, Any], Any]] = [
+    HandModel.fingertips,
+    HandModel.links,
+    HandModel.jacobian,
+    HandModel.manipulability,
+    lambda hand, q: hand.fingertip_force(q, np.ones(16)),
+    lambda hand, q: hand.fingertip_jacobians(q, ["index", "thumb"]),
+    lambda hand, q: hand.gravity_torque(q, [0.0, 0.0, -9.81]),
+]
+NOT_POSTURES = [
+    [0.1] * 15, [], 0.1, None, "index", ["a"] * 16, [[0.1, 0.2], [0.3]], {}, np.full(16, 1j), np.zeros((3, 16)),
+    [*[0.1] * 15, float("nan")], [*[0.1] * 15, float("-inf")],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_a_list_is_as_good_as_an_array_and_what_is_no_posture_is_refused_in_one_line(
+    asked: Callable[[HandModel, Any], Any],
+) -> None:
+    q = posture(3, "right")
+    listed, given_ = asked(HANDS["right"], q.tolist()), asked(HANDS["right"], q)
+    assert repr(listed) == repr(given_)
+    for wrong in NOT_POSTURES:
+        with pytest.raises(ConfigError, match=r"^[^\n]*(position|gravity_torque)[^\n]*$"):
+            asked(HANDS["right"], wrong)
+
+
+def test_what_else_the_hand_is_asked_with_is_refused_in_one_line() -> None:
+    hand, q = HANDS["right"], posture(4, "right")
+    wrong: list[tuple[str, Callable[[], Any]]] = [
+        ("no finger named 'indx'; did you mean 'index'", lambda: hand.fingertip_jacobians(q, ["indx"])),
+        ("torque_limit needs 16 numbers", lambda: hand.fingertip_force(q, [0.7] * 15)),
+        ("torque_limit needs 16 numbers", lambda: hand.fingertip_force(q, [-0.7] * 16)),
+        ("torque_limit must be numbers", lambda: hand.fingertip_force(q, "strong")),
+        ("palm is no rotation matrix", lambda: hand.jacobian(q, 2.0 * np.eye(3))),
+        ("palm, .* must be finite", lambda: hand.jacobian(q, np.full((3, 3), np.nan))),
+        ("gravity_torque needs .* have .*2,", lambda: hand.gravity_torque(q, [0.0, 9.81])),
+        ("gravity must be numbers, not 'down'", lambda: hand.gravity_torque(q, "down")),
+        ("gravity must be finite", lambda: hand.gravity_torque(q, [0.0, 0.0, -np.inf])),
+    ]
+    for message, ask in wrong:
+        with pytest.raises(ConfigError, match=f"^{message}") as refused:
+            ask()
+        assert "\n" not in str(refused.value)
+
+
+def test_gravity_that_changes_in_place_is_felt_and_gravity_that_is_unknown_gives_no_torque() -> None:
+    hand, q, gravity = HandModel(SPECS["right"]), posture(5, "right"), np.array([0.0, 0.0, -9.81])
+    upright = hand.gravity_torque(q, gravity)
+    gravity[:] = [9.81, 0.0, 0.0]
+    lying = hand.gravity_torque(q, gravity)
+    np.testing.assert_array_equal(lying, HandModel(SPECS["right"]).gravity_torque(q, [9.81, 0.0, 0.0]))
+    assert np.abs(lying - upright).max() > 0.01
+    assert np.isnan(hand.gravity_torque(q, np.full(3, np.nan))).any()
+    np.testing.assert_array_equal(hand.gravity_torque([q, q], [gravity.tolist(), [0.0, 0.0, -9.81]]), [lying, upright])
+    assert hand.gravity_torque(np.zeros((0, 16)), np.zeros((0, 3))).shape == (0, 16)
+
+
+def test_a_file_that_is_not_the_hands_urdf_is_refused_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "letter.urdf").write_text("Dear hand,")
+    other = (tmp_path / "other.urdf", '<robot name="other"><link name="palm"/></robot>')
+    other[0].write_text(other[1])
+    for path, message in (
+        (tmp_path / "letter.urdf", "is no URDF"),
+        (other[0], "has no joint_0.0, joint_1.0, joint_2.0, ..."),
+        (tmp_path / "none.urdf", "no URDF at"),
+    ):
+        with pytest.raises(ConfigError, match=message) as refused:
+            HandModel(SPECS["right"], path)
+        assert "\n" not in str(refused.value)

@@ -79,7 +79,8 @@ class NearestTurn(Generic[T]):
         first = (sb - sa) / (b - a)
         for step in range(_STEPS):
             apart, wide = c - b, c - a
-            second = m.choose(apart == 0.0, first, (sc - sb) / m.choose(apart == 0.0, 1.0, apart))
+            done = abs(apart) < _CLOSE  # Others of the batch are not; two slopes as near differ by rounding alone.
+            second = m.choose(done, first, (sc - sb) / m.choose(done, 1.0, apart))
             steep = second + (second - first) * apart / m.choose(wide == 0.0, 1.0, wide)
             moved = -sc / m.choose(steep > 0.0, steep, nan)
             a, b, c, first, sb = b, c, c + moved, second, sc

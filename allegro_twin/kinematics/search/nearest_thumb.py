@@ -9,7 +9,7 @@ Of a valley's lowest place m, where the slope is zero, that says for any other p
 
     S(q₀) ≤ S(m) + K/2 (q₀ − m)²,    |S'(q₀)| ≤ K |q₀ − m| where it falls towards m.
 
-What two places leave possible between them is searched until nothing lower can be, or less than NARROW is left.
+What two places leave possible between them is searched until nothing can be there that is nearer by GAIN.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ from allegro_twin.kinematics.search.minima import Place, Way, minimum
 from allegro_twin.kinematics.search.nearest import InPlane, Mode, Reach, full_turns, swung, two_links
 
 _STEP = 0.6  # rad of q₀ between two places from which the valleys are searched, at most.
-_NARROW = 0.002  # rad. Ours: of 20,000 targets 4 had valleys within 0.02.
+_GAIN = 1e-10  # m
+_NARROW = (
+    1e-9  # rad. Less is left between two places only where the distance is next to nothing: 1e-19 m² can be there.
+)
 _THERE = 1e-24  # m²: nothing is nearer than the target itself.
 Seen: TypeAlias = tuple[float, float, Posture]
 """With one q₀ the square of the least distance, m², its slope by q₀ and the posture."""
@@ -112,10 +115,10 @@ def _lowest(seen: Way[Seen], taus: Sequence[float], bend: float) -> Seen:
     open_ = list(pairwise(places))
     while open_ and best[0] > _THERE:
         low, high = open_.pop()
-        valley = low[2] < 0.0 < high[2]
-        if not (valley or high[0] - low[0] > _NARROW) or not _may_hide(low, high, bend, best[0]):
+        worth = max(0.0, sqrt(best[0]) - _GAIN)
+        if high[0] - low[0] < _NARROW or not _may_hide(low, high, bend, worth * worth):
             continue
-        if valley:
+        if low[2] < 0.0 < high[2]:
             tau, cost, _, at = minimum(seen, _value, low, high)
             between = (tau, cost, 0.0, at)
         else:
@@ -128,7 +131,7 @@ def _lowest(seen: Way[Seen], taus: Sequence[float], bend: float) -> Seen:
 
 
 def _may_hide(low: Place[Seen], high: Place[Seen], bend: float, best: float) -> bool:
-    """Whether a valley that is lower than the best may lie between two places."""
+    """Whether a valley that is lower than that may lie between two places."""
     (a, cost, ga, _), (b, then, gb, _) = low, high
     first = a - ga / bend if ga < 0.0 else a
     last = b - gb / bend if gb > 0.0 else b
