@@ -97,9 +97,11 @@ class HandClock:
         """
         heard = max(periods - self._periods, 1)
         self._periods = periods
-        if t < self._stamp:  # A log, whose clock was set back.
+        if t < self._stamp - BACKLOG * self._period:  # A log, whose clock was set back.
             back = self._stamp + heard * self._period - t
             self._origin, self._begin = self._origin - back, self._begin - back
+        else:  # A little earlier is rounding, or the order in which an adapter stamps.
+            t = max(t, self._stamp)
         self._stamp = t
         if not caught_up:
             self.tick += heard

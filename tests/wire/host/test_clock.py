@@ -48,6 +48,13 @@ def test_a_host_whose_clock_is_set_back_loses_no_time() -> None:
     assert clock.t == pytest.approx(0.015)
 
 
+def test_a_stamp_that_is_earlier_by_rounding_is_no_clock_that_was_set_back() -> None:
+    heard = [(0.0031, 2), (0.009, 3), (0.009 - 1e-15, 4), (0.012, 5), (0.015, 6)]
+    clock = HandClock(PERIOD, 0.0, 1)
+    assert ticks(clock, *heard) == [1, 2, 3, 4, 5]
+    assert clock.t == pytest.approx(0.015)
+
+
 @given(lateness=st.lists(st.floats(0.0, 2.4), min_size=300, max_size=300))
 def test_under_any_lateness_of_the_host_time_and_tick_agree(lateness: list[float]) -> None:
     """Stamps are late by up to 2.4 periods, and frames come in order."""
