@@ -45,6 +45,18 @@ def test_an_egg_is_found_again_whichever_way_it_lies(turn: float) -> None:
     np.testing.assert_allclose(solid.size, [0.068, 0.054, 0.054], atol=0.002)
 
 
+def test_an_egg_is_found_again_standing() -> None:
+    """Its length up: half of it is its middle's height."""
+    points, normals = egg(0.04, 0.028, 0.0, N, draws())  # Along x; what was lying is put upright, on its tip.
+    upright = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    standing = (points - [0.0, 0.0, 0.028]) @ upright + [0.02, -0.01, 0.04]
+    solid = best(seen(standing, normals @ upright, draws()))
+    assert solid.shape == "ellipsoid"
+    np.testing.assert_allclose(solid.position, [0.02, -0.01, 0.04], atol=0.001)
+    np.testing.assert_allclose(np.abs(solid.axes[:, 0]), [0.0, 0.0, 1.0], atol=0.02)
+    np.testing.assert_allclose(solid.size, [0.08, 0.056, 0.056], atol=0.002)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.4, 0.785, 1.3])
 def test_a_box_is_found_again_with_its_longest_edge_first(turn: float) -> None:
     solid = best(seen(*box((0.097, 0.05, 0.082), turn, N, draws()), draws()))

@@ -37,3 +37,16 @@ def test_the_torque_without_new_arrays_is_the_torque_to_the_bit(mode: Mode, scri
 def each(interface: Interface, memory: Memory) -> list[tuple[int, Course]]:
     """The course of every hand by itself."""
     return [(row, interface.course(Memory(*(part[row] for part in memory)))) for row in range(7)]
+
+
+@pytest.mark.parametrize("history", [1, 2, 5])
+def test_a_memory_has_room_for_what_was_seen_at_the_decisions_before(history: int) -> None:
+    spec = load_spec()
+    interface = Interface(spec, load_gains("default", spec), "delta", history=history)
+    memory = interface.start(np.zeros((3, spec.n_joints)))
+    assert memory.past.shape == (3, interface.frame * (history - 1))
+    seen = np.arange(3.0 * interface.frame, dtype=np.float32).reshape(3, -1)
+    after = interface.act(np.zeros((3, spec.n_joints)), memory, seen)
+    assert after.past.shape == memory.past.shape
+    if history > 1:
+        np.testing.assert_array_equal(after.past[:, : interface.frame], seen)

@@ -116,3 +116,12 @@ def test_a_cliff_at_the_end_is_found_at_the_end() -> None:
     assert found.rate(0.9) == pytest.approx(19 / 21, abs=0.005)
     assert found.rate(0.75) > 0.99
     assert 0.9 < found.half < 1.0
+
+
+@pytest.mark.parametrize("alpha", [0.6, 0.9, 0.975, 0.9999])
+def test_a_bound_that_is_mostly_too_high_is_the_upper_end_of_an_interval(alpha: float) -> None:
+    """Of the confidence 2 α - 1; and the bounds of α and of 1 - α are those of one interval."""
+    found = Paired(60, 14, 8, 18)
+    assert bound(found, alpha) == newcombe(found, 2.0 * alpha - 1.0).high
+    assert bound(found, 1.0 - alpha) == pytest.approx(newcombe(found, 2.0 * alpha - 1.0).low, abs=1e-12)
+    assert bound(found, 0.4) < bound(found, 0.5) < bound(found, alpha)

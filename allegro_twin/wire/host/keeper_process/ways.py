@@ -124,6 +124,7 @@ class Socketcand(Lines):
             while not answer.endswith(b">"):
                 answer += self._socket.recv(1) or b">"
             if answer not in (b"< hi >", b"< ok >"):
+                self._socket.close()
                 raise OSError(f"the server says {answer.decode('ascii', 'replace')}")
         super().__init__(self._socket.fileno(), b">")
 
