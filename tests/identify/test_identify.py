@@ -66,12 +66,14 @@ def test_intervals_hold_what_is_hidden() -> None:
         assert (np.abs(value.value - true) <= value.half).mean() >= 0.9, name
 
 
+@pytest.mark.slow
 def test_friction_that_is_not_in_the_model_makes_no_torque_constant_doubtful() -> None:
     constant, damping = (hidden.found().values[name] for name in ("torque_constant", "damping"))
     assert np.median(constant.half / constant.value) < 0.01
     assert (damping.half > SOLVED["damping"][0] * damping.value).all()
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -84,6 +86,7 @@ def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_b
         assert wider.min() > 0.0
 
 
+@pytest.mark.slow
 def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
     np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
@@ -91,6 +94,7 @@ def test_what_is_left_is_the_noise_of_the_encoders() -> None:
     assert noise_floor(motions()[0].position).shape == (16,)
 
 
+@pytest.mark.slow
 def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_and_keeps_its_value() -> None:
     fit = hidden.found().fit
     left = fit.spread.residual.copy()
@@ -121,6 +125,7 @@ def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_w
     assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
 
 
+@pytest.mark.slow
 def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
     result = hidden.found()
     assert not result.fit.loose
@@ -129,6 +134,7 @@ def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
     assert "backlash none seen" in page(result)
 
 
+@pytest.mark.slow
 def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> None:
     result, file = hidden.found(), tmp_path / "mine.yaml"
     reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
@@ -144,6 +150,7 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
+@pytest.mark.slow
 def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
     looked = seen(motions(), Player(motions()[0].spec, 0.003))
     said = values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
@@ -153,12 +160,14 @@ def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> 
     assert not any("behind backlash" in why for why in np.array(said)[~light])
 
 
+@pytest.mark.slow
 def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
     for name in ("torque_constant", "offset"):
         assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))
     assert not any("pose" in reason for reason in reasons(motions(), "torque_constant"))
 
 
+@pytest.mark.slow
 def test_an_axis_along_gravity_in_all_poses_is_named_with_the_pose_that_is_missing() -> None:
     tilted = [replace(motions()[0], gravity=np.array([0.0, 0.0, -9.81])) for _ in range(2)]
     leaning = replace(tilted[1], gravity=np.array([0.0, 0.0, 9.81]))  # Fingers up, and fingers down.
@@ -167,6 +176,7 @@ def test_an_axis_along_gravity_in_all_poses_is_named_with_the_pose_that_is_missi
     assert not said[5]
 
 
+@pytest.mark.slow
 def test_too_short_still_and_slow_joints_are_not_determined_because() -> None:
     short = [replace(m, position=m.position[:900], duty=m.duty[:900], good=m.good[:900]) for m in motions()]
     assert all("s of it can be used: record at least 10 s" in reason for reason in reasons(short, "damping"))
@@ -181,6 +191,7 @@ def test_too_short_still_and_slow_joints_are_not_determined_because() -> None:
     assert not reasons(still, "damping")[5]
 
 
+@pytest.mark.slow
 def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("# Bought 2019.\nactuation:\n  damping: 0.08  # a guess\nlimits: null\n")
@@ -206,6 +217,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     assert gap.after.all[3] < gap.before.all[3] / 20.0
 
 
+@pytest.mark.slow
 def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     result = hidden.found()
@@ -217,6 +229,7 @@ def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     assert "one pose" in written["identified"]["not_determined"]["torque_constant"]["index_0"]
 
 
+@pytest.mark.slow
 def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,6 +245,7 @@ def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     assert file.read_text() == "actuation: {damping: 0.08}\n"
 
 
+@pytest.mark.slow
 def test_another_hands_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("wire: {version: v3}\n")
@@ -275,6 +289,7 @@ def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
     assert not stored.doubtful(file)
 
 
+@pytest.mark.slow
 def test_recordings_of_two_hands_are_not_one() -> None:
     other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
     from allegro_twin.identify.motions.motion import same_hand
@@ -283,6 +298,7 @@ def test_recordings_of_two_hands_are_not_one() -> None:
         same_hand([motions()[0], other])
 
 
+@pytest.mark.slow
 def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> None:
     first, path = load(hidden.recordings()[0]), tmp_path / "gap.arrow"
     columns = {name: np.array(values) for name, values in first.columns.items()}
@@ -316,6 +332,7 @@ def test_a_weight_is_told_with_its_recording() -> None:
         identify(hidden.recordings()[:1], [weight], masses_known=False)
 
 
+@pytest.mark.slow
 def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> None:
     nominal, found = load_spec(), hidden.found()
     shift = np.linspace(-0.02, 0.02, 16)
@@ -334,6 +351,7 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))
 
 
+@pytest.mark.slow
 def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path: Path) -> None:
     file, result = tmp_path / "mine.yaml", hidden.found()
     offsets = [40 - 5 * joint for joint in range(16)]
@@ -347,6 +365,7 @@ def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path
     assert not stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["allegro", "SAH030C033R"])
 def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Path) -> None:
     path = data_root() / "conf" / "hands" / f"{name}.yaml"
@@ -360,6 +379,7 @@ def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Pat
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the_file(tmp_path: Path) -> None:
     result = hidden.found()
     plain, weak = tmp_path / "plain.yaml", tmp_path / "weak.yaml"

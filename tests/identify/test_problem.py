@@ -57,6 +57,7 @@ def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]
         np.testing.assert_allclose(slope(drive)[rows, column], change, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_constant", "damping", "frictionloss", "load_friction"])
 def test_the_residuals_follow_the_derivatives(made: tuple[Problem, Parameters], name: str) -> None:
     problem, drive = made

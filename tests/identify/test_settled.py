@@ -15,6 +15,8 @@ from tests.identify import hidden
 JOINT, LOAD = 3, 0.05
 ONLY = np.arange(16) == JOINT
 
+pytestmark = pytest.mark.slow  # They begin with a whole identification.
+
 
 def doubted(between: tuple[str, str] | None = None, correlation: float = 0.0) -> Fit:
     """A fit with load friction whose values, as the descent has them, are equally doubtful and of one joint two are

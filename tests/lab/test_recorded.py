@@ -14,6 +14,7 @@ import pytest
 
 from allegro_twin.config import RunConfig
 from allegro_twin.errors import RecordingError
+from allegro_twin.files.output_folder import UNFINISHED
 from allegro_twin.lab.recorded import config_hash
 from allegro_twin.lab.run import Report, perform
 from allegro_twin.lab.settings import LabSettings
@@ -42,6 +43,7 @@ def test_it_holds_the_config_its_hash_and_what_made_it(run: tuple[Tracks, Report
     assert set(found.meta) >= {"engine", "model", "look", "allegro_twin"}
 
 
+@pytest.mark.slow
 def test_what_perception_saw_is_there_with_its_points_and_its_target(run: tuple[Tracks, Report]) -> None:
     found, report = run
     assert report.solid is not None
@@ -70,6 +72,7 @@ def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple
     assert alone.checked == report.checked
 
 
+@pytest.mark.slow
 def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report]) -> None:
     from allegro_twin.build import assemble
 
@@ -96,7 +99,7 @@ def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report])
 def test_a_run_that_is_killed_leaves_all_that_was_whole(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "allegro_twin", "lab", "conf/lab_allegro.yaml", "--out", str(tmp_path)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    path = tmp_path / "lab.arrow"
+    path = tmp_path / UNFINISHED / "lab.arrow"
     while not (path.exists() and path.stat().st_size > 1_500_000):
         assert process.poll() is None, "it ended before it could be killed"
         time.sleep(0.002)

@@ -66,6 +66,7 @@ def test_another_protocol_is_refused(done: Path) -> None:
         swept(changed, done)
 
 
+@pytest.mark.slow
 def test_a_manifest_that_somebody_changed_is_found_out(done: Path, tmp_path: Path) -> None:
     with pytest.raises(Killed):
         swept(study(), tmp_path, units=1)
@@ -83,6 +84,7 @@ def test_nothing_yet_is_a_line(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_report_needs_nothing_from_elsewhere_and_has_the_hash(done: Path) -> None:
     text = (done / "report.html").read_text()
     assert "http" not in text
@@ -116,6 +118,7 @@ def test_hands_made_in_folders_of_their_own_are_one_study_and_the_last_made_coun
         gathered([old, done])
 
 
+@pytest.mark.slow
 def test_a_hand_that_is_made_anew_takes_the_place_of_the_old_one(done: Path, tmp_path: Path) -> None:
     found = read(done)
     mended = found.table.set_column(
