@@ -163,6 +163,7 @@ def test_a_mount_says_what_its_hand_weighs(model: str) -> None:
     assert cell.mount.load.mass == pytest.approx(hung, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_weighing_finds_what_hangs_on_the_flange() -> None:
     cell = make_cell("fer", load_spec())
     tilts = ((0.0, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, 0.6, 0.0))

@@ -31,6 +31,7 @@ def test_a_recorded_trial_has_the_same_verdict_again(trial: tuple[object, Path])
     assert in_words(again).startswith("**held**\n")
 
 
+@pytest.mark.slow
 def test_a_trial_that_was_cut_short_or_none_at_all_has_no_verdict(trial: tuple[object, Path]) -> None:
     recording = load(trial[1])
     short = {name: column[:-1] for name, column in recording.columns.items()}

@@ -108,6 +108,7 @@ def test_the_thumb_presses_whatever_it_holds_within_a_fifth_of_what_was_asked_fo
     assert all(0.8 <= value <= 1.2 for value in share.values()), share
 
 
+@pytest.mark.slow
 def test_every_fingertip_presses_with_its_share_of_the_force_but_for_what_dry_friction_hides() -> None:
     """On a ball that weighs next to nothing, so that all that is felt is the grip."""
     name, wanted = "grasp_3", 2.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from allegro_twin.identify.fitting.regress import breaking, regress
 from allegro_twin.identify.motions.motion import read_motion
@@ -10,6 +11,7 @@ from allegro_twin.sim.beside.windows import Player
 from tests.identify import hidden
 
 
+@pytest.mark.slow
 def test_friction_that_breaks_away_and_grows_with_the_torque_has_a_line_of_its_own() -> None:
     motions = [read_motion(path) for path in hidden.recordings(breaking=True)]
     player = Player(motions[0].spec, motions[0].period)

@@ -22,8 +22,7 @@ def shipped(hand: str) -> LabSettings:
     return load(LabSettings, data_root() / "conf" / f"lab_{hand}.yaml")
 
 
-QUICK = ("leap", "qb_softhand")
-"""One that moves each joint by a motor, and one that moves all by a tendon."""
+QUICK = ("leap",)
 
 
 def taken(settings: LabSettings) -> Report:

@@ -82,6 +82,7 @@ def test_nothing_earns_little_and_picks_nothing() -> None:
     assert sum(rewards) < 0.1 * 40
 
 
+@pytest.mark.slow
 def test_what_is_lifted_is_picked_only_after_a_second() -> None:
     env = apple()
     env.reset(seed=1)

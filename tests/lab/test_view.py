@@ -35,6 +35,7 @@ def test_the_scene_has_the_arm_the_hand_the_thing_the_cloud_and_every_frame(draw
         assert drawn[path], path
 
 
+@pytest.mark.slow
 def test_the_arms_last_link_carries_the_hand_where_the_encoders_say(drawn: Rows, run: tuple[Tracks, Report]) -> None:
     """Links are drawn by their own chain; flange and palm by another: they agree."""
     chain = np.eye(4)

@@ -87,6 +87,7 @@ def test_the_disturbance_is_the_torque_from_outside(spec: HandSpec, hand: SimBac
     assert found[0].torque == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_mirror_over_the_same_samples_is_the_same_to_the_last_bit(spec: HandSpec, hand: SimBackend) -> None:
     samples = list(moving(spec, hand))
     first, again = (estimates(mirror(spec), iter(samples)) for _ in range(2))
@@ -197,6 +198,7 @@ def test_the_left_hand_has_a_mirror_too(make_sim: MakeSim, tmp_path: Path) -> No
     assert np.abs(disturbance[t > 1.0]).max() < 0.004
 
 
+@pytest.mark.slow
 def test_the_command_plays_a_recording_past_the_mirror_and_runs_a_hand_beside_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -285,6 +287,7 @@ def test_noise_does_not_unbend_the_bristles_of_a_hand_that_rests(sticky: HandSpe
     assert np.abs(disturbance[t > 3.0].mean(axis=0)).max() < 0.003
 
 
+@pytest.mark.slow
 def test_a_push_that_a_resting_joints_friction_holds_bends_its_bristles_and_is_felt(
     sticky: HandSpec, make_sim: MakeSim
 ) -> None:

@@ -110,6 +110,7 @@ def held(spec: HandSpec, name: str = "rubiks_cube") -> tuple[Trial, Bench, float
     return trial, bench, next(window.begin for window in trial.windows if window.name == "hold")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slippery", [True, False])
 def test_a_grasp_is_called_nothing_until_its_object_slips(spec: HandSpec, slippery: bool) -> None:
     trial, bench, at = held(spec)

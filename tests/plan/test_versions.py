@@ -55,6 +55,7 @@ def test_tries_are_the_same_in_this_process_and_in_two_others() -> None:
     assert [each.held for row in here for each in row] == [True, True, False, False]
 
 
+@pytest.mark.slow
 def test_a_trial_that_cannot_be_made_is_one_error_and_not_a_grasp_that_fails() -> None:
     version, folder = lemon()
     gone = version.scenario.model_copy(update={"objects": (

@@ -48,7 +48,7 @@ def stalling(port: Port, seed: int) -> StallingPort:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=pytest.mark.slow if kind == "qb" else ()) for kind in KINDS])
 def test_however_a_host_stalls_no_speed_is_reported_that_no_joint_had(kind: Kind, seed: int) -> None:
     from tests.serial.polled_rigs import virtual
 

@@ -50,10 +50,12 @@ def test_a_frozen_hand_never_has_it(table: list[dict[str, Any]]) -> None:
     assert one["peak_n"] < 5.0
 
 
+@pytest.mark.slow
 def test_without_error_and_weight_nothing_is_lost(table: list[dict[str, Any]]) -> None:
     assert row(table, "P0e", control="weightless")["held"]
 
 
+@pytest.mark.slow
 def test_overlap_begins_when_it_says_and_saves_that_time(of: Study, table: list[dict[str, Any]]) -> None:
     late, early = row(table, "P0e"), row(table, "P50")
     assert early["begun_s"] == pytest.approx(0.6 - 0.5 * of.motion.close, abs=1e-9)
@@ -62,6 +64,7 @@ def test_overlap_begins_when_it_says_and_saves_that_time(of: Study, table: list[
     assert late["cycle_s"] - early["cycle_s"] == pytest.approx(late["begun_s"] - early["begun_s"], abs=0.0041)
 
 
+@pytest.mark.slow
 def test_the_state_machine_costs_up_to_a_tenth_of_a_second_at_each_decision(table: list[dict[str, Any]]) -> None:
     for trial in (0, 1):
         waits = row(table, "P0", trial)["begun_s"] - row(table, "P0e", trial)["begun_s"]
@@ -70,12 +73,14 @@ def test_the_state_machine_costs_up_to_a_tenth_of_a_second_at_each_decision(tabl
         assert waits - 1e-9 <= late < 0.2
 
 
+@pytest.mark.slow
 def test_policies_have_the_same_errors(table: list[dict[str, Any]]) -> None:
     assert len({(r["off_mm"], r["off_deg"], r["friction"]) for r in table if r["trial"] == 1}) == 1
     assert row(table, "P0", 1)["off_mm"] > 0.0
     assert row(table, "P0", 0)["off_mm"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_trial_is_the_same_alone_to_the_last_bit(table: list[dict[str, Any]]) -> None:
     alone = made({"study": content()}, [item("P50", 1)])[0]
     assert alone == row(table, "P50", 1)

@@ -129,6 +129,7 @@ def test_what_cannot_be_swept_is_refused_beforehand() -> None:
         Local(-1)
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_replaced_and_its_unit_tried_again(tmp_path: Path) -> None:
     log = tmp_path / "log"
     sweep = sweep_of("fatal", 10, marks=str(tmp_path / "marks"), at=4, times=2, log=str(log))
@@ -137,6 +138,7 @@ def test_a_process_that_is_killed_is_replaced_and_its_unit_tried_again(tmp_path:
     assert sorted(calls(log)) == [[0, 1, 2], [3, 4, 5], [6, 7, 8], [9]]
 
 
+@pytest.mark.slow
 def test_a_unit_whose_process_is_killed_three_times_is_named(tmp_path: Path) -> None:
     sweep = sweep_of("fatal", 10, marks=str(tmp_path / "marks"), at=9, times=3)
     with pytest.raises(HandError) as raised:
