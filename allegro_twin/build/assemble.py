@@ -43,7 +43,7 @@ def assemble(config: RunConfig) -> Rig:
 
 def _simulated(config: RunConfig, settings: SimSettings) -> Rig:
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    check_period(config.period, spec)
+    check_period(config.period, spec, config.controller.kind)
     sim, trial = simulated(settings, config.task, spec, config.period)
     controller, motion = make_controller(config, spec, trial)
     seconds = motion if trial is None else trial.seconds
@@ -54,7 +54,7 @@ def _wired(config: RunConfig, settings: CanSettings) -> Rig:
     from allegro_twin.build.wired import Scene, make_can, spec_of
 
     spec = spec_of(config)
-    check_period(config.period, spec)
+    check_period(config.period, spec, config.controller.kind)
     scene = Scene()
     backend = make_can(config, settings, spec, scene)
     return replace(_at_work(config, spec, backend, scene), wire=backend)
@@ -67,7 +67,7 @@ def _served(config: RunConfig, settings: DynamixelSettings | PolledSettings) -> 
 
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
     if "torque" not in spec.commands:  # One that takes torques is refused by what its line is for.
-        check_period(config.period, spec)
+        check_period(config.period, spec, config.controller.kind)
     scene = Scene()
     if isinstance(settings, PolledSettings):
         polled = make_polled(config, settings, spec, scene)

@@ -66,15 +66,16 @@ SLOWEST_SETPOINTS = 0.1
 at 0.3 s, too), but the guard looks once a period: in 0.1 s a joint at its limit of 12 rad/s moves by 1.2 rad."""
 
 
-def check_period(period: float, spec: HandSpec, where: str = "period") -> None:
-    """Raises ConfigError for a control period, s, with which nobody can drive the hand, or arm."""
-    own = "torque" not in spec.commands
-    slowest = SLOWEST_SETPOINTS if own else SLOWEST_LOOP
+def check_period(period: float, spec: HandSpec, controller: str = "") -> None:
+    """Raises ConfigError for a control period, s, with which nobody can drive the hand, or arm. `controller`: its kind;
+    one of given torques closes no loop."""
+    own, open_loop = "torque" not in spec.commands, controller == "torque"
+    slowest = SLOWEST_SETPOINTS if own or open_loop else SLOWEST_LOOP
     if period <= slowest + 1e-12:
         return
-    what = "set-points for its own loop" if own else "its joints' loop"
+    what = "set-points for its own loop" if own else "torques" if open_loop else "its joints' loop"
     hint = f"; it is in seconds: {period:g} ms is {period / 1e3:g}" if period >= 0.5 and period / 1e3 <= slowest else ""
-    raise ConfigError(f"{where} {period:g} s: {spec.name} needs {what} every {slowest:g} s at least{hint}")
+    raise ConfigError(f"period {period:g} s: {spec.name} needs {what} every {slowest:g} s at least{hint}")
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:

@@ -90,6 +90,14 @@ def test_a_period_in_milliseconds_has_the_hint(model: str, period: float) -> Non
         check_period(period, load_spec(model))
 
 
+def test_given_torques_close_no_loop_and_may_come_more_slowly() -> None:
+    check_period(0.02, load_spec(), "torque")
+    with pytest.raises(ConfigError, match=r"period 0\.2 s: allegro_right needs torques every 0\.1 s at least"):
+        check_period(0.2, load_spec(), "torque")
+    with pytest.raises(ConfigError, match=r"needs its joints' loop every 0\.01 s"):
+        check_period(0.02, load_spec(), "gravity")
+
+
 def test_every_door_refuses_it(tmp_path: Path) -> None:
     for name in ("sim_right", "can_virtual", "leap_virtual", "sih_virtual", "sim_qb_softhand"):
         with pytest.raises(ConfigError, match=r"it is in seconds: 3 ms is 0\.003"):
