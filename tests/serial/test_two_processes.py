@@ -241,7 +241,7 @@ def test_a_leap_hand_in_one_program_is_driven_by_another(tmp_path: Path) -> None
     config, tty = tmp_path / "leap.yaml", tmp_path / "leap.tty"
     block = f"{{kind: dynamixel, port: {tty}, baud: 4000000, latency: 1.0, watchdog: 2.0}}"
     config.write_text(f"hand: {{model: leap}}\nbackend: {block}\ntask: {{posture: leap_home}}\nperiod: 0.05\n"
-                      "controller: {kind: position}\nseconds: 2.0\n")  # fmt: skip
+                      "controller: {kind: position}\nseconds: 3.0\n")  # fmt: skip
     command = [sys.executable, "-m", "allegro_twin"]
     wide = {**os.environ, "COLUMNS": "200"}
     with subprocess.Popen([*command, "firmware", str(config)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as there:
