@@ -28,7 +28,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from allegro_twin.arm.faults import Disturbed
+from allegro_twin.arm.faults import Disturbed, InFront
 from allegro_twin.backend import HandBackend
 from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root
@@ -48,22 +48,15 @@ _AWAY = (2.0, 2.0, 1.0)  # m: off the table.
 Row = dict[str, Any]
 
 
-class Misread:
+class Misread(InFront):
     """A hand in front of a hand: one joint's encoder is off by `by`, rad; or `dead`: it stays at what it reads. A loop
     in the firmware goes by the same encoder."""
 
     def __init__(self, inner: HandBackend, joint: int, by: float) -> None:
-        self._inner, self._joint, self._by = inner, joint, by
+        super().__init__(inner)
+        self._joint, self._by = joint, by
         self._last: float | None = None
         self.dead = False
-
-    @property
-    def spec(self) -> HandSpec:
-        return self._inner.spec
-
-    @property
-    def period(self) -> float:
-        return self._inner.period
 
     def reset(self) -> HandState:
         return self._read(self._inner.reset())
@@ -77,9 +70,6 @@ class Misread:
 
     def read(self) -> HandState:
         return self._read(self._inner.read())
-
-    def close(self) -> None:
-        self._inner.close()
 
     def _read(self, state: HandState) -> HandState:
         position, velocity = state.position.copy(), state.velocity.copy()

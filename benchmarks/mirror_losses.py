@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from allegro_twin.arm.faults import InFront
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.description.hands import load_spec
@@ -34,22 +35,15 @@ BURST = (5, 30)  # Periods.
 PUSH = 0.06  # N·m, of one joint.
 
 
-class Host:
+class Host(InFront):
     """A simulated hand as a CAN host hears it, `loss`: share of reports of one finger that are lost; `bursts`: share of
     periods that begin a burst."""
 
     def __init__(self, backend: SimBackend, loss: float, bursts: float, seed: int) -> None:
-        self._inner, self._rng = backend, np.random.default_rng((seed, 9))
+        super().__init__(backend)
+        self._rng = np.random.default_rng((seed, 9))
         self._loss, self._bursts = 1.0 - (1.0 - loss) ** 4, bursts
         self._sent: Vector = frozen(np.zeros(N))
-
-    @property
-    def spec(self) -> HandSpec:
-        return self._inner.spec
-
-    @property
-    def period(self) -> float:
-        return self._inner.period
 
     def reset(self) -> HandState:
         state = self._inner.reset()
@@ -68,9 +62,6 @@ class Host:
             state, gone, lost = self._inner.read(), gone + 1, max(lost - 1, self._lost())
         velocity = self._filter(state.position, gone * PERIOD)
         return replace(state, torque=self._sent, velocity=velocity)
-
-    def close(self) -> None:
-        self._inner.close()
 
     def _lost(self) -> int:
         """How many periods a loss that begins now costs."""

@@ -33,6 +33,7 @@ def test_a_resting_hand_may_stay_where_it_is_whoever_asks(config: str) -> None:
             outside.follow(times, read[None], np.zeros((1, hand.spec.n_joints)))
             hand.direct.steer(read)
             hand.move_to(read)
+            assert np.abs(hand.state.position - np.clip(read, hand.spec.lower, hand.spec.upper)).max() <= GIVE
             posture_entry(read, hand.spec)
             trajectory_entry([0.0, 1.0], np.array([read, read]), hand.spec)
 

@@ -12,7 +12,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, Vector, frozen
 
 
-class _InFront:
+class InFront:
     """A backend that passes everything on."""
 
     def __init__(self, inner: HandBackend) -> None:
@@ -39,7 +39,7 @@ class _InFront:
         self._inner.close()
 
 
-class Silent(_InFront):
+class Silent(InFront):
     """Nothing comes from the arm from a moment on, s since its reset; it holds itself, and only a reset leads out."""
 
     def __init__(self, inner: HandBackend, at: float) -> None:
@@ -60,7 +60,7 @@ class Silent(_InFront):
         return state
 
 
-class Disturbed(_InFront):
+class Disturbed(InFront):
     """The flange's sensor is noisy, or wrong from a moment on. The same seed is the same noise.
 
     `noise`: standard deviations of force and torque in each sample, (6,), N and N·m; `bias`, (6,), from `at` (s) on.

@@ -113,10 +113,25 @@ def test_a_client_that_dies_takes_nobody_with_it(server: SocketcandServer) -> No
 
 
 def test_a_client_that_does_not_read_is_left_behind(server: SocketcandServer) -> None:
-    with dial(server) as lazy:
-        spoken(server, lazy, b"< open can0 >< rawmode >")
-        for _ in range(60_000):
-            server.send(can.Message(arbitration_id=0x80, data=bytes(8), is_extended_id=False))
+    """It loses frames; the hand says all of them to the others, and goes on hearing them."""
+    with dial(server) as lazy, dial(server) as other:
+        for client in (lazy, other):
+            spoken(server, client, b"< open can0 >< rawmode >")
+        lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
+        for there in server._clients:  # The kernel would keep megabytes.
+            there.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 65536)
+        time.sleep(2 * GRACE)
+        sent, read, chunk = 20_000, 0, 200
+        for _ in range(sent // chunk):
+            for _ in range(chunk):
+                server.send(can.Message(arbitration_id=0x80, data=bytes(8), is_extended_id=False))
+            while select.select([other], [], [], 0.0)[0]:
+                read += other.recv(1 << 20).count(b"< frame 080 ")
+        kept = 0
+        while select.select([lazy], [], [], 0.1)[0] and (data := lazy.recv(1 << 20)):
+            kept += data.count(b"< frame 080 ")
+        assert kept < sent / 2 < read
+        assert [message.arbitration_id for message in spoken(server, other, b"< send 123 1 AB >")[0]] == [0x123]
 
 
 def test_more_clients_than_it_serves_are_sent_away_and_the_hand_goes_on(server: SocketcandServer) -> None:
