@@ -43,7 +43,8 @@ def combined(parts: list[MassProperties]) -> MassProperties:
     inertia = np.zeros((3, 3))
     for part in parts:
         d = part.center - center
-        inertia += part.inertia + part.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        # d·d without BLAS, whose sums depend on the processor: files are made of this, and compared byte for byte.
+        inertia += part.inertia + part.mass * (float(np.square(d).sum()) * np.eye(3) - np.outer(d, d))
     return MassProperties(mass, center, inertia)
 
 
