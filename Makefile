@@ -111,7 +111,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks
 
 models: $(READY)
-	$(BIN)/python -m allegro_twin.description
+	$(BIN)/python -m allegro_twin.hands.generate
 
 install: $(READY)
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
+    from allegro_twin.app.config import load_config
     from allegro_twin.backend import HandBackend
-    from allegro_twin.config import load_config
     from allegro_twin.errors import (
         CommandError,
         ConfigError,
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
         RecordingError,
         SelfCollision,
     )
-    from allegro_twin.hand import Hand
-    from allegro_twin.library.library import Library
+    from allegro_twin.hands.library.library import Library
     from allegro_twin.loop import paced, run, until
     from allegro_twin.spec import HandSpec
+    from allegro_twin.surfaces.hand import Hand
     from allegro_twin.types import Command, HandState, PositionCommand, Sample, TorqueCommand
 
 __all__ = [
@@ -61,11 +61,11 @@ __all__ = [
 ]
 _HOMES = {
     "backend": ("HandBackend",),
-    "config": ("load_config",),
-    "hand": ("Hand",),
-    "library.library": ("Library",),
+    "app.config": ("load_config",),
+    "hands.library.library": ("Library",),
     "loop": ("paced", "run", "until"),
     "spec": ("HandSpec",),
+    "surfaces.hand": ("Hand",),
     "types": ("Command", "HandState", "PositionCommand", "Sample", "TorqueCommand"),
 }
 

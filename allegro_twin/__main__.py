@@ -10,7 +10,7 @@ def main() -> None:
     """Run the command line."""
     # No hand is open yet, and a library that is stopped in the middle of its import says so in many lines.
     before = signal.signal(signal.SIGINT, lambda number, frame: os._exit(130))
-    from allegro_twin.cli.main import main as run
+    from allegro_twin.surfaces.cli.main import main as run
 
     signal.signal(signal.SIGINT, before)
     run()

@@ -6,7 +6,7 @@ A fingertip comes loose, no other joint. A fault on a joint that does not move a
 in the table.
 
 A slow drift cannot show where gravity does not turn with its joint: of each it is told how fast the weight on the
-finger's joints goes wrong, rate x |column of K| (`mirror/drift.py`), and whether that is at least FAINT. FAINT was set
+finger's joints goes wrong, rate x |column of K| (`encoder_drift`), and whether that is at least FAINT. FAINT was set
 on hands 70-74.
 """
 
@@ -20,15 +20,15 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from allegro_twin.control.controllers import PD
-from allegro_twin.drive import AILMENTS, Ailment
-from allegro_twin.identify.results.gap import breaks_away
-from allegro_twin.library.gains import load_gains
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.beside.observer import Observer
-from allegro_twin.sim.drive.backlash import able
+from allegro_twin.sim.drivetrain.backlash import able
+from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import AILMENTS, Ailment
+from allegro_twin.twin.identify.results.gap import breaks_away
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from benchmarks.mirrored_hands import PERIOD, N, hand, heard, mirror_of, moves, simulated
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.gym.tasks import TASKS, task_type
-from allegro_twin.policy.controller import Policy, Still
-from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.train.evaluation import Evaluation, evaluate
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.learning.tasks import TASKS, task_type
+from allegro_twin.learning.training.evaluation import Evaluation, evaluate
 from benchmarks.unlearned import SEED, Random, put, shown
 
 EPISODES, JOINTS = 200, 16

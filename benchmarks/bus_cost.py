@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig
 from allegro_twin.backend import HandBackend
-from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig
 from allegro_twin.loop import run
 from allegro_twin.types import TorqueCommand
 

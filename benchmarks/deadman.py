@@ -20,14 +20,14 @@ from pathlib import Path
 import can
 import numpy as np
 
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.can.codec.v4 import SERVO_OFF
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.codec.v4 import SERVO_OFF
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.buses import open_bus
-from allegro_twin.wire.host.settings import HostSettings
 
 Figure = tuple[str, float, float, str]
 PATIENCE, ROUNDS, SECONDS = 0.1, 10, 5.0

@@ -22,14 +22,14 @@ from typing import Literal
 
 import can
 
-from allegro_twin.build.wired import Scene, firmware_of
-from allegro_twin.config import load_config
+from allegro_twin.app.backends.can import Scene, firmware_of
+from allegro_twin.app.config import load_config
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.serve import serve
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
+from allegro_twin.drivers.can.virtual.socketcand import SocketcandServer
 from allegro_twin.errors import LinkError
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.serve import serve
-from allegro_twin.wire.device.slcan import SlcanDevice
-from allegro_twin.wire.device.socketcand import SocketcandServer
 
 Figure = tuple[str, float, float, str]
 Link = Literal["slcan", "socketcand"]
@@ -48,7 +48,7 @@ INSIDE = {
 """What a library program does to itself; `hang` is native code that holds the interpreter."""
 LIBRARY = f"""
 import os, re, sys, time
-from allegro_twin.hand import Hand
+from allegro_twin.surfaces.hand import Hand
 hand = Hand.open(sys.argv[1])
 hand.set_controller("torque", torque={TORQUE})
 hand.wait(0.3)

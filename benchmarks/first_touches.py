@@ -16,17 +16,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
 from allegro_twin.control.contact import touching
 from allegro_twin.control.force_grasp import CentroidGrasp, Gripping
-from allegro_twin.evaluate.scenario import load_protocol, load_scenario
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
-from allegro_twin.library.named import load_grasp
+from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, TorqueCommand
 from benchmarks.mirror import learned
 from benchmarks.mirrored_hands import N, hand, heard, mirror_of

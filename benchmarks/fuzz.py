@@ -17,14 +17,9 @@ from typing import get_args
 import can
 import numpy as np
 
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
-from allegro_twin.errors import HandError, ProtocolError
-from allegro_twin.spec import HandSpec
-from allegro_twin.types import Command, HandState, TorqueCommand, frozen
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import (
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import (
     FingerPosition,
     Information,
     MotorError,
@@ -33,11 +28,16 @@ from allegro_twin.wire.codec.messages import (
     SetTorque,
     Status,
 )
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware, Identity
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
+from allegro_twin.errors import HandError, ProtocolError
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Command, HandState, TorqueCommand, frozen
 
 PERIOD, GAP = 0.003, 0.00013
 PER_PERIOD = 12

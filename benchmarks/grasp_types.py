@@ -10,14 +10,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from allegro_twin.build.trials import PERIOD, Bench, Case, case_of
-from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.entries import GraspFile
-from allegro_twin.library.gains import ruled
-from allegro_twin.library.library import Library
-from allegro_twin.library.sources import Listed
-from allegro_twin.library.taxonomy import Observed, Taxonomy, as_claimed
+from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case, case_of
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.gains import ruled
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.sources import Listed
+from allegro_twin.hands.library.taxonomy import Observed, Taxonomy, as_claimed
 
 _PLAIN = re.compile(r"[A-Za-z][\w %.;-]*")
 

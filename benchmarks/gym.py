@@ -17,10 +17,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks import TASKS
-from allegro_twin.gym.vector import HandVectorEnv
-from allegro_twin.sim.worlds.batch import Worlds
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks import TASKS
+from allegro_twin.sim.batch.worlds import Worlds
 
 ROUNDS, BURST, STEPS, MANY = 25, 12, 60, 256
 PEER = {"timestep": 0.002, "period": 0.004, "decimation": 10}  # Its 20 substeps of 2 ms a step.

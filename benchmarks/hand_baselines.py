@@ -10,10 +10,10 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.policy.controller import Policy, Still
-from allegro_twin.train.evaluation import evaluate
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.training.evaluation import evaluate
 from benchmarks.unlearned import SEED, Random, put, shown
 
 EPISODES = 100

@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.orientation import (
     euler_from_matrix,
     matrix_from_quaternion,

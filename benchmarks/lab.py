@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.cell.assembly import Room, make_room, with_things
+from allegro_twin.cell.motion.grasp_selection import cards
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.states import Now
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import Room, make_room, with_things
-from allegro_twin.lab.choice import cards
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings, ThingSettings
-from allegro_twin.lab.states import Now
 from allegro_twin.types import Array
 
 _MOVED = 0.05  # m.

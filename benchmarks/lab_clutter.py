@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from allegro_twin.cell.assembly import make_room, with_things
+from allegro_twin.cell.motion.grasp_selection import cards
+from allegro_twin.cell.run import perform
+from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import make_room, with_things
-from allegro_twin.lab.choice import cards
-from allegro_twin.lab.run import perform
-from allegro_twin.lab.settings import LabSettings, ThingSettings
-from allegro_twin.sim.things.objects import named
+from allegro_twin.sim.objects.catalogue import named
 
 _GAP = 0.005  # m, between two at least.
 Row = dict[str, Any]

@@ -28,16 +28,16 @@ from typing import Any, get_args
 
 import numpy as np
 
-from allegro_twin.arm.faults import Disturbed, InFront
 from allegro_twin.backend import HandBackend
-from allegro_twin.description.hands import load_spec
+from allegro_twin.cell.arm.faults import Disturbed, InFront
+from allegro_twin.cell.assembly import Room, make_room, with_things
+from allegro_twin.cell.motion.grasp_selection import cards
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings, ThingSettings
+from allegro_twin.cell.states import Now, State
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import Room, make_room, with_things
-from allegro_twin.lab.choice import cards
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings, ThingSettings
-from allegro_twin.lab.states import Now, State
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 

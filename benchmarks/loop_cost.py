@@ -12,15 +12,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from allegro_twin.build import Rig, assemble, make_trial
-from allegro_twin.config import load_config
+from allegro_twin.app import Rig, assemble
+from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
+from allegro_twin.grasping.trial import make_trial
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run
-from allegro_twin.replay.recorder import recorded
+from allegro_twin.recording.recorder import recorded
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Sample, frozen

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-from allegro_twin.build import assemble
-from allegro_twin.config import load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import load_config
 from allegro_twin.loop import run
-from allegro_twin.replay.recorder import recorded
+from allegro_twin.recording.recorder import recorded
 
 
 def figures() -> Iterator[tuple[str, float, float, str]]:

@@ -18,17 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.build.mirror_view import RATE, drawn, stage
 from allegro_twin.control.controllers import PD
-from allegro_twin.description.hands import load_spec
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.gains import load_gains
-from allegro_twin.look.viewer import Viewer
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.events import axes, thresholds, touched
-from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.contact_detection import axes, thresholds, touched
+from allegro_twin.twin.mirror.rerun_view import RATE, drawn, stage
 from allegro_twin.types import Array
+from allegro_twin.viewing.rerun.viewer import Viewer
 from benchmarks.mirrored_hands import (
     PERIOD,
     N,

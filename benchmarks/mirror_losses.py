@@ -15,19 +15,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.arm.faults import InFront
 from allegro_twin.backend import torque_of
+from allegro_twin.cell.arm.faults import InFront
 from allegro_twin.control.controllers import PD
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
-from allegro_twin.library.gains import load_gains
+from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
-from allegro_twin.wire.host.velocity import VelocityFilter
 from benchmarks.mirrored_hands import FULL, PERIOD, N, hand, mirror_of, moves, simulated
 
 CUTOFF = 30.0  # Hz, of the host's speeds.

@@ -16,17 +16,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
-from allegro_twin.drive import AILMENTS
-from allegro_twin.evaluate.scenario import Protocol, load_protocol, load_scenario
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.anomalies import Anomaly
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import Mirror
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import AILMENTS
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.faults import Anomaly
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from benchmarks.anomalies import learned
 from benchmarks.mirrored_hands import N, hand, heard, mirror_of

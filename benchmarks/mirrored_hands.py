@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from allegro_twin.backend import torque_of
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Reference, Waypoint
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
-from allegro_twin.identify.results.gap import breaks_away, drive_of
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.events import PERIODS, axes, pushed
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.beside.observer import Observer
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.twin.identify.results.gap import breaks_away, drive_of
+from allegro_twin.twin.mirror.contact_detection import PERIODS, axes, pushed
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, frozen
 
 PERIOD, N = 0.003, 16

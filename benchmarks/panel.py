@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.hand import Hand
-from allegro_twin.panel import wishes as w
-from allegro_twin.panel.host import Habits, Host
-from allegro_twin.panel.pages import Pages
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.panel import requests as w
+from allegro_twin.surfaces.panel.host import Habits, Host
+from allegro_twin.surfaces.panel.page_process import Pages
 from allegro_twin.types import Sample
 from benchmarks.two_processes import Figure, _hand
 

@@ -14,21 +14,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.camera.camera import Camera
-from allegro_twin.camera.frame import Frame
-from allegro_twin.camera.mount import Mount
-from allegro_twin.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.perception.cloud import voxel
+from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.perception.fits.model import SHAPES, Solid
+from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.principal import principal_frame
+from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.perception.cloud import voxel
-from allegro_twin.perception.fits.model import SHAPES, Solid
-from allegro_twin.perception.pipeline import Found, Pipeline
-from allegro_twin.perception.principal import principal_frame
-from allegro_twin.perception.settings import PerceptionSettings
-from allegro_twin.perception.verdict import Refused
-from allegro_twin.sim.things.objects import Placement, Thing, catalogue
-from allegro_twin.sim.things.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue
+from allegro_twin.sim.objects.tabletop import standing, tabletop
 from allegro_twin.types import Array
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.

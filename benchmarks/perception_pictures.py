@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from allegro_twin.camera.camera import Camera
-from allegro_twin.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT
-from allegro_twin.camera.mount import CameraPose, Mount
-from allegro_twin.camera.settings import CameraSettings
+from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT
+from allegro_twin.cell.camera.mount import CameraPose, Mount
+from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.perception.target import Target, target
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.perception.fits.model import Solid
-from allegro_twin.perception.pipeline import Found, Pipeline
-from allegro_twin.perception.settings import PerceptionSettings
-from allegro_twin.perception.target import Target, target
-from allegro_twin.sim.things.objects import Placement, named
-from allegro_twin.sim.things.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import Placement, named
+from allegro_twin.sim.objects.tabletop import standing, tabletop
 from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]

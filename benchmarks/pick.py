@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.evaluate.statistics import wilson
-from allegro_twin.lab.pick.env import ArmPick, Floats
-from allegro_twin.lab.pick.script import Script
+from allegro_twin.cell.pick.env import ArmPick, Floats
+from allegro_twin.cell.pick.scripted_policy import Script
+from allegro_twin.grasping.statistics import wilson
 
 KINDS: dict[str, dict[str, Any]] = {
     "the thing is known": {},

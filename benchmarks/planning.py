@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.uncertainty import draws
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.plan.prove import SEARCHED
-from allegro_twin.plan.search import Budget, Search
-from allegro_twin.plan.templates import templates
+from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.plan.search import Budget, Search
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import SEARCHED
+from allegro_twin.grasping.uncertainty import draws
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 WANTED = 5
 UNSEEN = 999  # The seed of the draws that nobody has chosen on.

@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.evaluate.statistics import wilson
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.policy.controller import Policy, Still
-from allegro_twin.policy.loading import load_policy
-from allegro_twin.train.evaluation import evaluate
-from allegro_twin.train.report import SEED, quartiles, sets
-from allegro_twin.train.settings import load_recipe
+from allegro_twin.grasping.statistics import wilson
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.loading import load_policy
+from allegro_twin.learning.training.evaluation import evaluate
+from allegro_twin.learning.training.report import SEED, quartiles, sets
+from allegro_twin.learning.training.settings import load_recipe
 from benchmarks.baselines import JOINTS, Squeeze
 
 RECIPES = {

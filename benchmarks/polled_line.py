@@ -7,8 +7,8 @@ from time import perf_counter
 
 import numpy as np
 
-from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig
 from allegro_twin.types import PositionCommand
 from benchmarks.servo_line import PERIODS, Figure, ratio
 

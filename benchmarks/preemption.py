@@ -10,12 +10,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from allegro_twin.study import told
-from allegro_twin.study.analysis import Answer, Finding, Versus, analysed, choices, chosen
-from allegro_twin.study.folder import read
-from allegro_twin.study.outcomes import Row, outcomes_of
-from allegro_twin.study.protocol import Study
 from benchmarks.unlearned import put
+from studies.preemption import report_text
+from studies.preemption.analysis import Answer, Finding, Versus, analysed, choices, chosen
+from studies.preemption.folder import read
+from studies.preemption.outcomes import Row, outcomes_of
+from studies.preemption.protocol import Study
 
 _HEAD = (
     "| policy | held | 95 % | Δ to {base}, points | 95 % | only it / only {base} | McNemar p | cycle, s | "
@@ -57,12 +57,12 @@ def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> 
         mark = f"{arm.policy} (φ*)" if arm.policy == found.chosen else arm.policy
         one = against.get(arm.policy)
         cells = "| | | |" if one is None else (
-            f"| {100 * one.counts.difference:+.1f} | {told.points(one.interval)} | {one.counts.only_first} / "
-            f"{one.counts.only_second} | {told.p_of(one.p_value)}"
+            f"| {100 * one.counts.difference:+.1f} | {report_text.points(one.interval)} | {one.counts.only_first} / "
+            f"{one.counts.only_second} | {report_text.p_of(one.p_value)}"
         )  # fmt: skip
         yield (
-            f"| {mark} | {arm.held:,} of {arm.trials:,} | {told.between(arm.rate)} {cells} | {arm.seconds:.2f} | "
-            f"{arm.per_success:.2f} | {arm.premature:.2f} | {arm.carried:.1f} |"
+            f"| {mark} | {arm.held:,} of {arm.trials:,} | {report_text.between(arm.rate)} {cells} "
+            f"| {arm.seconds:.2f} | {arm.per_success:.2f} | {arm.premature:.2f} | {arm.carried:.1f} |"
         )
     overlaps = ", ".join(f"{dose:g}" for dose, _, _ in next(iter(found.by_sigma.values()))[1])
     sigmas = "; ".join(
@@ -70,13 +70,13 @@ def _hand(found: Finding, answer: Answer, rows: Sequence[Row], study: Study) -> 
         for sigma, (_, points) in found.by_sigma.items()
     )
     both, unsaid, wrong, neither = found.check
-    yield f"\n{told.sentence(found, answer, study)}"
-    yield f"Over φ from 0 to 0.9 {told.half_of(found)}; by σ, at φ = {overlaps}: {sigmas}."
+    yield f"\n{report_text.sentence(found, answer, study)}"
+    yield f"Over φ from 0 to 0.9 {report_text.half_of(found)}; by σ, at φ = {overlaps}: {sigmas}."
     yield (
         f"\nThe force check, all policies: held and said so {both:,}, held and not said {unsaid:,}, said and not held "
         f"{wrong:,}, neither {neither:,}.\n\nControls:\n"
     )
-    yield from (f"- {name}: {said}" for name, said in told.controls(rows, study, found.hand))
+    yield from (f"- {name}: {said}" for name, said in report_text.controls(rows, study, found.hand))
 
 
 def main(arguments: list[str]) -> None:

@@ -17,13 +17,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from allegro_twin.build.campaign import JUDGE
-from allegro_twin.build.trials import judged
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.batch.trials import judged
+from allegro_twin.grasping.evaluation.campaign import JUDGE
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sweep.jobs import Sweep
 from allegro_twin.sweep.local import Local, cores
-from allegro_twin.sweep.running import run
+from allegro_twin.sweep.runner import run
 from allegro_twin.sweep.store import Store
 
 BRIEF = """version: 1

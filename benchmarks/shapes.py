@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.gym.tasks.scenes import known
-from allegro_twin.sim.things.objects import catalogue
+from allegro_twin.learning.tasks.scenes import known
+from allegro_twin.sim.objects.catalogue import catalogue
 
 SEED, FACTOR = 20261124, (0.88, 1.12)
 

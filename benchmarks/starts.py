@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.tasks.held import file_name, write
-from allegro_twin.sim.things.objects import named
+from allegro_twin.learning.tasks.start_states import file_name, write
+from allegro_twin.sim.objects.catalogue import named
 
 if __name__ == "__main__":
     for name in sys.argv[1:]:

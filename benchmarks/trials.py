@@ -12,16 +12,16 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 
-from allegro_twin.build.trials import Bench, Case
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.scenario import Protocol, load_protocol, load_scenario
-from allegro_twin.evaluate.together import together
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Uncertainty, draws
-from allegro_twin.library.named import load_grasp
+from allegro_twin.grasping.batch.batched_trials import together
+from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
+from allegro_twin.sim.batch.simulations import Rows, Simulations
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.worlds.many import Rows, Simulations
 from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]

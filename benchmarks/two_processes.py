@@ -19,19 +19,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.buses import shared
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.serve import serve
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.loop import run, until
 from allegro_twin.types import Array, TorqueCommand
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.serve import serve
-from allegro_twin.wire.device.slcan import SlcanDevice
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.buses import shared
-from allegro_twin.wire.host.settings import HostSettings
 from benchmarks.fuzz import CountingHand, told
 
 Figure = tuple[str, float, float, str]

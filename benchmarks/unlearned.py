@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.evaluate.statistics import wilson
-from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.train.evaluation import Evaluation
+from allegro_twin.grasping.statistics import wilson
+from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.learning.training.evaluation import Evaluation
 
 SEED = 500_000_000
 

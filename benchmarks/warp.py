@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.tensors import TensorVectorEnv
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
 
 ROWS: tuple[tuple[int, dict[str, Any]], ...] = ((1024, {"coarse": True}), (4096, {"coarse": True}),
                                                 (16384, {"coarse": True}), (4096, {}))  # fmt: skip

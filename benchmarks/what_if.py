@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import Wanted, branch
-from allegro_twin.config import RunConfig
-from allegro_twin.identify.results.method import identify
-from allegro_twin.identify.results.stored import store
-from allegro_twin.session import Outputs, perform
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.session import Outputs, perform
+from allegro_twin.twin.branch import Wanted, branch
+from allegro_twin.twin.identify.results.hand_file import store
+from allegro_twin.twin.identify.results.pipeline import identify
 from allegro_twin.types import Array
 from benchmarks.hidden_hands import POSES, TIMESTEP, drawn, excited
 

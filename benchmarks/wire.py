@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Iterator
 from struct import Struct
 
-from allegro_twin.description.calibration import Version
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.messages import Message
-from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.messages import Message
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.hands.description.calibration import Version
 
 TURNS, ROUNDS = 3000, 9
 VERSIONS: tuple[Version, ...] = ("v2", "v4", "v5plus")

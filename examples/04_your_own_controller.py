@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin import HandState, TorqueCommand, run, until
-from allegro_twin.build import make_backend
-from allegro_twin.config import load_config
+from allegro_twin.app import make_backend
+from allegro_twin.app.config import load_config
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.build import assemble
-from allegro_twin.config import load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import load_config
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.replay.backend import ReplayBackend
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.replay import ReplayBackend
 
 path = Path("home.arrow")
 rig = assemble(load_config("sim_right"))

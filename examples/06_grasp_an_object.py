@@ -2,7 +2,7 @@
 
 from contextlib import closing
 
-from allegro_twin.build import assemble, scenario_config
+from allegro_twin.app import assemble, scenario_config
 from allegro_twin.loop import run, until
 
 rig = assemble(scenario_config("tennis_ball", side="left"))

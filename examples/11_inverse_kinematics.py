@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 
 thumb = FingerKinematics(load_spec(side="right"), "thumb")
 posture = np.array([1.0, 0.4, 0.5, 0.6])

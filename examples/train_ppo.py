@@ -8,9 +8,9 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from allegro_twin.policy.loading import load_policy
-from allegro_twin.train import load_recipe, train
-from allegro_twin.train.report import SELECTION, compare, filmed, write
+from allegro_twin.learning.policy.loading import load_policy
+from allegro_twin.learning.training import load_recipe, train
+from allegro_twin.learning.training.report import SELECTION, compare, filmed, write
 
 task = sys.argv[1] if len(sys.argv) > 1 else "Reach"
 steps = int(sys.argv[2]) if len(sys.argv) > 2 else None  # None: as many as the recipe in conf/training says

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from allegro_twin.build.wired import Scene, make_can
-from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.app.backends.can import Scene, make_can
+from allegro_twin.app.config import CanSettings, RunConfig
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
+from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Vector
-from allegro_twin.wire.host.backend import CanBackend
 
 pytest_plugins = ["tests.cpu", "tests.skips"]
 

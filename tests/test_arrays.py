@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from allegro_twin.arrays import Tensors, cross, fetched, host, library, take, tensors
-from allegro_twin.gym.noise import Draws, jitter
+from allegro_twin.array_api import Tensors, cross, fetched, host, library, take, tensors
+from allegro_twin.learning.environments.random_streams import Draws, jitter
 
 ROWS = 5
 
@@ -81,7 +81,7 @@ def test_what_is_fetched_from_a_device_comes_in_one_copy(xp: Tensors, monkeypatc
         copies.append(x)
         return x.numpy()
 
-    monkeypatch.setattr("allegro_twin.arrays.host", counted)
+    monkeypatch.setattr("allegro_twin.array_api.host", counted)
     numbers = xp.arange(ROWS)
     tree = ({"x": xp.ones((ROWS, 2)), "deep": {"y": xp.zeros((ROWS, 2, 3))}}, Pair(numbers, numbers > 2))
     (first, second) = fetched(tree)

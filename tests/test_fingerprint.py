@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.files.fingerprint import fingerprint, reached_sources, source_fingerprint
-from allegro_twin.gym.tasks import held
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.learning.tasks import start_states
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.things.decompose import _key
-from allegro_twin.sim.things.meshes import Mesh
-from allegro_twin.sim.things.objects import named
+from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.convex_decomposition import _key
+from allegro_twin.sim.objects.meshes import Mesh
 from allegro_twin.spec import HandSpec
 
 
@@ -82,22 +82,22 @@ def test_sources_are_followed_into_functions_and_lazy_packages_and_not_into_type
     assert {"tests", "tests.sweep", "tests.sweep.work", "allegro_twin.errors"} <= reached.keys()
     assert "tests.sweep.test_sweep" not in reached
     lazy = reached_sources("benchmarks.sweeping")  # It imports names of the package `sweep`.
-    assert {"allegro_twin.sweep.running", "allegro_twin.sweep.store"} <= lazy.keys()
+    assert {"allegro_twin.sweep.runner", "allegro_twin.sweep.store"} <= lazy.keys()
     assert source_fingerprint("nowhere.at_all") == ""
 
 
 def test_states_of_fingertips_are_of_one_hand_and_pieces_of_one_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     cube = named("rubiks_cube")
-    before, stiffer = held.file_name(cube), load_spec()
+    before, stiffer = start_states.file_name(cube), load_spec()
     motors = replace(stiffer.actuation, frictionloss=stiffer.actuation.frictionloss + 0.01)
-    monkeypatch.setattr(held, "load_spec", lambda **_: replace(stiffer, actuation=motors))
-    assert held.file_name(cube) != before
+    monkeypatch.setattr(start_states, "load_spec", lambda **_: replace(stiffer, actuation=motors))
+    assert start_states.file_name(cube) != before
     pytest.importorskip("coacd", reason="pieces need CoACD: extra objects")
     mesh = Mesh(np.eye(4, 3), np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]))
     moved = Mesh(mesh.vertices * np.nextafter(1.0, 2.0), mesh.faces)
     was = _key(mesh)
     assert _key(moved) != was
-    monkeypatch.setattr("allegro_twin.sim.things.decompose.version", lambda _: "0")
+    monkeypatch.setattr("allegro_twin.sim.objects.convex_decomposition.version", lambda _: "0")
     assert _key(mesh) != was
 
 

@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig
+from allegro_twin.app.config import RunConfig
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, EndOfRecording, HandFault
-from allegro_twin.hand import Hand
-from allegro_twin.hand.grasps import aperture, for_width
-from allegro_twin.hand.mover import Kind
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp, load_posture, load_trajectory
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import angle_between
-from allegro_twin.library.named import load_grasp, load_posture, load_trajectory
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.engine.guide import Guide
+from allegro_twin.sim.engine.hand_guiding import Guide
 from allegro_twin.spec import Side
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.grasps import aperture, for_width
+from allegro_twin.surfaces.hand.motion import Kind
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import HandState, Sample, Vector
 from tests.conftest import can_config
 from tests.patience import wait_for

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.hand import Hand
-from allegro_twin.identify.motions.limits import FoundLimits, centring_offsets
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.named import load_posture
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.entries import posture_entry, trajectory_entry
-from allegro_twin.library.library import Library
-from allegro_twin.library.named import load_posture
 from allegro_twin.spec import Side
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.twin.identify.motions.limits import FoundLimits, centring_offsets
 from tests.cli.conftest import Run, command
 
 __all__ = ["command"]  # The command line in this process, as a fixture.

@@ -7,23 +7,23 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.control.bumpless_switch import Relay
 from allegro_twin.control.controllers import PD, PID
-from allegro_twin.control.handover import Relay
 from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
-from allegro_twin.hand import Hand
-from allegro_twin.hand.bounds import Bounds
-from allegro_twin.hand.cartesian import straight
-from allegro_twin.hand.demonstration import Demonstration
-from allegro_twin.hand.driver import Driver
-from allegro_twin.hand.grasps import aperture, felt
-from allegro_twin.hand.watch import Goal, Watch
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_grasp, load_posture
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_grasp, load_posture
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.bounds import Bounds
+from allegro_twin.surfaces.hand.cartesian import straight
+from allegro_twin.surfaces.hand.demonstration import Demonstration
+from allegro_twin.surfaces.hand.grasps import aperture, felt
+from allegro_twin.surfaces.hand.loop_thread import Driver
+from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
 from tests.test_safety import state
 

@@ -7,16 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.cli.hand.keys import play, pressed
-from allegro_twin.config import RunConfig
+from allegro_twin.app.config import RunConfig
 from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Waypoint
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import MotionStalled, SelfCollision
-from allegro_twin.hand import Hand, ways
-from allegro_twin.hand.ways import Ways
-from allegro_twin.library.named import grasp_names, load_posture, posture_names
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import grasp_names, load_posture, posture_names
 from allegro_twin.spec import Side
+from allegro_twin.surfaces.cli.hand.keys import play, pressed
+from allegro_twin.surfaces.hand import Hand, collision_free_paths
+from allegro_twin.surfaces.hand.collision_free_paths import Ways
 from allegro_twin.types import Sample, TorqueCommand, Vector
 from tests.conftest import can_config
 from tests.patience import wait_for
@@ -149,7 +149,7 @@ def test_a_posture_in_which_fingers_are_inside_each_other_is_refused_by_name_and
 
 
 def test_where_no_way_is_found_the_fingers_that_meet_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ways, "way", lambda room, start, goal: None)
+    monkeypatch.setattr(collision_free_paths, "way", lambda room, start, goal: None)
     with Hand.open(config(posture="fist")) as hand:
         with pytest.raises(SelfCollision, match="rock: found no way from here on which index and thumb keep clear; go"):
             hand.move_to("rock")

@@ -11,12 +11,12 @@ import pytest
 
 from allegro_twin.control.controllers import PD, PID, Gravity
 from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller, paced, run, to_the_end, until
-from allegro_twin.replay.backend import ReplayBackend
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand, Vector
 from tests.conftest import MakeSim

@@ -14,19 +14,18 @@ import pytest
 from PIL import Image
 
 import allegro_twin
-from allegro_twin import session
-from allegro_twin.build import Rig, assemble
-from allegro_twin.config import RunConfig
+from allegro_twin.app import Rig, assemble, session
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.session import Outputs, perform
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.held import Report
-from allegro_twin.evaluate.written import write_reports
-from allegro_twin.library.named import load_posture
-from allegro_twin.look import camera
-from allegro_twin.look.strips import picture_all
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform
+from allegro_twin.grasping.evaluation.report_file import write_reports
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.library.named import load_posture
+from allegro_twin.recording.reader import load
 from allegro_twin.types import Sample
+from allegro_twin.viewing import camera
+from allegro_twin.viewing.stills import picture_all
 
 
 def config(**blocks: object) -> RunConfig:
@@ -161,7 +160,7 @@ class _With:
 
 
 def _late(path: Path) -> list[Sample]:
-    from allegro_twin.replay.backend import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, samples_of
 
     return list(samples_of(ReplayBackend(load(path))))
 
@@ -259,9 +258,9 @@ def test_nothing_is_imported_while_a_hand_is_driven(tmp_path: Path) -> None:
     code = f"""
 import sys
 from pathlib import Path
-from allegro_twin.build import assemble
-from allegro_twin.config import load_config
-from allegro_twin.session import Outputs, perform
+from allegro_twin.app import assemble
+from allegro_twin.app.config import load_config
+from allegro_twin.app.session import Outputs, perform
 config = load_config("can_virtual").model_copy(update={{"seconds": 0.7}})
 seen = []
 outputs = Outputs(record=Path({str(tmp_path / "run.arrow")!r}))

@@ -7,14 +7,14 @@ import re
 import numpy as np
 import pytest
 
-from allegro_twin.config import load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.hand import Hand
-from allegro_twin.hand.bounds import Bounds
-from allegro_twin.hand.outside import Outside
-from allegro_twin.library.entries import posture_entry, trajectory_entry
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.spec import GIVE
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.bounds import Bounds
+from allegro_twin.surfaces.hand.external_setpoints import Outside
 from allegro_twin.types import Vector
 
 HANDS = ("sim_right", "sim_left", "can_virtual", "sim_leap", "sim_model_o", "sim_sih", "sim_qb_softhand")

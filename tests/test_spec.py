@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.description.hands import load_actuation, load_spec
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.hands import load_actuation, load_spec
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 

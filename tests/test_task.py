@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-from allegro_twin.build import Rig, assemble
-from allegro_twin.cli.run.runs import Options, configs_of, outputs_in
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.app import Rig, assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.session import Outputs
 from allegro_twin.control.force_grasp import CentroidGrasp
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.held import Report
 from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.verdict import Report
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.session import Outputs
+from allegro_twin.surfaces.cli.run.runs import Options, configs_of, outputs_in
 from tests.patience import wait_for
 from tests.wire.test_two_processes import program
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from allegro_twin.control.profiles import linear
+from allegro_twin.control.time_scaling import linear
 from allegro_twin.control.trajectory import FASTEST, SLOWEST, Moves, Profile, Trajectory, Waypoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, Vector, frozen

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from allegro_twin.control.profiles import Profile, Shape, timed
+from allegro_twin.control.time_scaling import Profile, Shape, timed
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Vector, frozen
 

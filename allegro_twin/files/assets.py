@@ -19,7 +19,6 @@ _KINDS = {
     "conf/hands": "hand",
     "conf/training": "recipe",
     "conf/protocols": "protocol",
-    "conf/studies": "study",
 }
 _PACKAGE = Path(__file__).resolve().parent.parent
 

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from types import FrameType
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.whole import refused, whole_file
+from allegro_twin.files.atomic_write import refused, whole_file
 
 UNFINISHED = "unfinished"
 """The folder in an output folder where a run writes until it ends; what an interrupted run has written stays there."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
@@ -15,6 +15,11 @@ from allegro_twin.files.assets import read_yaml
 S = TypeVar("S", bound="Settings")
 Where: TypeAlias = str | Callable[[tuple[int | str, ...]], str]
 """The source that an error names: fixed, or made from the keys that lead to what is wrong, with its line say."""
+
+PerJoint = float | list[float]
+"""One value for every joint, or one each."""
+Positive = Annotated[float, Field(gt=0)]
+Vector3 = tuple[float, float, float]
 
 
 class Settings(BaseModel):

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arguments import finite
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array, Vector
 
 _DAMPING = 1e-4  # Of the inverse near singular postures, m² and rad².

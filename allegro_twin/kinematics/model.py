@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arguments import finite, numbers, shown
-from allegro_twin.kinematics.forms.maths import ARRAYS
-from allegro_twin.kinematics.moving import Moving
+from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
+from allegro_twin.kinematics.coupling import Moving
 from allegro_twin.kinematics.orientation import entries_of_matrix, is_rotation
 from allegro_twin.kinematics.pose import Pose as Pose
 from allegro_twin.kinematics.tree import Tree, built

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import finite
+from allegro_twin.kinematics.closed_form.solution import Best
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.kinematics.solution import Best
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from allegro_twin.arrays import library, own
+from allegro_twin.array_api import library, own
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import numbers, rows
-from allegro_twin.kinematics.forms.maths import ARRAYS, Maths, T
+from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS, Maths, T
 from allegro_twin.types import Array
 
 Entries = tuple[T, T, T, T, T, T, T, T, T]

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.cluster import RayCluster
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.local import Local
-    from allegro_twin.sweep.running import run
+    from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
 
 __all__ = ["Local", "RayCluster", "Store", "Sweep", "run"]
-_HOMES = {"Local": "local", "RayCluster": "cluster", "Store": "store", "Sweep": "jobs", "run": "running"}
+_HOMES = {"Local": "local", "RayCluster": "cluster", "Store": "store", "Sweep": "jobs", "run": "runner"}
 
 
 def __getattr__(name: str) -> object:

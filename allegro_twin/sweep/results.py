@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.whole import whole_file
+from allegro_twin.files.atomic_write import whole_file
 
 
 def write_results(path: Path, table: Any, stamps: Mapping[str, str], first: Mapping[str, Sequence[Any]]) -> None:

@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.files.whole import whole_file
+from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.sweep.jobs import Sweep
 from allegro_twin.sweep.table import KEY
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.files.fingerprint import source_fingerprint
+from allegro_twin.sweep.functions import function
 from allegro_twin.sweep.jobs import Item, Result, Sweep, versions
-from allegro_twin.sweep.named import function
 
 
 class Work(NamedTuple):

@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.arm.compliance import Compliance, Pull
-from allegro_twin.arm.faults import Disturbed, Silent
-from allegro_twin.arm.impedance import Impedance
-from allegro_twin.arm.limits import at_limit, limits_of
-from allegro_twin.arm_spec import ArmSpec, Load
+from allegro_twin.cell.arm.compliance import Compliance, Pull
+from allegro_twin.cell.arm.faults import Disturbed, Silent
+from allegro_twin.cell.arm.impedance import Impedance
+from allegro_twin.cell.arm.limits import at_limit, limits_of
 from allegro_twin.control.controllers import Torque
-from allegro_twin.description.arms import load_arm
 from allegro_twin.errors import CommandError, HandFault, LinkTimeout
+from allegro_twin.hands.description.arms import load_arm
 from allegro_twin.kinematics.arm import ArmModel, Placed
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.replay.backend import ReplayBackend
-from allegro_twin.replay.identity import spec_from_json, spec_to_json
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.replay import ReplayBackend
+from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, violation
+from allegro_twin.spec.arm import ArmSpec, Load
 from allegro_twin.types import PositionCommand, TorqueCommand, frozen
 from tests.arm.rigs import rig
 

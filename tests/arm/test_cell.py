@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.arm.cell import Cell, make_cell
-from allegro_twin.arm.impedance import Impedance, Stiffness
-from allegro_twin.arm.target import Target
-from allegro_twin.arm.tool import Bridge, identified, weight
-from allegro_twin.arm.weighing import weigh
-from allegro_twin.arm_spec import Load
+from allegro_twin.cell.arm.arm_with_hand import Cell, make_cell
+from allegro_twin.cell.arm.impedance import Impedance, Stiffness
+from allegro_twin.cell.arm.target import Target
+from allegro_twin.cell.arm.tool import Bridge, identified, weight
+from allegro_twin.cell.arm.weighing import weigh
 from allegro_twin.control.controllers import PD, Follow, Torque
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
-from allegro_twin.description.hands import is_model, load_spec
-from allegro_twin.description.mounts import load_mount
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.hands import is_model, load_spec
+from allegro_twin.hands.description.mounts import load_mount
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
-from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import Controller, run, together
-from allegro_twin.sim.model.mounted import CAMERA
-from allegro_twin.sim.things.objects import Placement, named
+from allegro_twin.sim.model.arm_with_hand import CAMERA
+from allegro_twin.sim.objects.catalogue import Placement, named
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.arm import Load
 from allegro_twin.types import frozen
 
 HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))

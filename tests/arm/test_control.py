@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog  # type: ignore[import-untyped]  # Its types are a package of their own.
 
-from allegro_twin.arm.compliance import Compliance, Pull, Virtual, cycled
-from allegro_twin.arm.faults import Disturbed
-from allegro_twin.arm.impedance import Impedance, Stiffness, hung
-from allegro_twin.arm.target import Smoothing, Target, approached
-from allegro_twin.arm.tool import Bridge
-from allegro_twin.arm_spec import Load
-from allegro_twin.description.arms import load_arm
+from allegro_twin.cell.arm.compliance import Compliance, Pull, Virtual, cycled
+from allegro_twin.cell.arm.faults import Disturbed
+from allegro_twin.cell.arm.impedance import Impedance, Stiffness, hung
+from allegro_twin.cell.arm.target import Smoothing, Target, approached
+from allegro_twin.cell.arm.tool import Bridge
 from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.hands.description.arms import load_arm
 from allegro_twin.kinematics.arm import ArmModel, turn, turned
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_matrix, slerp
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.loop import run, until
+from allegro_twin.spec.arm import Load
 from allegro_twin.types import Array, frozen
 from tests.arm.rigs import GAP, WALL, Rig, at_a_wall, rig
 

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.arm_spec import ArmSpec
-from allegro_twin.description import arms, inertia
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.hands.description import arms, inertia
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
 
 ARMS = arms.names()

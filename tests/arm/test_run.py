@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import parse
 from allegro_twin.loop import run, to_the_end
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform
+from allegro_twin.recording.reader import load
 
 IMPEDANCE = {"kind": "impedance", "position": [0.4, 0.0, 0.5]}
 
@@ -26,8 +26,8 @@ def config(**blocks: Any) -> RunConfig:
 
 @pytest.mark.parametrize("name", ["arm_fer", "arm_fr3"])
 def test_a_shipped_config_brings_the_flange_to_its_pose(name: str) -> None:
-    from allegro_twin.arm_spec import ArmSpec
     from allegro_twin.kinematics.arm import ArmModel
+    from allegro_twin.spec.arm import ArmSpec
 
     settings = load_config(name)
     rig = assemble(settings)
@@ -74,9 +74,9 @@ def test_a_spring_that_friction_would_hold_is_refused_before_the_arm_moves() -> 
 
 
 def test_a_guard_lets_an_arm_go_no_faster_than_its_maker() -> None:
-    from allegro_twin.build.rig import limits_of
-    from allegro_twin.config.run import LimitSettings
-    from allegro_twin.description.arms import load_arm
+    from allegro_twin.app.rig import limits_of
+    from allegro_twin.hands.description.arms import load_arm
+    from allegro_twin.hands.limits import LimitSettings
 
     spec = load_arm("fer")
     assert limits_of(LimitSettings(), spec).velocity.tolist() == [2.175] * 4 + [2.61] * 3

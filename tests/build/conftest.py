@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.config import CanSettings, RunConfig, load_config
-from allegro_twin.description.calibration import Calibration
-from allegro_twin.identify.results.stored import shift
-from allegro_twin.session import Outputs, perform
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import CanSettings, RunConfig, load_config
+from allegro_twin.app.session import Outputs, perform
+from allegro_twin.hands.description.calibration import Calibration
+from allegro_twin.twin.identify.results.hand_file import shift
 
 
 @pytest.fixture(scope="package")

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.build.branching import Branched
-from allegro_twin.build.mirroring import played
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.twin.branch import Branched
+from allegro_twin.twin.mirror.for_hand import played
 from allegro_twin.types import Array
 
 AT = 1.1  # s. The fingers are on their way home.

@@ -13,7 +13,7 @@ READ: set[str] = set()
 
 def keys(targets: list[str]) -> list[str]:
     """The first key of each target as the files are now."""
-    from allegro_twin.build.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
+    from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
     from allegro_twin.sweep.jobs import Sweep
 
     found = []
@@ -26,7 +26,7 @@ def keys(targets: list[str]) -> list[str]:
 
 def tried(targets: list[str]) -> None:
     """A trial of each, with what it opens noted."""
-    from allegro_twin.build.trials import judged
+    from allegro_twin.grasping.batch.trials import judged
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(arguments[0], str | Path):

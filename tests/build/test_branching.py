@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import Branched, Wanted, branch, changes_of
-from allegro_twin.cli.twins import branching
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.appearance import lighter, of_series
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.appearance import lighter, of_series
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
 from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.surfaces.cli.twins import branching
+from allegro_twin.twin.branch import Branched, Wanted, branch, changes_of
 from tests.look.test_viewer import rows_of
 
 

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import Wanted, branch
-from allegro_twin.build.branching.said import meetings
-from allegro_twin.cli.twins import branching
-from allegro_twin.config import CanSettings, RunConfig
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.session import Outputs, perform, recording_meta
 from allegro_twin.control.controllers import PD, Follow
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform, recording_meta
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.surfaces.cli.twins import branching
+from allegro_twin.twin.branch import Wanted, branch
+from allegro_twin.twin.branch.assumptions import meetings
 from allegro_twin.types import Sample, Vector
 from tests.build.hands import AT, MRAD, after, as_real, rms
 from tests.conftest import MakeSim

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import Wanted, branch
-from allegro_twin.build.mirroring import played
-from allegro_twin.config import load_config
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import load_config
+from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.twin.branch import Wanted, branch
+from allegro_twin.twin.mirror.for_hand import played
 from allegro_twin.types import Sample
 from tests.build.hands import AT, MRAD, after, as_real, rms
 

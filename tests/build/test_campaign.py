@@ -7,19 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
-from allegro_twin.build.foreign import foreign
-from allegro_twin.build.outcomes import outcomes, pairs, rates
-from allegro_twin.build.portraits import ends_of_objects, staged, worth_showing
-from allegro_twin.build.rig import limits_of
-from allegro_twin.build.trials import Bench, judged
-from allegro_twin.config import LimitSettings
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.portraits import ends_of_objects, staged, worth_showing
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.batch.trials import Bench, judged
+from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
+from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
+from allegro_twin.grasping.interchange.to_trial import foreign
+from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.limits import LimitSettings, hand_limits
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.things.meshes import middle_of
+from allegro_twin.sim.objects.meshes import middle_of
 from allegro_twin.sweep import Sweep
 from tests.build.files import grasps, scenario, short
 
@@ -111,7 +110,7 @@ def test_metrics_are_those_of_the_contacts_at_the_end_of_the_first_check(tmp_pat
     row, drawn = judged({"metrics": True}, [target.item, target.item | {"draw": draw}])
     bench = Bench(load_spec())
     trial = bench.trial(target.case)
-    hand = Guard(trial.backend, limits_of(LimitSettings(), bench.spec))
+    hand = Guard(trial.backend, hand_limits(LimitSettings(), bench.spec))
     for _ in until(trial.seconds, run(hand, bench.controller(trial))):
         pass
     alone = metrics_of(trial, trial.backend.data)

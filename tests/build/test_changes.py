@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.build.branching.changes import changes_of
 from allegro_twin.errors import ConfigError
+from allegro_twin.twin.branch.overrides import changes_of
 
 
 def test_physics_are_numbers_and_a_controllers_keys_are_as_in_a_config() -> None:

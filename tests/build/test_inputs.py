@@ -50,7 +50,7 @@ CHANGES: list[tuple[str, str, str, set[int]]] = [
     ("block.obj", "v 0.04 0.02 0.06", "v 0.04 0.02 0.0600001", {MESH}),
     ("conf/hands/sih.yaml", "effort: 1.0", "effort: 1.1", set()),
     ("models/mjcf/allegro_left.xml", 'mass="0.5124"', 'mass="0.5125"', set()),
-    ("conf/studies/preemption.yaml", "seed: ", "seed: 1", set()),
+    ("conf/training/grasp.yaml", "seed: ", "seed: 1", set()),
 ]
 """What is changed in which file, and of which targets the key must change."""
 LOOKS = ("conf/appearance/", "conf/grasps/", "scenarios/", "conf/postures/", "conf/trajectories/")
@@ -118,22 +118,35 @@ def test_every_input_that_changes_changes_the_keys_of_its_trials_and_of_no_other
 
 
 def test_code_that_a_trial_can_reach_is_in_its_key_and_other_code_is_not(copied: Path) -> None:
-    target, held = TARGETS[:1], copied / "allegro_twin/evaluate/held.py"
+    target, held = TARGETS[:1], copied / "allegro_twin/grasping/verdict.py"
     (was,) = asked(copied, [], target)["before"]
-    for path, counts in ((copied / "allegro_twin/panel/host.py", False), (held, True)):
+    for path, counts in ((copied / "allegro_twin/surfaces/panel/host.py", False), (held, True)):
         path.write_bytes(path.read_bytes() + b"\n_ADDED = 1\n")
         assert (asked(copied, [], target)["before"] != [was]) is counts
-    reached = {name.removeprefix("allegro_twin.") for name in reached_sources("allegro_twin.build.trials")}
-    assert reached >= {"evaluate.held", "sim.contact.probe", "errors", "build.trials", "control.laws", "grasping"}
-    assert not reached & {"panel.host", "cli.main", "study.charts", "train.report", "lab.run", "ros.bridge"}
+    reached = {name.removeprefix("allegro_twin.") for name in reached_sources("allegro_twin.grasping.batch.trials")}
+    assert reached >= {
+        "grasping.verdict",
+        "sim.contact.probe",
+        "errors",
+        "grasping.batch.trials",
+        "control.laws",
+        "spec",
+    }
+    assert not reached & {
+        "surfaces.panel.host",
+        "surfaces.cli.main",
+        "learning.training.report",
+        "cell.run",
+        "surfaces.ros.bridge",
+    }
 
 
 def test_every_module_that_trials_load_is_among_the_sources_that_count() -> None:
     program = (
-        "import sys; from allegro_twin.build.trials import judged;"
+        "import sys; from allegro_twin.grasping.batch.trials import judged;"
         "judged({'threads': 1, 'metrics': True}, [{'scenario': name, 'protocol': 'quick'} for name in"
         " ('lemon', 'leap_lemon', 'pinch_index', 'model_o_lemon')]);"
         "print(*(name for name in sys.modules if name.split('.')[0] == 'allegro_twin'))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) <= reached_sources("allegro_twin.build.trials").keys()
+    assert set(done.stdout.split()) <= reached_sources("allegro_twin.grasping.batch.trials").keys()

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.build.rig import check_period
-from allegro_twin.build.trials import Bench
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.session import REACHED, Outputs, perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.session import REACHED, Outputs, perform
+from allegro_twin.grasping.batch.trials import Bench
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.limits import check_period
 from tests.cli.conftest import Run, command
 
 __all__ = ["command"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import allegro_twin.camera  # noqa: F401  # isort: skip  # It chooses how MuJoCo renders, which must come before MuJoCo.
+import allegro_twin.cell.camera  # noqa: F401  # isort: skip  # It chooses how MuJoCo renders, which must come before MuJoCo.
 import mujoco
 import pytest
 
-from allegro_twin.camera.camera import Camera
-from allegro_twin.camera.mount import Mount
-from allegro_twin.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.settings import CameraSettings, Noise
 from allegro_twin.errors import ConfigError
 
 EXACT = Noise(disparity=0.0, subpixel=0, unit=0.0, shadow=False, edge=0.0, grazing=(89.999, 90.0))

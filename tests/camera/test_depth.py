@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.camera.camera import Camera
-from allegro_twin.camera.intrinsics import D435I_DEPTH, Intrinsics
-from allegro_twin.camera.mount import CameraPose, Mount, looking
-from allegro_twin.camera.settings import CameraSettings, Noise
+from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.intrinsics import D435I_DEPTH, Intrinsics
+from allegro_twin.cell.camera.mount import CameraPose, Mount, looking
+from allegro_twin.cell.camera.settings import CameraSettings, Noise
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import quaternion_from_matrix
 from allegro_twin.types import Array

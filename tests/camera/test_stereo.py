@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Image
-from allegro_twin.camera.settings import Noise
-from allegro_twin.camera.stereo import Stereo, hidden, smeared
+from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Image
+from allegro_twin.cell.camera.settings import Noise
+from allegro_twin.cell.camera.stereo import Stereo, hidden, smeared
 from tests.camera.scenes import EXACT
 
 LENS = D435I_DEPTH["640x480"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from allegro_twin.camera.camera import Stream
-from allegro_twin.camera.mount import Mount
-from allegro_twin.camera.settings import CameraSettings
+from allegro_twin.cell.camera.camera import Stream
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.perception.errors import Refused, stale
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.perception.verdict import Refused, stale
 from tests.camera.scenes import PLANE, WRIST, camera, scene
 
 MOUNT = Mount(body="wrist", position=(0.1, 0.0, 0.0), towards=(0.1, 0.0, -0.5), up=(0.0, 1.0, 0.0))

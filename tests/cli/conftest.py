@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from rich.console import Console
 
-from allegro_twin.cli import console, main
+from allegro_twin.surfaces.cli import console, main
 from tests.cli.wrong import built
 
 Run = Callable[..., tuple[int, str, str]]

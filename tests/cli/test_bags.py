@@ -13,14 +13,14 @@ import pytest
 
 pytest.importorskip("rosbags", reason="needs the extra ros2")
 
-from allegro_twin.config import load_config
+from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.messages.recorded import NAMESPACE, STATES, topics_of
-from allegro_twin.messages.states import joint_state
-from allegro_twin.replay.bagged import from_bag, is_bag
-from allegro_twin.replay.bags import to_mcap, to_rosbag2
-from allegro_twin.replay.recording import Recording, load
+from allegro_twin.recording.exchange.from_rosbag import from_bag, is_bag
+from allegro_twin.recording.exchange.to_rosbag import to_mcap, to_rosbag2
+from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.recorded import NAMESPACE, STATES, topics_of
+from allegro_twin.recording.messages.states import joint_state
+from allegro_twin.recording.reader import Recording, load
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, frozen
 from tests.cli.conftest import Run
@@ -130,7 +130,7 @@ def test_a_bag_of_the_manufacturers_driver_becomes_a_recording(spec: HandSpec, t
 
 
 def test_a_run_replays_a_bag(spec: HandSpec, tmp_path: Path) -> None:
-    from allegro_twin.build import assemble
+    from allegro_twin.app import assemble
     from allegro_twin.loop import run, to_the_end
 
     path = bag_of(tmp_path / "theirs", states(spec))
@@ -156,7 +156,7 @@ def test_a_bag_of_another_hand_is_refused_in_one_line(spec: HandSpec, tmp_path: 
 
 
 def test_a_bag_of_our_other_hand_is_refused_by_its_config(recording: Recording, tmp_path: Path) -> None:
-    from allegro_twin.build import assemble
+    from allegro_twin.app import assemble
 
     to_mcap(recording, tmp_path / "rec.mcap")
     config = tmp_path / "replay.yaml"

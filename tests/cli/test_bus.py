@@ -16,14 +16,14 @@ import can
 import pytest
 import yaml
 
-from allegro_twin.replay.recording import load
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import Message
-from allegro_twin.wire.codec.text import describe
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.buses import open_bus
-from allegro_twin.wire.tools.sniff import Sniffer
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message
+from allegro_twin.drivers.can.codec.text import describe
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.tools.sniff import Sniffer
+from allegro_twin.recording.reader import load
 from tests.cli.conftest import Run
 from tests.cli.test_main import SUITE, allegro_twin
 from tests.patience import wait_for
@@ -163,7 +163,7 @@ def test_no_permission_says_which_group_has_it(how: str, monkeypatch: pytest.Mon
             raise can.CanInitializationError("no", error_code=errno.EPERM)
         raise can.CanInitializationError("could not create the serial device") from denied
 
-    monkeypatch.setattr("allegro_twin.wire.host.slcan.SlcanBus", refuse)
+    monkeypatch.setattr("allegro_twin.drivers.can.driver.slcan.SlcanBus", refuse)
     with pytest.raises(
         ConnectionError, match="slcan x.tty: no permission .*; on a serial port, join the group dialout"
     ):

@@ -10,21 +10,22 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.build import assemble, wired
-from allegro_twin.cli.hand.calibration import refuse_another_hand, store_limits
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.wiring import load_wiring
+from allegro_twin.app import assemble
+from allegro_twin.app.backends import can as wired
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.identify.motions.encoders import centred
-from allegro_twin.identify.motions.limits import BEYOND, FoundLimits
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand, store_limits
+from allegro_twin.twin.identify.motions.encoders import centred
+from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits
 from allegro_twin.types import frozen
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware
 from tests.cli.conftest import Run
 
 COUNT = np.radians(333.3 / 65536)  # rad, v1 to v4.

@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from allegro_twin import session
-from allegro_twin.cli import main
-from allegro_twin.cli.run import looking
-from allegro_twin.cli.run.runs import Options, configs_of, convert, show
-from allegro_twin.cli.shown import catalogue
-from allegro_twin.config import ReplaySettings
+from allegro_twin.app import session
+from allegro_twin.app.config import ReplaySettings
+from allegro_twin.app.session import Outcome, Outputs
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
-from allegro_twin.evaluate.held import PhaseReport, Report
-from allegro_twin.session import Outcome, Outputs
+from allegro_twin.grasping.verdict import PhaseReport, Report
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.cli import main
+from allegro_twin.surfaces.cli.run import looking
+from allegro_twin.surfaces.cli.run.runs import Options, configs_of, convert, show
+from allegro_twin.surfaces.cli.shown import catalogue
 from tests.cli.conftest import Run
 from tests.test_safety import state
 

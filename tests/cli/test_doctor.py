@@ -9,8 +9,8 @@ import subprocess
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
-from allegro_twin.cli.checks import bus, machine, packages
-from allegro_twin.cli.checks.finding import Finding
+from allegro_twin.surfaces.cli.checks import bus, machine, packages
+from allegro_twin.surfaces.cli.checks.finding import Finding
 from tests.cli.conftest import Run
 
 
@@ -88,8 +88,8 @@ def test_a_webcam_without_permission_names_the_group(tmp_path: Path) -> None:
 
 
 def test_it_looks_at_the_ports_of_every_page(command: Run) -> None:
-    from allegro_twin.cli.run.looking import view
-    from allegro_twin.cli.surfaces.panel import panel
+    from allegro_twin.surfaces.cli.run.looking import view
+    from allegro_twin.surfaces.cli.surfaces.panel import panel
 
     pages = {inspect.signature(page).parameters["port"].default for page in (view, panel)}
     assert pages < set(machine.PORTS.values())

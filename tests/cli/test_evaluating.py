@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from allegro_twin.build import trials
-from allegro_twin.cli.grasps.variation import varied
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.uncertainty import Uncertainty
+from allegro_twin.grasping.batch import trials
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.surfaces.cli.grasps.variation import varied
 from tests.build.files import grasps, scenario, short
 from tests.cli.conftest import Run
 from tests.evaluate.interchange.samples import bench, saved
@@ -213,7 +213,7 @@ def test_recordings_without_rerun_are_one_line_before_anything_is_tried(
     command: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    monkeypatch.delitem(sys.modules, "allegro_twin.look.viewer", raising=False)
+    monkeypatch.delitem(sys.modules, "allegro_twin.viewing.rerun.viewer", raising=False)
     code, _, errors = command("evaluate", "lemon", "--rrd", "ends", "--out", tmp_path)
     assert code == 2
     assert "pip install 'allegro-twin[view]'" in errors

@@ -6,11 +6,11 @@ from typing import Any, get_args
 
 import pytest
 
-from allegro_twin.cli.surfaces import lab
+from allegro_twin.cell import run
+from allegro_twin.cell.run import Report
+from allegro_twin.cell.states import End, Word
 from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.lab import run
-from allegro_twin.lab.run import Report
-from allegro_twin.lab.states import End, Word
+from allegro_twin.surfaces.cli.surfaces import lab
 from tests.cli.conftest import Run
 
 CONFIG = ("lab", "conf/lab_allegro.yaml")

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from allegro_twin.cli.hand.keys import KEYS, pressed
-from allegro_twin.config import load_config
-from allegro_twin.description.hands import load_spec
-from allegro_twin.hand import Hand
-from allegro_twin.library.library import Library
+from allegro_twin.app.config import load_config
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.library import Library
+from allegro_twin.surfaces.cli.hand.keys import KEYS, pressed
+from allegro_twin.surfaces.hand import Hand
 from tests.cli.conftest import Run
 from tests.patience import wait_for
 

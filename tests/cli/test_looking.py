@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from allegro_twin import session
-from allegro_twin.cli.run.looking import show_live
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import session
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.surfaces.cli.run.looking import show_live
 
 
 class Viewer:

@@ -12,23 +12,23 @@ from PIL import Image
 from rich.console import Console
 from rich.table import Table
 
-import allegro_twin.hand
-from allegro_twin.cli import console
-from allegro_twin.cli.grasps import gallery
-from allegro_twin.cli.hand import calibration
-from allegro_twin.cli.hand.calibration import find_limits
-from allegro_twin.cli.hand.keys import pressed
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.hands import load_spec
+import allegro_twin.surfaces.hand
+from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, HandError, HandFault, ProtocolError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.hand.grasps import Grasped
-from allegro_twin.identify.motions.limits import TORQUE, FoundLimits
-from allegro_twin.library.entries import GraspFile, TrajectoryFile
-from allegro_twin.library.library import Library
-from allegro_twin.library.taxonomy import KINDS, Observed
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import GraspFile, TrajectoryFile
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.taxonomy import KINDS, Observed
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.cli import console
+from allegro_twin.surfaces.cli.grasps import gallery
+from allegro_twin.surfaces.cli.hand import calibration
+from allegro_twin.surfaces.cli.hand.calibration import find_limits
+from allegro_twin.surfaces.cli.hand.keys import pressed
+from allegro_twin.surfaces.hand.grasps import Grasped
+from allegro_twin.twin.identify.motions.limits import TORQUE, FoundLimits
 from tests.cli.conftest import Run
 from tests.test_safety import state
 
@@ -77,7 +77,7 @@ def test_posture_and_grasp_hand_their_options_on_and_let_go(command: Run, monkey
         opened.append(config.hand.side)
         return spy
 
-    monkeypatch.setattr(allegro_twin.hand.Hand, "open", open_)
+    monkeypatch.setattr(allegro_twin.surfaces.hand.Hand, "open", open_)
     assert command("posture", "home", "--speed", "0.5", "-c", "sim_left")[0] == 0
     code, shown, _ = command("grasp", "quadpod", "--width", "0.04", "--force", "2")
     assert code == 0

@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 
-from allegro_twin.cli import options
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, locked, one_run, undisturbed
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.surfaces.cli import options
 from tests.cli.conftest import Run
 from tests.cli.wrong import built
 
@@ -151,8 +151,6 @@ WRITERS = {
     "plan": ["plan", "lemon"],
     "new": ["new", "lemon"],
     "improve": ["improve", "lemon"],
-    "study preemption": ["study", "preemption"],
-    "study report": ["study", "report", "nowhere"],
     "lab": ["lab", "conf/lab_allegro.yaml"],
     "train": ["train", "Reach"],
     "collect": ["collect", "Reach"],
@@ -170,7 +168,7 @@ def test_every_command_that_writes_a_folder_is_tried_here() -> None:
             if any(getattr(param.callback, "__wrapped__", None) is options.folder for param in each.params):
                 yield f"{name} {key}".strip()
 
-    assert {*below(built(), ""), "study report"} == set(WRITERS)
+    assert {*below(built(), "")} == set(WRITERS)
 
 
 @pytest.mark.parametrize("name", sorted(WRITERS))

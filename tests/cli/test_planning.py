@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.evaluate.scenario import load_scenario
+from allegro_twin.grasping.scenario import load_scenario
 from tests.cli.conftest import Run
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.cli.run import several
 from allegro_twin.files.output_folder import FILES, UNFINISHED
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.surfaces.cli.run import several
 from tests.cli.conftest import Run
 from tests.patience import comes_true
 

@@ -19,12 +19,12 @@ import pytest
 from allegro_twin import Hand, HandError, load_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
+from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from tests.cli.wrong import TABLE, Wrong, answered, workspace
@@ -70,7 +70,7 @@ def test_a_wrong_input_is_one_line_that_names_it(
     monkeypatch.chdir(place)
     monkeypatch.setattr(sys, "argv", [])
     for name in ("console", "errors"):
-        monkeypatch.setattr(f"allegro_twin.cli.console.{name}", None)
+        monkeypatch.setattr(f"allegro_twin.surfaces.cli.console.{name}", None)
     before = contents(place)
     code, errors = answered(row.typed)
     told.append(f"[{code}] {row.typed}\n     {errors.strip()}")
@@ -233,7 +233,7 @@ main()
         "mujoco",
         *(
             pytest.param(name, marks=pytest.mark.long)
-            for name in ("numpy", "pydantic", "allegro_twin.session", "pinocchio")
+            for name in ("numpy", "pydantic", "allegro_twin.app.session", "pinocchio")
         ),
     ],
 )

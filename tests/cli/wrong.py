@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.teleop.tracks import HEADER
+from allegro_twin.surfaces.teleop.tracks import HEADER
 
 
 class Wrong(NamedTuple):
@@ -290,7 +290,7 @@ def answered(typed: str) -> tuple[int, str]:
     """The command line in this process: its exit code, and what it wrote to standard error."""
     from rich.console import Console
 
-    from allegro_twin.cli import console, main
+    from allegro_twin.surfaces.cli import console, main
 
     out, errors = io.StringIO(), io.StringIO()
     sys.argv = ["allegro-twin", *shlex.split(typed)]
@@ -309,7 +309,7 @@ def built() -> Any:
     """The parser. Typer would make it anew for every command line, which takes longer than most answers."""
     from typer.main import get_command
 
-    from allegro_twin.cli import main
+    from allegro_twin.surfaces.cli import main
 
     return get_command(main.app)
 

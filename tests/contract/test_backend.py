@@ -11,24 +11,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.arm.cell import make_cell
 from allegro_twin.backend import HandBackend, limp_of
-from allegro_twin.build import make_trial
+from allegro_twin.cell.arm.arm_with_hand import make_cell
 from allegro_twin.control.controllers import Follow, Torque
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+from allegro_twin.drivers.polled.backend import PolledBackend
 from allegro_twin.errors import CommandError, EndOfRecording, HandFault
+from allegro_twin.grasping.trial import make_trial
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.loop import Controller, run, until
-from allegro_twin.replay.backend import ReplayBackend
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.recording.replay import ReplayBackend
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.polled.backend import PolledBackend
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand
-from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import MakeSim, on_a_bus
 from tests.hands.models import hand
 from tests.serial.polled_rigs import on_a_polled_line

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from allegro_twin.control.centroid import holding, joint_torques, pressing, resting
 from allegro_twin.control.contact import Stall, stalling, touching
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.types import Array
 

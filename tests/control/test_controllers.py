@@ -9,10 +9,10 @@ import pytest
 
 from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensation, Torque
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec, Side

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
 from allegro_twin.types import HandState, Vector, frozen
 from tests.control.test_controllers import gravity_of
 from tests.test_safety import state

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from allegro_twin.control.bumpless_switch import HANDOVER, Relay
 from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensation, Torque
-from allegro_twin.control.handover import HANDOVER, Relay
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
 from allegro_twin.loop import run
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.control.side_by_side import Trajectories
+from allegro_twin.control.batched_trajectory import Trajectories
 from allegro_twin.control.trajectory import Moves, Trajectory, Waypoint
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 
 

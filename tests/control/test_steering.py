@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.control.steering import Steering
+from allegro_twin.control.steered_path import Steering
 from allegro_twin.types import Array
 
 Q = arrays(float, 3, elements=st.floats(-1.5, 1.5))

@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from allegro_twin.control.demonstration import taught
 from allegro_twin.control.motion import Motion
-from allegro_twin.control.teach import taught
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array
 

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description import facts, inertia
-from allegro_twin.description.__main__ import stale
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.mesh import rounded_box
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description import facts, inertia
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.generate.__main__ import stale
+from allegro_twin.hands.generate.mesh import rounded_box
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -61,7 +61,7 @@ def test_the_committed_models_are_what_the_facts_give() -> None:
 def test_a_changed_model_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import shutil
 
-    from allegro_twin.description import __main__ as make
+    from allegro_twin.hands.generate import __main__ as make
 
     shutil.copytree(data_root() / "models", tmp_path / "models")
     changed = tmp_path / "models" / "urdf" / "allegro_left.urdf"

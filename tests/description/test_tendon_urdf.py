@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.tendons import tables
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.generate.tendon_mjcf import tables
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.sim.model.statics import hand_model
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble, scenario_config
-from allegro_twin.evaluate.again import checks, in_words, report_of
-from allegro_twin.replay.recording import load
-from allegro_twin.session import Outputs, perform
+from allegro_twin.app import assemble, scenario_config
+from allegro_twin.app.session import Outputs, perform
+from allegro_twin.grasping.evaluation.rejudge import checks, in_words, report_of
+from allegro_twin.recording.reader import load
 
 
 @pytest.fixture(scope="module")

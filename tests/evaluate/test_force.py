@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from allegro_twin.build import Rig, assemble, scenario_config
+from allegro_twin.app import Rig, assemble, scenario_config
 from allegro_twin.control.centroid import pressing
 from allegro_twin.control.force_grasp import CentroidGrasp
-from allegro_twin.evaluate.held import Report
-from allegro_twin.evaluate.scenario import ObjectSettings, load_scenario
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.library.named import load_grasp
+from allegro_twin.grasping.scenario import ObjectSettings, load_scenario
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.things.objects import named
+from allegro_twin.sim.objects.catalogue import named
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 from tests.evaluate.test_trial import DEMO

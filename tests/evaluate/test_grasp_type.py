@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.build.trials import PERIOD, Bench, Case
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.grasp_type import Bearing, Seen, Shape, observed
-from allegro_twin.evaluate.scenario import load_scenario
-from allegro_twin.evaluate.together import together
-from allegro_twin.library.named import load_grasp
-from allegro_twin.library.taxonomy import KINDS, NONE, Observed
+from allegro_twin.grasping.batch.batched_trials import together
+from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
+from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.taxonomy import KINDS, NONE, Observed
 
 FINGERS = ("index", "middle", "ring", "little")
 REACH = 0.1

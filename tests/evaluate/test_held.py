@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.evaluate.held import Observations, Report, Rule, Window, judge, relative_motion
+from allegro_twin.grasping.verdict import Observations, Report, Rule, Window, judge, relative_motion
 
 WINDOWS = (Window("squeeze", 0.0, 1.0, False), Window("hold", 1.0, 2.0, True), Window("shake", 2.0, 3.0, True))
 T = np.arange(0, 3001) * 0.001

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.build import make_trial
-from allegro_twin.config import CanSettings, PositionSettings, load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.config import CanSettings, PositionSettings, load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol, load_scenario
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.named import grasp_names, load_grasp, load_posture, posture_names
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.trial import make_trial
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import grasp_names, load_grasp, load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 
 GOOD = """

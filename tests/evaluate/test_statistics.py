@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom, binomtest  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.statistics import Paired, draws_needed, in_words, mcnemar, paired, wilson
+from allegro_twin.grasping.statistics import Paired, draws_needed, in_words, mcnemar, paired, wilson
 
 # Newcombe, "Two-sided confidence intervals for the single proportion", Stat. Med. 17, 1998, Table I, method 3.
 NEWCOMBE = [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)]

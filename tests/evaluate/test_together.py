@@ -8,16 +8,15 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.build.rig import limits_of
-from allegro_twin.build.simulated import scenario_config
-from allegro_twin.build.trials import Bench, Case, case_of, judged
-from allegro_twin.config import LimitSettings
+from allegro_twin.app import assemble
+from allegro_twin.app.backends.simulated import scenario_config
 from allegro_twin.control.controllers import PD
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.scenario import Phase, Protocol, load_protocol
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Draw, Stream, Uncertainty, draws
+from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
+from allegro_twin.grasping.scenario import Phase, Protocol, load_protocol
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Draw, Stream, Uncertainty, draws
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.limits import LimitSettings, hand_limits
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 
@@ -34,7 +33,7 @@ def alone(case: Case, bench: Bench) -> Trial:
     rig = assemble(scenario_config("lemon"))
     assert isinstance(rig.controller, PD)
     controller = PD(trial.reference, rig.controller.gains, rig.controller.gravity)
-    hand = Guard(trial.backend, limits_of(LimitSettings(), bench.spec))
+    hand = Guard(trial.backend, hand_limits(LimitSettings(), bench.spec))
     for _ in trial.watched(until(trial.seconds, run(hand, controller))):
         pass
     return trial

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble, make_trial, scenario_config
-from allegro_twin.config import PositionSettings
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble, scenario_config
+from allegro_twin.app.config import PositionSettings
 from allegro_twin.errors import HandError
-from allegro_twin.evaluate.held import Report
-from allegro_twin.evaluate.scenario import load_scenario
-from allegro_twin.evaluate.trial import Trial, too_heavy
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.named import load_grasp
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.grasping.trial import Trial, make_trial, too_heavy
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.spec import Side
 
@@ -144,7 +144,7 @@ def test_an_open_hand_does_not_pass() -> None:
 
 
 def _limp() -> object:
-    from allegro_twin.config import TorqueSettings
+    from allegro_twin.app.config import TorqueSettings
 
     return TorqueSettings(kind="torque")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
 
 LEMON: dict[str, Any] = {"objects": ("lemon",)}
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks import TASKS
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks import TASKS
 
 EASY: dict[str, dict[str, Any]] = {
     "Grasp": {"objects": ("tennis_ball", "mug")},

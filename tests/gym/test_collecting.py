@@ -11,10 +11,10 @@ import pyarrow.parquet
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.collecting import collected
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.policy.interface import Floats, Observation
-from allegro_twin.replay.played import Episode, to_lerobot, to_minari
+from allegro_twin.learning.environments.collect import collected
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.recording.exchange.environment_episodes import Episode, to_lerobot, to_minari
 
 KEYWORDS: dict[str, Any] = {"timestep": 0.003, "decimation": 100}
 

@@ -13,7 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import allegro_twin.gym
-from allegro_twin.gym.tasks import TASKS
+from allegro_twin.learning.tasks import TASKS
 from tests.gym.test_batch import kwargs_of
 
 IDS = allegro_twin.gym.ids()

@@ -12,20 +12,20 @@ from gymnasium.utils.env_checker import check_env
 
 import allegro_twin.gym  # noqa: F401  # Registers the ids.
 from allegro_twin.control.controllers import Follow
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.episode import Episode
-from allegro_twin.gym.settings import EnvSettings, read_settings
-from allegro_twin.gym.tasks.closing import Closing
-from allegro_twin.gym.vector import HandVectorEnv
-from allegro_twin.library.named import load_posture
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_posture
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.settings import EnvSettings, read_settings
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.controller import PolicyController
+from allegro_twin.learning.policy.interface import Observation
+from allegro_twin.learning.policy.script import closing
+from allegro_twin.learning.tasks.scripted_closing import Closing
 from allegro_twin.loop import run, until
-from allegro_twin.policy.card import Card
-from allegro_twin.policy.controller import PolicyController
-from allegro_twin.policy.interface import Observation
-from allegro_twin.policy.script import closing
 from allegro_twin.sim.engine.backend import SimBackend
 from tests.gym.test_batch import rows_of, same
 

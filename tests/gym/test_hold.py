@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.spec import Side
 
 

@@ -9,15 +9,15 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks.base import Goals
-from allegro_twin.gym.tasks.held import Held, file_name, held
-from allegro_twin.gym.tasks.reorient import NEAREST, REACHED
-from allegro_twin.gym.tasks.vectors import tilt, twist
-from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.kinematics.orientation import angle_between_quaternions, quaternion_from_vector, turned_by
-from allegro_twin.policy.interface import Observation
-from allegro_twin.sim.things import objects
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.interface import Observation
+from allegro_twin.learning.tasks.base import Goals
+from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
+from allegro_twin.learning.tasks.start_states import Held, file_name, held
+from allegro_twin.learning.tasks.vectors import tilt, twist
+from allegro_twin.sim.objects import catalogue
 
 N = 8
 ALOFT = (0.0, 0.0, 0.4)  # m: nothing touches an object there while an action lasts.
@@ -246,7 +246,7 @@ def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() 
 
 
 def test_the_package_brings_the_states_that_its_search_would_find() -> None:
-    cube = objects.named("rubiks_cube")
+    cube = catalogue.named("rubiks_cube")
     assert (data_root() / "conf" / "starts" / file_name(cube)).is_file()
     right, left = (held(cube, side) for side in ("right", "left"))
     assert isinstance(right, Held)
@@ -257,9 +257,9 @@ def test_the_package_brings_the_states_that_its_search_would_find() -> None:
 
 @pytest.mark.slow
 def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from allegro_twin.gym.tasks import held as module
+    from allegro_twin.learning.tasks import start_states as module
 
     monkeypatch.setattr(module, "MOST", 1)
-    thing = objects.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
+    thing = catalogue.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
     with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
         module.searched(thing, module.SEARCH, 1)

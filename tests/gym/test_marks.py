@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks.base import Task
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.tasks.base import Task
 
 
 @pytest.mark.parametrize(("task", "count"), [("Reach", 4), ("Reorient", 1)])

@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cli import console
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.episode import Episode
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.gym.tasks.clearance import ON_PALM, Shapes, clearance, palm_normal
-from allegro_twin.gym.tasks.scenes import PALM
-from allegro_twin.gym.tensors import TensorVectorEnv
-from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
-from allegro_twin.policy.controller import Still
-from allegro_twin.sim.things.objects import Thing
-from allegro_twin.train.evaluation import evaluate
-from allegro_twin.train.report import Compared, write
-from allegro_twin.train.settings import load_recipe
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.controller import Still
+from allegro_twin.learning.tasks.palm_clearance import ON_PALM, Shapes, clearance, palm_normal
+from allegro_twin.learning.tasks.scenes import PALM
+from allegro_twin.learning.training.evaluation import evaluate
+from allegro_twin.learning.training.report import Compared, write
+from allegro_twin.learning.training.settings import load_recipe
+from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.surfaces.cli import console
 
 N = 4
 

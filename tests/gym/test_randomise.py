@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.gym.randomise import Randomise
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.randomise import Randomise
+from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.types import Array
 
 N = 5

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.gym.tensors import TensorVectorEnv
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'allegro-twin[rsl]'")
 N = 3

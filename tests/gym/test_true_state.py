@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.gym.engine import Engine
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.randomise import Randomise
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.gym.tasks import TASKS
-from allegro_twin.gym.tasks.reorient import REACHED
-from allegro_twin.gym.tensors import TensorVectorEnv
-from allegro_twin.gym.vector import HandVectorEnv
 from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
+from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.randomise import Randomise
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks import TASKS
+from allegro_twin.learning.tasks.reorient import REACHED
 
 N = 6
 FEW = {"HoldDisturbed": ("tennis_ball",), "Grasp": ("tennis_ball", "foam_brick"), "Lift": ("foam_brick",)}

@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.look.batch import has_screen
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.viewing.batch import has_screen
 
 CODE = """
 import gymnasium, numpy as np, allegro_twin.gym

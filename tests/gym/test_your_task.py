@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.train.settings import load_recipe
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.training.settings import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"```python\n# (\w+\.py)\n(.*?)```", re.DOTALL)
@@ -41,7 +41,10 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     ("task", "message"),
     [
         ("no_such_module:Stack", "task 'no_such_module:Stack': no module 'no_such_module' can be imported"),
-        ("allegro_twin.errors:Stack", "'Stack' in allegro_twin.errors is no class of allegro_twin.gym.tasks.base.Task"),
+        (
+            "allegro_twin.errors:Stack",
+            "'Stack' in allegro_twin.errors is no class of allegro_twin.learning.tasks.base.Task",
+        ),
     ],
 )
 def test_a_task_that_is_none_is_named(task: str, message: str) -> None:

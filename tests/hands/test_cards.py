@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.cli.main import app
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.cards import written
-from allegro_twin.sim.model.explore import explored
-from allegro_twin.sim.model.foreign import read
+from allegro_twin.files.templates import written
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.sim.mjcf_import.adapt import read
+from allegro_twin.sim.mjcf_import.explore import explored
 from allegro_twin.sim.model.scene import hand_spec
+from allegro_twin.surfaces.cli.main import app
 from tests.hands.models import GRIPPER, HANDS, SOFT, made
 
 

@@ -10,22 +10,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.build.campaign import Asked, targets_of
-from allegro_twin.build.outcomes import rates
-from allegro_twin.build.portraits import staged
-from allegro_twin.build.rig import limits_of
-from allegro_twin.build.trials import Bench, Case, case_of, judged
-from allegro_twin.config import LimitSettings
+from allegro_twin.app.portraits import staged
 from allegro_twin.control.controllers import Follow, Send
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.held import Report
-from allegro_twin.evaluate.metrics.moment import NAMES, metrics_of
-from allegro_twin.evaluate.scenario import Protocol
-from allegro_twin.evaluate.together import together
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.evaluate.uncertainty import Draw
 from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.batch.batched_trials import together
+from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
+from allegro_twin.grasping.evaluation.campaign import Asked, targets_of
+from allegro_twin.grasping.evaluation.outcomes import rates
+from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.scenario import Protocol
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.limits import LimitSettings, hand_limits
 from allegro_twin.loop import Controller, run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.engine.backend import SimBackend
@@ -53,7 +52,7 @@ def brief(bench: Bench, scenario: str, draw: Draw | None = None) -> Case:
 
 def alone(trial: Trial, controller: Controller[Any]) -> Report:
     """In the ordinary loop, behind the guard."""
-    guarded = Guard(trial.backend, limits_of(LimitSettings(), trial.backend.spec))
+    guarded = Guard(trial.backend, hand_limits(LimitSettings(), trial.backend.spec))
     for _ in trial.watched(until(trial.seconds, run(guarded, controller))):
         pass
     return trial.report()

@@ -6,13 +6,13 @@ from functools import cache
 
 import pytest
 
-from allegro_twin.config import RunConfig
-from allegro_twin.description.hands import load_spec
-from allegro_twin.hand import Hand
-from allegro_twin.hand.ways import Ways
-from allegro_twin.library.named import load_grasp
-from allegro_twin.library.sources import read_shipped, shipped
+from allegro_twin.app.config import RunConfig
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.sources import read_shipped, shipped
 from allegro_twin.sim.contact.interlock import Interlock
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.collision_free_paths import Ways
 
 GRASPS = sorted((read_shipped(name).entry.hand, name) for name in shipped("grasp"))
 MENDED = ("leap_pudding_box", "leap_tuna_fish_can", "model_o_apple", "model_o_tomato_soup_can")

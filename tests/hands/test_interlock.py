@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import guarded
 from allegro_twin.backend import position_of
-from allegro_twin.build import assemble
-from allegro_twin.build.rig import guarded
-from allegro_twin.config import RunConfig
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.safety import Guard
-from allegro_twin.sim.contact.clearance import Clearance
 from allegro_twin.sim.contact.interlock import Interlock
+from allegro_twin.sim.contact.self_clearance import Clearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Array, PositionCommand, Vector
 from tests.conftest import MakeSim

@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 
 from allegro_twin import Hand
-from allegro_twin.build import assemble
-from allegro_twin.cli.performers import on_hand
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.library.library import Library
-from allegro_twin.library.named import load_posture
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.identity import spec_from_json, spec_to_json
-from allegro_twin.replay.recorder import Recorder
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import Recorder
+from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.model.parts import part_names, parts_of
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.surfaces.cli.performers import on_hand
 from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim
 from tests.hands.models import hand
@@ -250,7 +250,7 @@ def test_a_posture_of_another_hand_is_refused_by_name() -> None:
 
 
 def test_what_a_hand_is_taught_is_stored_as_its_own(tmp_path: Path, soft: HandSpec) -> None:
-    from allegro_twin.library.entries import posture_entry
+    from allegro_twin.hands.library.entries import posture_entry
 
     for spec, position in ((load_spec("leap"), np.full(16, 0.25)), (soft, np.array([0.4]))):
         library = Library()

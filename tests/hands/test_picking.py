@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.build import assemble, make_trial, scenario_config
-from allegro_twin.cli.main import app
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_scenario
 from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.grasping.trial import make_trial
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.loop import run, until
+from allegro_twin.surfaces.cli.main import app
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 SCENARIOS = [path for hand in OTHERS for path in sorted((data_root() / "scenarios" / hand).glob("*.yaml"))]

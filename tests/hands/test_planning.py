@@ -8,27 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.trials import Bench, case_of, hand_of
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol, load_scenario
-from allegro_twin.evaluate.timeline import stage
-from allegro_twin.evaluate.uncertainty import Uncertainty
-from allegro_twin.library.gains import load_gains
-from allegro_twin.plan.closing import FINE, closed, units
-from allegro_twin.plan.fingers import Performer
-from allegro_twin.plan.keep import written
-from allegro_twin.plan.propose import Proposer
-from allegro_twin.plan.prove import AS_IT_IS, Planned, Prover
-from allegro_twin.plan.quick import tried
-from allegro_twin.plan.search import Budget, Effort, Search
-from allegro_twin.plan.spread import searched
-from allegro_twin.plan.templates import gathering, templates
-from allegro_twin.sim.contact.workbench import Workbench
+from allegro_twin.grasping.batch.trials import Bench, case_of, hand_of
+from allegro_twin.grasping.plan.close_in_geometry import FINE, closed, units
+from allegro_twin.grasping.plan.close_in_simulation import tried
+from allegro_twin.grasping.plan.fingers import Performer
+from allegro_twin.grasping.plan.parallel import searched
+from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.save import written
+from allegro_twin.grasping.plan.search import Budget, Effort, Search
+from allegro_twin.grasping.plan.templates import gathering, templates
+from allegro_twin.grasping.plan.validate import AS_IT_IS, Planned, Prover
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from tests.conftest import MakeSim
 from tests.hands.models import GRIPPER, HANDS, hand, made
 

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.look.skeleton import Skeleton, bodies_of
-from allegro_twin.messages.frames import Frames
-from allegro_twin.sim.model.posed import Posed
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.recording.messages.frames import Frames
+from allegro_twin.sim.model.postures import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.viewing.skeleton import Skeleton, bodies_of
 
 HANDS = ("model_o", "qb_softhand")
 

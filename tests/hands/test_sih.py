@@ -8,8 +8,8 @@ import pytest
 
 from allegro_twin import Hand
 from allegro_twin.backend import HandBackend
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import CommandError, ConfigError, SelfCollision
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.types import PositionCommand, TorqueCommand
@@ -162,8 +162,8 @@ def test_the_facade_moves_it_grasps_with_it_and_plans_no_fist_through_the_thumb(
 
 
 def test_a_card_cannot_say_velocity_and_is_told_what_it_can(tmp_path: object) -> None:
-    from allegro_twin.description.card import HandCard
     from allegro_twin.files.schema import parse
+    from allegro_twin.hands.description.card import HandCard
 
     driven = [{"name": "a", "actuator": "a", "lower": 0, "upper": 1, "effort": 1}]
     card = {"mjcf": "x.xml", "root": "palm", "commands": ["velocity"], "driven": driven}

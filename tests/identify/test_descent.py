@@ -8,8 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from allegro_twin.identify.fitting.descent import LONGEST, Descended, descend
-from allegro_twin.identify.fitting.problem import Problem
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import LONGEST, Descended, descend
+from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
 W, ROWS = 12, 5

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.exciting import laid, play, task_of
-from allegro_twin.config import load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.motions.poses import pose
-from allegro_twin.identify.motions.rehearse import rehearsed
-from allegro_twin.replay.recording import load
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.recording.reader import load
 from allegro_twin.spec import Side
+from allegro_twin.twin.identify.excitation import laid, play, task_of
+from allegro_twin.twin.identify.motions.collision_check import rehearsed
+from allegro_twin.twin.identify.motions.poses import pose
 from tests.cli.conftest import Run
 from tests.identify import hidden
 
@@ -104,7 +104,7 @@ def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_pat
 def test_a_missing_scipy_is_named_with_the_extra_that_brings_it(
     command: Run, monkeypatch: pytest.MonkeyPatch, recording_path: Path
 ) -> None:
-    from allegro_twin.cli.twins import identifying
+    from allegro_twin.surfaces.cli.twins import identifying
 
     monkeypatch.setattr(identifying, "find_spec", lambda name: None)
     for name in ("identify", "gap", "mirror"):

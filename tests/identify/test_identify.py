@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.build.twin_page.page import page
-from allegro_twin.cli.hand.calibration import refuse_another_hand
-from allegro_twin.cli.twins.identifying import lines, table
-from allegro_twin.cli.twins.twin import weight_of
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.wiring import load_wiring
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.identify.motions.motion import Motion, noise_floor, read_motion
-from allegro_twin.identify.results import method, stored
-from allegro_twin.identify.results.doubt import SOLVED, Value, seen, values
-from allegro_twin.identify.results.method import gaps, identify
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.sim.beside.windows import Player
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
+from allegro_twin.surfaces.cli.twins.identifying import lines, table
+from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
+from allegro_twin.twin.identify.page.page import page
+from allegro_twin.twin.identify.results import hand_file, pipeline
+from allegro_twin.twin.identify.results.pipeline import gaps, identify
+from allegro_twin.twin.identify.results.uncertainty import SOLVED, Value, seen, values
 from allegro_twin.types import HandState, Sample, TorqueCommand
 from tests.identify import hidden
 
@@ -78,7 +78,7 @@ def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_b
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told = hidden.found().values
-    monkeypatch.setattr("allegro_twin.identify.results.doubt.SOLVED", {})
+    monkeypatch.setattr("allegro_twin.twin.identify.results.uncertainty.SOLVED", {})
     alone = values(hidden.found().fit, hidden.found().seen)
     for name, (share, more) in SOLVED.items():
         wider = told[name].half - alone[name].half
@@ -140,13 +140,13 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
     reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
     play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
     loose = replace(result.fit, loose=True, drive=replace(result.fit.drive, backlash=play.value))
-    stored.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
+    hand_file.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8
     assert (written["identified"]["backlash"], written["identified"]["value"]["backlash"][1]) == ("seen", 2e-3)
     other = tmp_path / "other.yaml"
     other.write_text("drive: {backlash: 0.004}\n")
-    stored.store(other, result.fit, result.values, result.motions, "2026-01-02")
+    hand_file.store(other, result.fit, result.values, result.motions, "2026-01-02")
     assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
 
 
@@ -196,7 +196,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
     file = tmp_path / "mine.yaml"
     file.write_text("# Bought 2019.\nactuation:\n  damping: 0.08  # a guess\nlimits: null\n")
     result = hidden.found()
-    stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
     assert file.read_text().startswith("# Bought 2019.\n")
     spec, wiring = load_spec(serial=str(file)), load_wiring(serial=str(file))
     assert spec.drive is not None
@@ -222,7 +222,7 @@ def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     result = hidden.found()
     one = values(result.fit, seen(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
-    stored.store(file, result.fit, one, result.motions[:1], "2026-01-02")
+    hand_file.store(file, result.fit, one, result.motions[:1], "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["torque_constant"] == [1.0] * 16
     assert written["wire"]["encoder_offset"] == [0] * 16
@@ -239,9 +239,9 @@ def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(stored, "with_note", broken)
+    monkeypatch.setattr(hand_file, "with_note", broken)
     with pytest.raises(KeyboardInterrupt):
-        stored.store(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
+        hand_file.store(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
     assert file.read_text() == "actuation: {damping: 0.08}\n"
 
 
@@ -250,7 +250,7 @@ def test_another_hands_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("wire: {version: v3}\n")
     with pytest.raises(ConfigError, match="is of a v3 hand, .* of a v4 one: choose another file"):
-        stored.check(file, yaml.safe_load(file.read_text()), hidden.found().motions)
+        hand_file.check(file, yaml.safe_load(file.read_text()), hidden.found().motions)
 
 
 def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, recording_path: Path) -> None:
@@ -284,15 +284,15 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
 def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("identified: {engine: mujoco 3.1.0}\n")
-    assert "was identified under mujoco 3.1.0, and this is mujoco " in stored.doubtful(file)
+    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.doubtful(file)
     file.write_text("actuation: {damping: 0.08}\n")
-    assert not stored.doubtful(file)
+    assert not hand_file.doubtful(file)
 
 
 @pytest.mark.slow
 def test_recordings_of_two_hands_are_not_one() -> None:
     other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
-    from allegro_twin.identify.motions.motion import same_hand
+    from allegro_twin.twin.identify.motions.motion import same_hand
 
     with pytest.raises(ConfigError, match=r"b\.arrow is of the hand 'allegro_left', .* of 'allegro_right'"):
         same_hand([motions()[0], other])
@@ -337,9 +337,9 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     nominal, found = load_spec(), hidden.found()
     shift = np.linspace(-0.02, 0.02, 16)
     own = replace(nominal, lower=nominal.lower + shift, upper=nominal.upper + shift)
-    stops = method._stops(own, nominal)
+    stops = pipeline._stops(own, nominal)
     np.testing.assert_allclose(stops, shift, atol=1e-12)
-    assert np.isnan(method._stops(nominal, nominal)).all()
+    assert np.isnan(pipeline._stops(nominal, nominal)).all()
     with_stops = replace(found, stops=stops)
     off = found.values["offset"]
     first = int(np.flatnonzero(off.determined)[0])
@@ -356,13 +356,13 @@ def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path
     file, result = tmp_path / "mine.yaml", hidden.found()
     offsets = [40 - 5 * joint for joint in range(16)]
     file.write_text(yaml.safe_dump({"wire": {"encoder_offset": offsets}, "mine": {"kept": 1}}))
-    said = stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    said = hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["encoder_offset"] == offsets
     assert written["mine"] == {"kept": 1}
     assert "stay as they were" in said
     file.unlink()
-    assert not stored.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    assert not hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
 
 
 @pytest.mark.slow
@@ -371,11 +371,11 @@ def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Pat
     path = data_root() / "conf" / "hands" / f"{name}.yaml"
     before = path.read_bytes()
     with pytest.raises(ConfigError, match=rf"what ships .* is not changed; .*copy it, `cp .* my_{name}\.yaml`"):
-        stored.check(path, {}, hidden.found().motions)
+        hand_file.check(path, {}, hidden.found().motions)
     with pytest.raises(ConfigError, match="what ships .* is not changed"):
         refuse_another_hand(path, hidden.config(), "can_v4", None)
     with pytest.raises(ConfigError, match="is not changed; choose a file of your own; name one elsewhere"):
-        stored.check(path.with_name("mine.yaml"), {}, hidden.found().motions)
+        hand_file.check(path.with_name("mine.yaml"), {}, hidden.found().motions)
     assert path.read_bytes() == before
 
 
@@ -385,7 +385,7 @@ def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the
     plain, weak = tmp_path / "plain.yaml", tmp_path / "weak.yaml"
     weak.write_text("drive: {strength: 0.5}\n")
     for path in (plain, weak):
-        said = stored.store(path, result.fit, result.values, result.motions, "2026-01-02")
+        said = hand_file.store(path, result.fit, result.values, result.motions, "2026-01-02")
     assert "drive.strength is out of" in said
     one, other = (yaml.safe_load(path.read_text()) for path in (plain, weak))
     assert "strength" not in other["drive"]

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from allegro_twin.control.controllers import PD, Gravity
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, centring_offsets, observed, sweep
 from allegro_twin.types import Command, HandState, Vector, frozen
 from tests.conftest import MakeSim
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.identify.fitting.problem import Problem, at_model
-from allegro_twin.identify.fitting.regress import breaking, regress
-from allegro_twin.identify.fitting.scaled import index, scaled, slope, unscaled
-from allegro_twin.identify.fitting.shooting import SHORT
-from allegro_twin.identify.motions.motion import read_motion
-from allegro_twin.sim.beside.pieces import Parameters
-from allegro_twin.sim.beside.windows import Player
+from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, unscaled
+from allegro_twin.twin.identify.fitting.problem import Problem, at_model
+from allegro_twin.twin.identify.fitting.regress import breaking, regress
+from allegro_twin.twin.identify.fitting.shooting import SHORT
+from allegro_twin.twin.identify.motions.motion import read_motion
 from allegro_twin.types import Vector
 from tests.identify import hidden
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.identify.fitting.fit import Fit
-from allegro_twin.identify.fitting.scaled import index, scaled, slope, units
-from allegro_twin.identify.results.settled import settled
+from allegro_twin.twin.identify.fitting.fit import Fit
+from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, units
+from allegro_twin.twin.identify.results.selection import settled
 from tests.identify import hidden
 
 JOINT, LOAD = 3, 0.05

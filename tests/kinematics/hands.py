@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.solution import Solutions
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.solution import Solutions
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description import arms
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description import arms
 from allegro_twin.kinematics import orientation
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.types import Array

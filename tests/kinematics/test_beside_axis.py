@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import FINGERS, THUMBS, held, postures, solve

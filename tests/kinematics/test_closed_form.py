@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import SIDES, Side

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.forms.maths import ARRAYS, FLOATS
-from allegro_twin.kinematics.forms.thumb import Thumb
-from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS, FLOATS
+from allegro_twin.kinematics.closed_form.forms.thumb import Thumb
+from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.kinematics.orientation import entries_of_matrix, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.types import Array
 from tests.kinematics.hands import SPECS

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin import Hand
-from allegro_twin.config import RunConfig
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.numeric import NumericFinger
 from allegro_twin.sim.model.statics import hand_model
 

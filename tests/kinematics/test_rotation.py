@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.spec import Side
 from allegro_twin.types import Array

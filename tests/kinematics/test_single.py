@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.solution import Solutions
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
-from allegro_twin.kinematics.solution import Solutions
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, held, postures, shortly, solve

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.kinematics.chains import ChainTips
-from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.tips import Fingertips
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.tips import Fingertips
+from allegro_twin.kinematics.numeric_tips import ChainTips
 from allegro_twin.sim.model.statics import hand_model, tree_of
 from allegro_twin.spec import Side
 

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form import FingerKinematics
-from allegro_twin.kinematics.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, LONG, THUMBS, held, postures, shortly, solve

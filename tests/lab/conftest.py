@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.lab.onlookers import Onlookers
-from allegro_twin.lab.recorded import Recorded
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.watch import Lens
-from allegro_twin.replay.recording import Tracks, load_tracks
+from allegro_twin.cell.journal.observers import Onlookers
+from allegro_twin.cell.journal.recording import Recorded
+from allegro_twin.cell.journal.second_camera import Lens
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.recording.reader import Tracks, load_tracks
 from tests.lab.test_run import room_of
 
 

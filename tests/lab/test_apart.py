@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from allegro_twin.lab.plan import way_of
-from allegro_twin.lab.run import perform
-from allegro_twin.lab.states import Now
-from allegro_twin.sim.contact.apart import NEAR
+from allegro_twin.cell.reachability import way_of
+from allegro_twin.cell.run import perform
+from allegro_twin.cell.states import Now
+from allegro_twin.sim.contact.obstacle_clearance import NEAR
 from allegro_twin.types import Array, Vector
 from tests.lab.test_run import room_of, states, still
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.arm.faults import Silent
 from allegro_twin.backend import HandBackend
-from allegro_twin.lab import run as plain
-from allegro_twin.lab import states
-from allegro_twin.lab.cell import Room
-from allegro_twin.lab.run import perform, rules_of
+from allegro_twin.cell import run as plain
+from allegro_twin.cell import states
+from allegro_twin.cell.arm.faults import Silent
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.run import perform, rules_of
 from allegro_twin.types import HandState, Sample
 from tests.lab.test_run import SETTINGS, room_of
 

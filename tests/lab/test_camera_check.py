@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.camera.frame import Frame
-from allegro_twin.camera.intrinsics import Cloud
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.checks.camera_check import Sight, sighted
+from allegro_twin.cell.perception.pipeline import Found
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.camera_check import Sight, sighted
-from allegro_twin.perception.pipeline import Found
 from allegro_twin.types import Array
 from tests.perception.test_pipeline import SETTINGS as SEEN_BY
 from tests.perception.test_pipeline import look, picture, put

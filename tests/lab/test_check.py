@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.lab.camera_check import Sight
-from allegro_twin.lab.check import (
+from allegro_twin.cell.checks.camera_check import Sight
+from allegro_twin.cell.checks.force_sensor_check import doubted, drifted
+from allegro_twin.cell.checks.grasp_check import (
     Checked,
     between,
     checked,
@@ -18,9 +19,8 @@ from allegro_twin.lab.check import (
     verdict,
     weighed,
 )
-from allegro_twin.lab.doubt import doubted, drifted
-from allegro_twin.lab.nothing import Nothing, misread
-from allegro_twin.lab.settings import ValidateSettings
+from allegro_twin.cell.motion.empty_grasp import Nothing, misread
+from allegro_twin.cell.settings import ValidateSettings
 from allegro_twin.types import Array
 
 DOWN = np.array([0.0, 0.0, -9.81])

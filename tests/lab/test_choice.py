@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from allegro_twin.cell.motion.grasp_selection import Body, body_of, cards, ways
+from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
-from allegro_twin.lab.choice import Body, body_of, cards, ways
-from allegro_twin.perception.fits.model import Solid
-from allegro_twin.sim.things.objects import catalogue
+from allegro_twin.sim.objects.catalogue import catalogue
 
 
 def test_every_thing_of_the_catalogue_has_a_grasp_that_is_found_by_its_size() -> None:

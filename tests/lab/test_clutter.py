@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.motion.clutter import beside, box_of
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.reachability import best_way
+from allegro_twin.cell.run import perform
 from allegro_twin.errors import ConfigError
-from allegro_twin.lab.cell import Room
-from allegro_twin.lab.clutter import beside, box_of
-from allegro_twin.lab.plan import best_way
-from allegro_twin.lab.run import perform
-from allegro_twin.perception.pipeline import Found
-from allegro_twin.sim.contact.apart import OTHERS
+from allegro_twin.sim.contact.obstacle_clearance import OTHERS
 from allegro_twin.types import Array
 from tests.lab.test_run import room_of
 

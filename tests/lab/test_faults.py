@@ -8,15 +8,15 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from allegro_twin.arm.faults import Disturbed, Silent
 from allegro_twin.backend import HandBackend
+from allegro_twin.cell.arm.faults import Disturbed, Silent
+from allegro_twin.cell.assembly import Room, make_room
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings
+from allegro_twin.cell.states import Now, State
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import Room, make_room
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.states import Now, State
 from allegro_twin.types import HandState, frozen
 from tests.lab.test_run import away, room_of, states, still
 

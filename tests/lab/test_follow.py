@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.journal.observers import Onlookers
+from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay, Wish, follow
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.cell import Room
-from allegro_twin.lab.follow import Fingers, Led, Palm, Stay, Wish, follow
-from allegro_twin.lab.onlookers import Onlookers
-from allegro_twin.replay.happenings import Happening, Moved
+from allegro_twin.recording.events import Happening, Moved
 from allegro_twin.types import Array, Vector
 from tests.lab.test_run import room_of
 

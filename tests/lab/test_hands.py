@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import make_room, with_things
+from allegro_twin.cell.motion.grasp_selection import Body, cards
+from allegro_twin.cell.reachability import best_of, within_reach
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import make_room, with_things
-from allegro_twin.lab.choice import Body, cards
-from allegro_twin.lab.plan import best_of, within_reach
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings, ThingSettings
 from tests.lab.test_run import room_of
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.arm.faults import Disturbed
-from allegro_twin.arm.impedance import Stiffness
-from allegro_twin.arm.target import SMOOTH
-from allegro_twin.lab.law import Guide, Guided
+from allegro_twin.cell.arm.faults import Disturbed
+from allegro_twin.cell.arm.impedance import Stiffness
+from allegro_twin.cell.arm.target import SMOOTH
+from allegro_twin.cell.motion.arm_motion import Guide, Guided
 from allegro_twin.loop import run, until
 from tests.arm.rigs import rig
 from tests.arm.test_control import BARE

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from allegro_twin.cell.checks.motor_check import MotorCheck
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.description.hands import load_spec
-from allegro_twin.lab.motor_check import MotorCheck
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import HandState, Vector, frozen
 
 SPEC = load_spec()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.lab.choice import cards
-from allegro_twin.lab.nothing import around_nothing, meeting
-from allegro_twin.lab.settings import HandSettings
-from allegro_twin.library.library import Library
+from allegro_twin.cell.motion.empty_grasp import around_nothing, meeting
+from allegro_twin.cell.motion.grasp_selection import cards
+from allegro_twin.cell.settings import HandSettings
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.library import Library
 
 HAND = HandSettings()
 

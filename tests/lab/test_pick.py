@@ -11,13 +11,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import allegro_twin.gym
-from allegro_twin.cli.policies.environments import listed
+from allegro_twin.cell.pick.env import ArmPick
+from allegro_twin.cell.pick.scripted_policy import Script
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.gym.tasks import task_type
 from allegro_twin.kinematics.arm import turn
-from allegro_twin.lab.pick.env import ArmPick
-from allegro_twin.lab.pick.script import Script
-from allegro_twin.train.settings import load_recipe
+from allegro_twin.learning.tasks import task_type
+from allegro_twin.learning.training.settings import load_recipe
+from allegro_twin.surfaces.cli.policies.environments import listed
 
 SCRIPTED = [{"control": "joints"}, {"control": "grasp", "perception": True}]
 

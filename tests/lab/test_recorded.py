@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.cell.journal.recording import config_hash
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.output_folder import UNFINISHED
-from allegro_twin.lab.recorded import config_hash
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.recording import Tracks, load, load_tracks
+from allegro_twin.recording.reader import Tracks, load, load_tracks
+from allegro_twin.recording.replay import ReplayBackend, samples_of
 from tests.lab.test_run import SETTINGS, room_of
 
 
@@ -74,7 +74,7 @@ def test_pictures_have_colour_and_depth_and_change_nothing_of_the_run(run: tuple
 
 @pytest.mark.slow
 def test_arm_and_hand_are_replayed_from_the_one_file(run: tuple[Tracks, Report]) -> None:
-    from allegro_twin.build import assemble
+    from allegro_twin.app import assemble
 
     found, _ = run
     arm, hand = (load(found.path, track=name) for name in ("arm", "hand"))

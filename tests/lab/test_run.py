@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.arm.faults import Silent
+from allegro_twin.cell.arm.faults import Silent
+from allegro_twin.cell.assembly import Room, make_room
+from allegro_twin.cell.journal.observers import Onlookers
+from allegro_twin.cell.journal.pictures import Kept
+from allegro_twin.cell.run import Report, perform
+from allegro_twin.cell.settings import LabSettings
+from allegro_twin.cell.states import Now
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import Room, make_room
-from allegro_twin.lab.kept import Kept
-from allegro_twin.lab.onlookers import Onlookers
-from allegro_twin.lab.run import Report, perform
-from allegro_twin.lab.settings import LabSettings
-from allegro_twin.lab.states import Now
 
 SETTINGS = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
 

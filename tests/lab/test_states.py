@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from allegro_twin.lab.states import End, Now, Rules, Seen, State, begun, decided
+from allegro_twin.cell.states import End, Now, Rules, Seen, State, begun, decided
 
 RULES = Rules(
     {"ToSecurityPose": 6.0, "Look": 1.0, "ToTargetPose": 6.0, "Approach": 4.0, "ClosingHand": 6.0, "ToLiftedPose": 4.0,

@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 
 pytest.importorskip("rerun", reason="needs the extra view")
 
-from allegro_twin.cli.main import app
-from allegro_twin.lab.run import Report
-from allegro_twin.look.cell import write_cell
-from allegro_twin.replay.happenings import Moved, happenings
-from allegro_twin.replay.recording import Tracks
+from allegro_twin.cell.run import Report
+from allegro_twin.recording.events import Moved, happenings
+from allegro_twin.recording.reader import Tracks
+from allegro_twin.surfaces.cli.main import app
+from allegro_twin.viewing.rerun.cell import write_cell
 from tests.look.test_viewer import Rows, rows_of
 
 

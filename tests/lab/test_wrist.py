@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import Room, make_room
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.run import perform
+from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.lab.cell import Room, make_room
-from allegro_twin.lab.run import perform
-from allegro_twin.lab.settings import LabSettings
-from allegro_twin.perception.pipeline import Found
 
 
 def room_of(config: str) -> Room:

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.edit import write_text
-from allegro_twin.library.entries import posture_entry
-from allegro_twin.library.library import Library
+from allegro_twin.files.yaml_edit import write_text
+from allegro_twin.hands.library.entries import posture_entry
+from allegro_twin.hands.library.library import Library
 from allegro_twin.spec import HandSpec
 
 # Stores one entry over and over, every joint's position at k/1000 rad for k = 0, 1, …, and says each that is stored.
@@ -25,10 +25,10 @@ WRITER = """
 import itertools, sys
 import numpy as np
 import pytest
-from allegro_twin.description.hands import load_spec
-from allegro_twin.library.entries import posture_entry
-from allegro_twin.files.edit import write_text
-from allegro_twin.library.library import Library
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import posture_entry
+from allegro_twin.files.yaml_edit import write_text
+from allegro_twin.hands.library.library import Library
 spec, path, name, count = load_spec(), sys.argv[1], sys.argv[2], int(sys.argv[3])
 library = Library(path)
 for k in itertools.count():

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from allegro_twin.control.motion import Motion
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, parse_yaml
-from allegro_twin.library.entries import (
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import (
     GraspFile,
     PostureFile,
     joint_values,
@@ -24,10 +24,10 @@ from allegro_twin.library.entries import (
     posture_entry,
     trajectory_entry,
 )
-from allegro_twin.library.grasps import Grasp
-from allegro_twin.library.library import Library
-from allegro_twin.library.named import load_grasp, load_posture
-from allegro_twin.library.taxonomy import Taxonomy, as_claimed
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.named import load_grasp, load_posture
+from allegro_twin.hands.library.taxonomy import Taxonomy, as_claimed
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array
 

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.files.assets import data_root
-from allegro_twin.library.named import load_posture, posture_names
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_posture, posture_names
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import TorqueCommand
 from tests.conftest import MakeSim

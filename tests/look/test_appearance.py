@@ -9,14 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.appearance import of_object, of_series
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.shapes import Shape
-from allegro_twin.look.scenery import scenery
-from allegro_twin.look.surfaces import surface
+from allegro_twin.hands.description.appearance import of_object, of_series
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.shapes import Shape
 from allegro_twin.sim.model.appearance import scene_look, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.things.objects import Placement, Thing, catalogue, named
+from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue, named
+from allegro_twin.viewing.rerun.scene import scenery
+from allegro_twin.viewing.surfaces import surface
 from tests.sim.test_foreign import menagerie_like
 
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.look.camera import Camera, Picture
-from allegro_twin.look.films import film, filmed
-from allegro_twin.look.strips import overview, pictured
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import Sample
+from allegro_twin.viewing.camera import Camera, Picture
+from allegro_twin.viewing.films import film, filmed
+from allegro_twin.viewing.stills import overview, pictured
 from tests.conftest import MakeSim
 from tests.test_loop import samples_for
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from allegro_twin import sim
-from allegro_twin.build import assemble, scenario_config
+from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.look.camera import Camera
-from allegro_twin.look.screen import Screen
+from allegro_twin.viewing.camera import Camera
+from allegro_twin.viewing.gl_context import Screen
 
 
 def test_pictures_are_to_the_bit_and_depths_to_a_float_those_of_mujocos_renderer() -> None:

@@ -16,14 +16,14 @@ from rerun.chunk import RrdReader
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.look.rows import AT_ONCE
-from allegro_twin.look.scenery import scenery
-from allegro_twin.look.server import claim
-from allegro_twin.look.viewer import Viewer, shown, write_rrd
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
+from allegro_twin.viewing.rerun.columns import AT_ONCE
+from allegro_twin.viewing.rerun.scene import scenery
+from allegro_twin.viewing.rerun.server import claim
+from allegro_twin.viewing.rerun.viewer import Viewer, shown, write_rrd
 from tests.test_safety import state
 
 PHASES = [["close", 0.0, 0.1], ["shake", 0.1, 0.3]]

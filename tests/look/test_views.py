@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble, scenario_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble, scenario_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.look.camera import Camera, Picture
-from allegro_twin.look.skeleton import Skeleton, bodies_of
-from allegro_twin.look.views import NAMES, View, checked, seen, size
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.model.appearance import hand_bodies
 from allegro_twin.spec import Side
+from allegro_twin.viewing.camera import Camera, Picture
+from allegro_twin.viewing.skeleton import Skeleton, bodies_of
+from allegro_twin.viewing.views import NAMES, View, checked, seen, size
 from tests.conftest import MakeSim
 from tests.sim.test_foreign import menagerie_like
 

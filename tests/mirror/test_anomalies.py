@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirroring import make_mirror
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description.calibration import Calibration
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.gains import load_gains
+from allegro_twin.hands.description.calibration import Calibration
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.anomalies import CREEP, NAMES, ROW, Anomaly, Window, direct, words
-from allegro_twin.mirror.diagnosis import CLEAR, EVERY, RARE, ROWS, WAIT, Calm, Diagnosis, Weights
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.mirror.shapes import gains, shaped
-from allegro_twin.sim.beside.observer import Estimate, Observer
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Ailment, Drive
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.fault_detection import CLEAR, EVERY, RARE, ROWS, WAIT, Calm, Diagnosis, Weights
+from allegro_twin.twin.mirror.fault_signatures import gains, shaped
+from allegro_twin.twin.mirror.faults import CREEP, NAMES, ROW, Anomaly, Window, direct, words
+from allegro_twin.twin.mirror.for_hand import make_mirror
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, Sample
 from tests.conftest import MakeSim
 

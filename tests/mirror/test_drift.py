@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.mirror.anomalies import ROW as ROW_PERIODS
-from allegro_twin.mirror.diagnosis import EVERY, ROWS, WAIT, Calm, Diagnosis, Weights
-from allegro_twin.mirror.drift import BLOCK, SPANS, Drift
-from allegro_twin.sim.beside.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.encoder_drift import BLOCK, SPANS, Drift
+from allegro_twin.twin.mirror.fault_detection import EVERY, ROWS, WAIT, Calm, Diagnosis, Weights
+from allegro_twin.twin.mirror.faults import ROW as ROW_PERIODS
 from allegro_twin.types import HandState, Vector
 
 N, ROW = 16, 0.03

@@ -7,14 +7,14 @@ import pytest
 
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.gains import load_gains
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.falls import Falls
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.beside.observer import Observer
-from allegro_twin.sim.drive.backlash import able
+from allegro_twin.sim.drivetrain.backlash import able
+from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.loose_link import Falls
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array
 from tests.conftest import MakeSim
 

@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirroring import make_loop_mirror, mirrored
-from allegro_twin.cli.twins import mirroring
-from allegro_twin.config import load_config
+from allegro_twin.app.config import load_config
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.library.named import load_posture
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.beside.kalman import Kalman
-from allegro_twin.sim.beside.loop_observer import NOISE, rates
+from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.observer.kalman import Kalman
+from allegro_twin.sim.observer.loop_observer import NOISE, rates
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.cli.twins import mirroring
+from allegro_twin.twin.mirror.for_hand import make_loop_mirror, mirrored
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
 from tests.hands.models import HANDS, SOFT, hand

@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirroring import Mirrored, make_mirror, mirrored, noise_in
-from allegro_twin.cli.twins.mirroring import unnamed
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Moves, Waypoint
-from allegro_twin.description.calibration import Calibration
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
+from allegro_twin.drivers.can.driver.clock import HandClock
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.gains import load_gains
+from allegro_twin.hands.description.calibration import Calibration
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.anomalies import NAMES
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import BLIND, DIM, Mirror
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.sim.beside.observer import NOISE, Observer, kalman
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.sim.observer.observer import NOISE, Observer, kalman
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.surfaces.cli.twins.mirroring import unnamed
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.faults import NAMES
+from allegro_twin.twin.mirror.for_hand import Mirrored, make_mirror, mirrored, noise_in
+from allegro_twin.twin.mirror.mirror import BLIND, DIM, Mirror
 from allegro_twin.types import Array, HandState, Sample, Vector, frozen
-from allegro_twin.wire.host.clock import HandClock
 from tests.conftest import MakeSim
 from tests.mirror.test_mirror import N, mirror
 

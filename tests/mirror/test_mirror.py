@@ -10,23 +10,23 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirroring import left_out
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hand import Hand
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.gains import load_gains
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.events import Pace, axes, contacts, thresholds, touched
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.replay.recording import load
-from allegro_twin.sim.beside.observer import Observer, kalman
+from allegro_twin.recording.reader import load
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.observer.observer import Observer, kalman
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.contact_detection import Pace, axes, contacts, thresholds, touched
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.for_hand import left_out
+from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
 from tests.conftest import MakeSim
 

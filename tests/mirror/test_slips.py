@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.build.trials import Bench, Case
 from allegro_twin.errors import HandFault
-from allegro_twin.evaluate.scenario import load_protocol, load_scenario
-from allegro_twin.evaluate.trial import Trial
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.library.named import load_grasp
+from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.mirror.diagnosis import ROWS, Calm, Diagnosis, Weights
-from allegro_twin.mirror.falls import Falls
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.mirror.slips import Slip, Slips
-from allegro_twin.sim.beside.observer import Estimate, Observer
+from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.fault_detection import ROWS, Calm, Diagnosis, Weights
+from allegro_twin.twin.mirror.loose_link import Falls
+from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.slip_detection import Slip, Slips
 from allegro_twin.types import HandState, Vector
 
 N, ROW = 16, 0.03

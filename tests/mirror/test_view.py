@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.mirror_view import COUNTS, drawn, stage
-from allegro_twin.identify.results.gap import drive_of
-from allegro_twin.look.viewer import Viewer
-from allegro_twin.mirror.diagnosis import Calm
-from allegro_twin.mirror.mirror import Mirror
-from allegro_twin.sim.beside.observer import Observer
+from allegro_twin.drivers.can.driver.health import Health
 from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.wire.host.health import Health
+from allegro_twin.twin.identify.results.gap import drive_of
+from allegro_twin.twin.mirror.fault_detection import Calm
+from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.rerun_view import COUNTS, drawn, stage
+from allegro_twin.viewing.rerun.viewer import Viewer
 from tests.conftest import MakeSim
 from tests.look.test_viewer import rows_of
 from tests.mirror.test_mirror import N, moving

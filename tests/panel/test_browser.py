@@ -214,10 +214,10 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     """Where a place over a fingertip of a hand that is stretched is in the picture, pixels; `above`, m."""
     import numpy as np
 
-    from allegro_twin.description.hands import load_spec
-    from allegro_twin.look.scenery import scenery
-    from allegro_twin.panel.page.reach import Reach
-    from allegro_twin.panel.page.scene import eye
+    from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.surfaces.panel.page.scene import eye
+    from allegro_twin.surfaces.panel.page.tip_ik import Reach
+    from allegro_twin.viewing.rerun.scene import scenery
 
     spec = load_spec()
     place, target = eye(spec, scenery(spec, {}))
@@ -249,7 +249,7 @@ def test_the_page_that_died_is_served_again_and_the_hand_has_not_moved(browser: 
     page = tab(browser, panel.url)
     moves(page, "index_1", 0.9)
     listed = subprocess.run(["ps", "-eo", "pid,ppid,args"], capture_output=True, text=True, check=True).stdout
-    mine = [row.split() for row in listed.splitlines() if "allegro_twin.panel.page" in row]
+    mine = [row.split() for row in listed.splitlines() if "allegro_twin.surfaces.panel.page" in row]
     child = next(int(row[0]) for row in mine if int(row[1]) == panel.process.pid)
     os.kill(child, signal.SIGKILL)
     page.context.close()
@@ -265,7 +265,7 @@ def test_what_was_recorded_is_a_recording(browser: Any, panel: Served) -> None:
     sees(page, "recording: 1 s")
     press(page, "End the recording")
     sees(page, "the recording is whole")
-    from allegro_twin.replay.recording import load
+    from allegro_twin.recording.reader import load
 
     recording = load(panel.folder / "out" / "panel_001.arrow")
     assert recording.complete

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("viser", reason="needs viser: extra panel")
 
-from allegro_twin.panel import wishes as w  # Behind the check for the extra.
-from allegro_twin.panel.page.choosing import _NONE, _OWN, Choosing, _with
+from allegro_twin.surfaces.panel import requests as w  # Behind the check for the extra.
+from allegro_twin.surfaces.panel.page.controller_view import _NONE, _OWN, Choosing, _with
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from allegro_twin.panel.door import Door
-from allegro_twin.panel.gate import TRIES, Gate
-from allegro_twin.panel.overlay import page
+from allegro_twin.surfaces.panel.access import TRIES, Gate
+from allegro_twin.surfaces.panel.overlay import page
+from allegro_twin.surfaces.panel.server import Door
 
 PAGE = b"<html>the page</html>"
 TOKEN = "a-token-of-some-length"

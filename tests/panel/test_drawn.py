@@ -8,15 +8,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.library.named import load_grasp, load_posture
-from allegro_twin.look.scenery import scenery
-from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.bars import banner, group_bars, health
-from allegro_twin.panel.page.groups import groups, units
-from allegro_twin.panel.page.pictures import pictures
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp, load_posture
 from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.surfaces.panel.page.bars import banner, group_bars, health
+from allegro_twin.surfaces.panel.page.groups import groups, units
+from allegro_twin.surfaces.panel.page.pictures import pictures
+from allegro_twin.surfaces.panel.stream import Frame
 from allegro_twin.types import Vector
+from allegro_twin.viewing.rerun.scene import scenery
 
 
 def frame(spec: HandSpec, position: Vector, temperature: float = np.nan) -> Frame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.panel.gate import REST, TRIES, Answer, Gate, checked
+from allegro_twin.surfaces.panel.access import REST, TRIES, Answer, Gate, checked
 
 TOKEN = "a-token-of-some-length"
 

@@ -7,9 +7,9 @@ import struct
 
 import numpy as np
 
-from allegro_twin.description.shapes import Shape
-from allegro_twin.look.surfaces import surface
-from allegro_twin.panel.page.glb import glb
+from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.surfaces.panel.page.glb import glb
+from allegro_twin.viewing.surfaces import surface
 
 
 def test_a_box_is_twelve_triangles_that_are_matt_in_its_colour() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.panel.frame import Frame
-from allegro_twin.panel.page.history import SECONDS, History
+from allegro_twin.surfaces.panel.page.history import SECONDS, History
+from allegro_twin.surfaces.panel.stream import Frame
 
 
 def frame(t: float, hand: int = 1) -> Frame:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError
-from allegro_twin.panel import wishes as w
-from allegro_twin.panel.frame import Ended, Frame, News, Notice, Opened, Shelf, received
-from allegro_twin.panel.host import Habits, Host
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
+from allegro_twin.surfaces.panel import requests as w
+from allegro_twin.surfaces.panel.host import Habits, Host
+from allegro_twin.surfaces.panel.stream import Ended, Frame, News, Notice, Opened, Shelf, received
 
 
 class FakePage:

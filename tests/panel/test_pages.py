@@ -12,7 +12,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.panel import pages
+from allegro_twin.surfaces.panel import page_process
 
 
 def given(monkeypatch: pytest.MonkeyPatch, *versions: str) -> None:
@@ -25,7 +25,7 @@ def given(monkeypatch: pytest.MonkeyPatch, *versions: str) -> None:
 
 def opened() -> int:
     """The port on which it listened."""
-    with pages.Pages("127.0.0.1", 0, "nothing")._listening as listening:
+    with page_process.Pages("127.0.0.1", 0, "nothing")._listening as listening:
         return int(listening.getsockname()[1])
 
 
@@ -53,4 +53,4 @@ def test_the_oldest_viser_is_that_of_the_extra() -> None:
     if not path.is_file():
         pytest.skip("installed from a wheel")
     (asked,) = tomllib.loads(path.read_text())["project"]["optional-dependencies"]["panel"]
-    assert asked.startswith(f"viser>={'.'.join(map(str, pages._VISER))}")
+    assert asked.startswith(f"viser>={'.'.join(map(str, page_process._VISER))}")

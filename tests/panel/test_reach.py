@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.panel.page.reach import Reach
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import Side
+from allegro_twin.surfaces.panel.page.tip_ik import Reach
 
 
 @pytest.mark.parametrize("finger", ["index", "middle", "ring", "thumb"])

@@ -7,7 +7,7 @@ import threading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.panel.wheel import Wheel
+from allegro_twin.surfaces.panel.control_lock import Wheel
 
 
 def test_the_first_who_comes_drives_and_the_second_looks_on() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from allegro_twin.panel import wishes as w
+from allegro_twin.surfaces.panel import requests as w
 
 
 def test_of_joint_positions_in_a_row_only_the_newest_waits() -> None:

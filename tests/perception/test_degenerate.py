@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.camera.intrinsics import D435I_DEPTH
-from allegro_twin.camera.mount import looking
+from allegro_twin.cell.camera.intrinsics import D435I_DEPTH
+from allegro_twin.cell.camera.mount import looking
+from allegro_twin.cell.perception.fits.sample import sample
+from allegro_twin.cell.perception.fits.solids import fitted
+from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.perception.fits.sample import sample
-from allegro_twin.perception.fits.solids import fitted
-from allegro_twin.perception.pipeline import Found, Pipeline
-from allegro_twin.perception.settings import PerceptionSettings
 from allegro_twin.types import Array
 
 SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")

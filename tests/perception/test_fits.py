@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.perception.fits.model import Solid
-from allegro_twin.perception.fits.sample import Sample
-from allegro_twin.perception.fits.solids import fitted
-from allegro_twin.perception.principal import principal_frame
+from allegro_twin.cell.perception.fits.model import Solid
+from allegro_twin.cell.perception.fits.sample import Sample
+from allegro_twin.cell.perception.fits.solids import fitted
+from allegro_twin.cell.perception.principal import principal_frame
 from allegro_twin.types import Array
 from tests.perception import surfaces
 from tests.perception.surfaces import ball, box, cylinder, egg, lying, seen

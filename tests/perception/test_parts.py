@@ -7,10 +7,10 @@ from scipy.sparse import coo_matrix  # type: ignore[import-untyped]  # Its types
 from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
 from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
-from allegro_twin.perception.cloud import finite, pass_through, voxel
-from allegro_twin.perception.clusters import clusters
-from allegro_twin.perception.fits.solver import solve
-from allegro_twin.perception.plane import find_plane
+from allegro_twin.cell.perception.cloud import finite, pass_through, voxel
+from allegro_twin.cell.perception.clusters import clusters
+from allegro_twin.cell.perception.fits.solver import solve
+from allegro_twin.cell.perception.plane import find_plane
 from allegro_twin.types import Array
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -7,21 +7,21 @@ import sys
 import numpy as np
 import pytest
 
-from allegro_twin.camera.camera import Camera
-from allegro_twin.camera.frame import Frame
-from allegro_twin.camera.mount import Mount
-from allegro_twin.camera.settings import CameraSettings
+from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.perception.cloud import Points
+from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.perception.pipeline import Found, Pipeline
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.perception.target import Target, target
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load, parse
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.perception.cloud import Points
-from allegro_twin.perception.pipeline import Found, Pipeline
-from allegro_twin.perception.settings import PerceptionSettings
-from allegro_twin.perception.target import Target, target
-from allegro_twin.perception.verdict import Refused
-from allegro_twin.sim.things.objects import Placement, named
-from allegro_twin.sim.things.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import Placement, named
+from allegro_twin.sim.objects.tabletop import standing, tabletop
 from benchmarks.perception import apart
 
 SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.perception.settings import SteadySettings
-from allegro_twin.perception.steady import Track, followed, unsteady
-from allegro_twin.perception.target import Target
+from allegro_twin.cell.perception.settings import SteadySettings
+from allegro_twin.cell.perception.steady import Track, followed, unsteady
+from allegro_twin.cell.perception.target import Target
 
 SETTINGS = SteadySettings(smooth=0.1, jump=0.05, patience=3, window=0.3, count=4, still=0.006)
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.perception.fits.model import Shape, Solid
-from allegro_twin.perception.pipeline import Found
-from allegro_twin.perception.plane import Plane
-from allegro_twin.perception.settings import TargetSettings
-from allegro_twin.perception.target import Target, half_width, main_axis, target
-from allegro_twin.perception.verdict import Refused
+from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.perception.fits.model import Shape, Solid
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.plane import Plane
+from allegro_twin.cell.perception.settings import TargetSettings
+from allegro_twin.cell.perception.target import Target, half_width, main_axis, target
 from allegro_twin.types import Array
 
 SETTINGS = TargetSettings(offset=0.05)

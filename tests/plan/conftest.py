@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
-from allegro_twin.plan.prove import Planned
-from allegro_twin.plan.search import Budget, Effort, Search
-from allegro_twin.plan.templates import templates
+from allegro_twin.grasping.plan.search import Budget, Effort, Search
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import Planned
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 
 @pytest.fixture(scope="session")

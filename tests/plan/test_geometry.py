@@ -11,21 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol
-from allegro_twin.evaluate.timeline import stage
-from allegro_twin.plan.balance import gripped, imbalance
-from allegro_twin.plan.candidate import Candidate, apart, different
-from allegro_twin.plan.closing import closed
-from allegro_twin.plan.poses import guesses
-from allegro_twin.plan.propose import loads
-from allegro_twin.plan.surface import placed_surface, surface
-from allegro_twin.plan.symmetry import symmetry
-from allegro_twin.plan.templates import templates
-from allegro_twin.sim.contact.workbench import Meetings, Workbench, coordinates
-from allegro_twin.sim.things.objects import Placement, Thing, named
+from allegro_twin.grasping.plan.candidate import Candidate, apart, different
+from allegro_twin.grasping.plan.close_in_geometry import closed
+from allegro_twin.grasping.plan.force_closure import gripped, imbalance
+from allegro_twin.grasping.plan.poses import guesses
+from allegro_twin.grasping.plan.propose import loads
+from allegro_twin.grasping.plan.surface import placed_surface, surface
+from allegro_twin.grasping.plan.symmetry import symmetry
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
+from allegro_twin.sim.objects.catalogue import Placement, Thing, named
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from allegro_twin.types import Array
 
 SPEC = load_spec()

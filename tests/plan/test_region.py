@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.build.trials import Bench, case_of
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol
-from allegro_twin.evaluate.timeline import stage
-from allegro_twin.evaluate.uncertainty import Uncertainty
-from allegro_twin.plan.propose import BATCH, Proposer
-from allegro_twin.plan.prove import Planned, Prover, pushed
-from allegro_twin.plan.region import in_frame_of, region
-from allegro_twin.plan.search import Search
-from allegro_twin.plan.templates import templates
-from allegro_twin.sim.contact.workbench import Workbench
+from allegro_twin.grasping.batch.trials import Bench, case_of
+from allegro_twin.grasping.plan.propose import BATCH, Proposer
+from allegro_twin.grasping.plan.region import in_frame_of, region
+from allegro_twin.grasping.plan.search import Search
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import Planned, Prover, pushed
+from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 SPEC = load_spec()
 

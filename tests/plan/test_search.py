@@ -10,31 +10,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.build.outcomes import rate
-from allegro_twin.build.trials import Bench, Case, case_of
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol, load_scenario
-from allegro_twin.evaluate.statistics import wilson
-from allegro_twin.evaluate.timeline import stage
-from allegro_twin.evaluate.uncertainty import draws
+from allegro_twin.grasping.batch.trials import Bench, Case, case_of
+from allegro_twin.grasping.evaluation.outcomes import rate
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.grasping.plan.improve import Improvement, varied
+from allegro_twin.grasping.plan.initial_guess import first_guess
+from allegro_twin.grasping.plan.reduce_squeeze import eased
+from allegro_twin.grasping.plan.save import in_words, stored, written
+from allegro_twin.grasping.plan.search import Budget, Effort, Search
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import FIRST, JUDGED, MORE, SEARCHED, Planned, best_of, judge
+from allegro_twin.grasping.plan.variants import Version
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.statistics import wilson
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import draws
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import GraspFile
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.sources import read_file
 from allegro_twin.kinematics.orientation import facing
-from allegro_twin.library.entries import GraspFile
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.library import Library
-from allegro_twin.library.named import load_grasp
-from allegro_twin.library.sources import read_file
-from allegro_twin.plan.begin import first_guess
-from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.ease import eased
-from allegro_twin.plan.improve import Improvement, varied
-from allegro_twin.plan.keep import in_words, stored, written
-from allegro_twin.plan.prove import FIRST, JUDGED, MORE, SEARCHED, Planned, best_of, judge
-from allegro_twin.plan.search import Budget, Effort, Search
-from allegro_twin.plan.templates import templates
-from allegro_twin.plan.versions import Version
-from allegro_twin.sim.contact.workbench import Workbench
+from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 SPEC = load_spec()
 LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))

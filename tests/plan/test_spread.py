@@ -8,15 +8,15 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from allegro_twin.cli.grasps.planning import scenario_of
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.scenario import load_scenario
-from allegro_twin.library.named import load_grasp
-from allegro_twin.plan.candidate import Candidate
-from allegro_twin.plan.prove import Planned
-from allegro_twin.plan.search import Budget, Effort, Search
-from allegro_twin.plan.spread import plain, planned_of, searched, side_by_side
-from allegro_twin.plan.templates import templates
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.grasping.plan.parallel import plain, planned_of, searched, side_by_side
+from allegro_twin.grasping.plan.search import Budget, Effort, Search
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import Planned
+from allegro_twin.grasping.scenario import load_scenario
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from allegro_twin.sweep.local import Local
 
 SPEC = load_spec()

@@ -9,13 +9,13 @@ import pytest
 
 from allegro_twin.control.controllers import PD
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks.closing import Closing
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.controller import PolicyController, Still
+from allegro_twin.learning.policy.interface import Floats, Interface, Observation
+from allegro_twin.learning.policy.script import closing
+from allegro_twin.learning.tasks.scripted_closing import Closing
 from allegro_twin.loop import run, until
-from allegro_twin.policy.card import Card
-from allegro_twin.policy.controller import PolicyController, Still
-from allegro_twin.policy.interface import Floats, Interface, Observation
-from allegro_twin.policy.script import closing
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import HandState
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_grasp
-from allegro_twin.policy.interface import Interface, Mode
-from allegro_twin.policy.memory import Course, Memory
-from allegro_twin.policy.script import closing, sampled, table
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.learning.policy.interface import Interface, Mode
+from allegro_twin.learning.policy.memory import Course, Memory
+from allegro_twin.learning.policy.script import closing, sampled, table
 
 
 @pytest.mark.parametrize("scripted", [False, True])

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.policy.card import Card, read_card, write_card
-from allegro_twin.policy.loading import load_policy, policy_controller
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.policy.card import Card, read_card, write_card
+from allegro_twin.learning.policy.loading import load_policy, policy_controller
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import pyarrow.parquet
 import pytest
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.files.whole import whole_file
-from allegro_twin.replay.convert import to_csv, to_parquet
-from allegro_twin.replay.recording import load
+from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.recording.exchange.tables import to_csv, to_parquet
+from allegro_twin.recording.reader import load
 
 
 def test_parquet_holds_the_same_columns_and_the_metadata(recording_path: Path, tmp_path: Path) -> None:

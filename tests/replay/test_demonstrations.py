@@ -13,14 +13,14 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from allegro_twin.cli.main import main
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.replay import lerobot
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.episodes import write
-from allegro_twin.replay.lerobot import from_lerobot, to_lerobot
-from allegro_twin.replay.minari import from_minari, to_minari
-from allegro_twin.replay.recording import Recording, load
+from allegro_twin.recording.exchange import lerobot
+from allegro_twin.recording.exchange.episodes import write
+from allegro_twin.recording.exchange.lerobot import from_lerobot, to_lerobot
+from allegro_twin.recording.exchange.minari import from_minari, to_minari
+from allegro_twin.recording.reader import Recording, load
+from allegro_twin.recording.replay import ReplayBackend, samples_of
+from allegro_twin.surfaces.cli.main import main
 
 Pair = tuple[Callable[..., None], Callable[..., Recording]]
 

@@ -18,10 +18,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.replay import recorder as recorder_module
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.recorder import BATCH, Recorder
-from allegro_twin.replay.recording import load
+from allegro_twin.recording import recorder as recorder_module
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import BATCH, Recorder
+from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, TorqueCommand
 from tests.test_safety import state
@@ -70,8 +70,8 @@ import sys, numpy as np
 from pathlib import Path
 sys.path.insert(0, {root!r})
 from tests.replay.test_recording import sample
-from allegro_twin.description.hands import load_spec
-from allegro_twin.replay.recorder import Recorder
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.recording.recorder import Recorder
 recorder = Recorder(Path({path!r}), load_spec(), 0.003)
 tick = 0
 while True:
@@ -204,7 +204,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 from pathlib import Path
 from tests.replay.test_recording import record
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.errors import RecordingError
 try:
     record(Path({str(path)!r}), load_spec(), 10_000)

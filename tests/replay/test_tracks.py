@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.replay import journal as journal_module
-from allegro_twin.replay import recorder as recorder_module
-from allegro_twin.replay import sink as sink_module
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.happenings import Moved, Told, happenings
-from allegro_twin.replay.journal import Journal, Kind
-from allegro_twin.replay.recorder import BATCH, Recorder
-from allegro_twin.replay.recording import is_shared, load, load_tracks
-from allegro_twin.replay.sink import SharedFile
+from allegro_twin.recording import arrow_writer as sink_module
+from allegro_twin.recording import journal as journal_module
+from allegro_twin.recording import recorder as recorder_module
+from allegro_twin.recording.arrow_writer import SharedFile
+from allegro_twin.recording.events import Moved, Told, happenings
+from allegro_twin.recording.journal import Journal, Kind
+from allegro_twin.recording.reader import is_shared, load, load_tracks
+from allegro_twin.recording.recorder import BATCH, Recorder
+from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import TorqueCommand
 from tests.replay.test_recording import record, sample

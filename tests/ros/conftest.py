@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig
-from allegro_twin.hand import Hand
-from allegro_twin.messages import vocabulary as v
+from allegro_twin.app.config import RunConfig
+from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import Vector
 
 pytest.importorskip("rosbags", reason="needs the extra ros2")
 pytest.importorskip("cyclonedds", reason="needs the extra ros2")
 
-from allegro_twin.ros import open_bridge
-from allegro_twin.ros.bridge import Bridge
-from allegro_twin.ros.node import Node
-from allegro_twin.ros.wire import PLAIN, Quality
+from allegro_twin.surfaces.ros import open_bridge
+from allegro_twin.surfaces.ros.bridge import Bridge
+from allegro_twin.surfaces.ros.node import Node
+from allegro_twin.surfaces.ros.node_api import PLAIN, Quality
 from tests.patience import comes_true, wait_for
 
 DOMAIN = 1 + os.getpid() % 100

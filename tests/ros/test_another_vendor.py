@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.ros import cell_topics as topics
-from allegro_twin.ros.cell_reports import CAMERA
-from allegro_twin.ros.idl import dds_name
-from allegro_twin.ros.topics import TRAJECTORY
+from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.surfaces.ros import cell_topics as topics
+from allegro_twin.surfaces.ros.cell_reports import CAMERA
+from allegro_twin.surfaces.ros.idl import dds_name
+from allegro_twin.surfaces.ros.topics import TRAJECTORY
 from allegro_twin.types import Vector
 from tests.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 from tests.ros.test_bridge import trajectory

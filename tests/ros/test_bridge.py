@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hand import Hand
-from allegro_twin.library.named import load_posture
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.ros import open_bridge
-from allegro_twin.ros.drivers import QUIET, Drivers
-from allegro_twin.ros.node import Node, qos_of
-from allegro_twin.ros.topics import PUBLISHED, TRAJECTORY, WRENCH
-from allegro_twin.ros.wire import Quality, checked
+from allegro_twin.hands.library.named import load_posture
+from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.ros import open_bridge
+from allegro_twin.surfaces.ros.control_lock import QUIET, Drivers
+from allegro_twin.surfaces.ros.node import Node, qos_of
+from allegro_twin.surfaces.ros.node_api import Quality, checked
+from allegro_twin.surfaces.ros.topics import PUBLISHED, TRAJECTORY, WRENCH
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
@@ -91,7 +91,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from allegro_twin.ros.idl import wire
+    from allegro_twin.surfaces.ros.idl import wire
 
     participant = peer.node._participant
     reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))

@@ -10,18 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.journal.observers import Onlookers
+from allegro_twin.cell.journal.second_camera import Lens
+from allegro_twin.cell.remote.remote_control import Led, follow
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.lab.cell import Room
-from allegro_twin.lab.follow import Led, follow
-from allegro_twin.lab.onlookers import Onlookers
-from allegro_twin.lab.watch import Lens
-from allegro_twin.messages import cells
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.ros import cell_topics as topics
-from allegro_twin.ros.cell import CellBridge, open_cell
-from allegro_twin.ros.topics import TRAJECTORY
-from allegro_twin.ros.wire import Quality
+from allegro_twin.recording.messages import cells
+from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.surfaces.ros import cell_topics as topics
+from allegro_twin.surfaces.ros.cell import CellBridge, open_cell
+from allegro_twin.surfaces.ros.node_api import Quality
+from allegro_twin.surfaces.ros.topics import TRAJECTORY
 from allegro_twin.types import Vector
 from tests.lab.test_run import room_of
 from tests.ros.conftest import DOMAIN, Peer, waited

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.ros import cell_topics as cell
-from allegro_twin.ros.topics import HEARD, PUBLISHED
+from allegro_twin.surfaces.ros import cell_topics as cell
+from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
 

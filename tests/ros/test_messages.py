@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.messages import states
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.messages.frames import Frames, description
-from allegro_twin.ros import cell_topics
-from allegro_twin.ros.idl import struct
-from allegro_twin.ros.topics import HEARD, PUBLISHED
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.recording.messages import states
+from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.frames import Frames, description
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.surfaces.ros import cell_topics
+from allegro_twin.surfaces.ros.idl import struct
+from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
 from allegro_twin.types import Array
 
 KINDS = sorted({entry.kind for entry in (*PUBLISHED, *HEARD, *cell_topics.PUBLISHED, *cell_topics.HEARD)} | {v.NODES})

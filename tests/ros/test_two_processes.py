@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from allegro_twin.messages import vocabulary as v
+from allegro_twin.recording.messages import vocabulary as v
 from tests.ros.conftest import DOMAIN, Peer
 
 pytestmark = pytest.mark.realtime
@@ -58,8 +58,8 @@ def test_five_hundred_messages_there_and_back_all_arrive_in_order(
     here = make_peer()
     code = f"""
 import sys
-from allegro_twin.messages import vocabulary as v
-from allegro_twin.ros.node import Node
+from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.surfaces.ros.node import Node
 words = v.vocabulary()
 node = Node(words, "echo", "/", {DOMAIN})
 node.subscribe("{here.full("ping")}", v.JOINT_STATE)

@@ -7,26 +7,26 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allegro_twin.build.polled import make_polled
-from allegro_twin.build.wired import Scene
-from allegro_twin.config import PolledSettings, RunConfig
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.backends.can import Scene
+from allegro_twin.app.backends.polled import make_polled
+from allegro_twin.app.config import PolledSettings, RunConfig
+from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.polled.backend import PolledBackend
+from allegro_twin.drivers.polled.device import Electronics, VirtualHand
+from allegro_twin.drivers.polled.exchange import Exchange
+from allegro_twin.drivers.polled.faults import FaultPlan
+from allegro_twin.drivers.polled.scale import Scale
+from allegro_twin.drivers.polled.settings import HostSettings
+from allegro_twin.drivers.polled.wire import Wire
+from allegro_twin.drivers.qb import codec as qb
+from allegro_twin.drivers.qb.device import QbDevice
+from allegro_twin.drivers.qb.host import QbWire
+from allegro_twin.drivers.schunk import codec as schunk
+from allegro_twin.drivers.schunk.device import SchunkDevice
+from allegro_twin.drivers.schunk.host import SchunkWire
 from allegro_twin.files.schema import parse
-from allegro_twin.serial.line.lockstep import LockstepPort
-from allegro_twin.serial.line.port import Port
-from allegro_twin.serial.polled.backend import PolledBackend
-from allegro_twin.serial.polled.device import Electronics, VirtualHand
-from allegro_twin.serial.polled.exchange import Exchange
-from allegro_twin.serial.polled.faults import FaultPlan
-from allegro_twin.serial.polled.scale import Scale
-from allegro_twin.serial.polled.settings import HostSettings
-from allegro_twin.serial.polled.wire import Wire
-from allegro_twin.serial.qb import codec as qb
-from allegro_twin.serial.qb.device import QbDevice
-from allegro_twin.serial.qb.host import QbWire
-from allegro_twin.serial.schunk import codec as schunk
-from allegro_twin.serial.schunk.device import SchunkDevice
-from allegro_twin.serial.schunk.host import SchunkWire
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, Vector
 from tests.serial.rigs import MADE, PERIOD, Joints, small_spec

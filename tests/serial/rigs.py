@@ -10,23 +10,23 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
+from allegro_twin.app.backends.can import Scene
+from allegro_twin.app.backends.dynamixel import make_servos
+from allegro_twin.app.config import DynamixelSettings, RunConfig
 from allegro_twin.backend import HandBackend, position_of
-from allegro_twin.build.servos import make_servos
-from allegro_twin.build.wired import Scene
-from allegro_twin.config import DynamixelSettings, RunConfig
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.serve import Device, serve
+from allegro_twin.drivers.base.terminal import Terminal
+from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
+from allegro_twin.drivers.dynamixel.codec.table import XM430_W350, Model
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
+from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
+from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.files.schema import parse
-from allegro_twin.serial.dynamixel.codec.calibration import Calibration, Mounting
-from allegro_twin.serial.dynamixel.codec.table import XM430_W350, Model
-from allegro_twin.serial.dynamixel.device.faults import FaultPlan
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.driver import ServoDriver
-from allegro_twin.serial.dynamixel.host.settings import HostSettings
-from allegro_twin.serial.line.lockstep import LockstepPort
-from allegro_twin.serial.line.port import Port
-from allegro_twin.serial.line.serve import Device, serve
-from allegro_twin.serial.line.terminal import Terminal
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 from tests.patience import comes_true

@@ -10,15 +10,15 @@ import pytest
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
+from allegro_twin.drivers.base.driver import Answer
+from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
+from allegro_twin.drivers.dynamixel.codec.shafts import Shafts
+from allegro_twin.drivers.dynamixel.codec.table import TRIPPED, XC330_M288, XM430_W350
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import CommandError, ConfigError, HandError, HandFault, LinkError, LinkTimeout
-from allegro_twin.serial.dynamixel.codec.calibration import Calibration
-from allegro_twin.serial.dynamixel.codec.shafts import Shafts
-from allegro_twin.serial.dynamixel.codec.table import TRIPPED, XC330_M288, XM430_W350
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.settings import HostSettings
-from allegro_twin.serial.line.driver import Answer
-from allegro_twin.serial.line.lockstep import LockstepPort
 from allegro_twin.types import HandState, PositionCommand, TorqueCommand, frozen
 from tests.serial.rigs import BAUD, LIMIT, PERIOD, Bench, Joints, calibrated, small_spec
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from allegro_twin.drivers.dynamixel.codec.budget import budget, check
 from allegro_twin.errors import ConfigError
-from allegro_twin.serial.dynamixel.codec.budget import budget, check
 
 
 def test_four_servos_at_the_speed_they_come_with_are_asked_39_times_a_second() -> None:

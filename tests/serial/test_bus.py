@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from allegro_twin.serial.dynamixel.codec.packet import (
+from allegro_twin.drivers.dynamixel.codec.packet import (
     BROADCAST,
     Damaged,
     Heard,
@@ -12,9 +12,9 @@ from allegro_twin.serial.dynamixel.codec.packet import (
     Refusal,
     status,
 )
-from allegro_twin.serial.dynamixel.codec.table import XM430_W350
-from allegro_twin.serial.dynamixel.device.bus import Bus
-from allegro_twin.serial.dynamixel.device.servo import Servo
+from allegro_twin.drivers.dynamixel.codec.table import XM430_W350
+from allegro_twin.drivers.dynamixel.virtual.bus import Bus
+from allegro_twin.drivers.dynamixel.virtual.servo import Servo
 
 BAUD = 1_000_000
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.dynamixel.codec.calibration import RAD_PER_TICK, Calibration, Mounting
+from allegro_twin.drivers.dynamixel.codec.table import XC330_M288, XM430_W350
 from allegro_twin.errors import ConfigError
-from allegro_twin.serial.dynamixel.codec.calibration import RAD_PER_TICK, Calibration, Mounting
-from allegro_twin.serial.dynamixel.codec.table import XC330_M288, XM430_W350
 from tests.serial.rigs import KT, LIMIT, calibrated, small_spec
 
 

@@ -11,18 +11,18 @@ import pytest
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import branch
-from allegro_twin.build.servos import calibration_of
-from allegro_twin.config import DynamixelSettings, RunConfig, load_config
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.backends.dynamixel import calibration_of
+from allegro_twin.app.config import DynamixelSettings, RunConfig, load_config
+from allegro_twin.app.session import recording_meta
+from allegro_twin.drivers.dynamixel.driver.prepare import check_place
 from allegro_twin.errors import ConfigError, HandFault, LinkError
 from allegro_twin.files.schema import parse
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.serial.dynamixel.host.prepare import check_place
-from allegro_twin.session import recording_meta
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.twin.branch import branch
 from tests.serial.rigs import MODEL_O, config_of
 
 

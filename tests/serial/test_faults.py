@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
+from allegro_twin.drivers.base.line_noise import Noise, Spoiler
+from allegro_twin.drivers.dynamixel.codec.packet import Refusal, status
+from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout, ProtocolError
-from allegro_twin.serial.dynamixel.codec.packet import Refusal, status
-from allegro_twin.serial.dynamixel.device.faults import Event, FaultPlan
-from allegro_twin.serial.line.spoil import Noise, Spoiler
 from tests.serial.rigs import Bench
 
 

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
+from allegro_twin.drivers.base.line_noise import Noise
+from allegro_twin.drivers.dynamixel.codec.packet import HEADER, Instruction, Packet, Parser, status
+from allegro_twin.drivers.dynamixel.codec.table import XM430_W350
+from allegro_twin.drivers.dynamixel.virtual.bus import Bus
+from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
+from allegro_twin.drivers.dynamixel.virtual.servo import Servo
 from allegro_twin.errors import HandError
-from allegro_twin.serial.dynamixel.codec.packet import HEADER, Instruction, Packet, Parser, status
-from allegro_twin.serial.dynamixel.codec.table import XM430_W350
-from allegro_twin.serial.dynamixel.device.bus import Bus
-from allegro_twin.serial.dynamixel.device.faults import FaultPlan
-from allegro_twin.serial.dynamixel.device.servo import Servo
-from allegro_twin.serial.line.spoil import Noise
 from tests.serial.rigs import BAUD, Bench
 
 FEW, MANY = 40_000, 1_000_000

@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from allegro_twin.serial.dynamixel.codec.calibration import Calibration
-from allegro_twin.serial.dynamixel.host.motors import Motors
-from allegro_twin.serial.dynamixel.host.sdk import Sdk
+from allegro_twin.drivers.dynamixel.codec.calibration import Calibration
+from allegro_twin.drivers.dynamixel.driver.motors import Motors
+from allegro_twin.drivers.dynamixel.driver.sdk import Sdk
 
 
 class Ear:

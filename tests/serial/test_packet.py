@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.serial.dynamixel.codec.packet import (
+from allegro_twin.drivers.dynamixel.codec.packet import (
     BROADCAST,
     HEADER,
     Damaged,

@@ -7,19 +7,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.base.line_noise import Noise
+from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.dynamixel.codec.packet import status
+from allegro_twin.drivers.polled.device import VirtualHand
+from allegro_twin.drivers.polled.exchange import Exchange
+from allegro_twin.drivers.polled.faults import Event, FaultPlan
+from allegro_twin.drivers.polled.settings import HostSettings
+from allegro_twin.drivers.qb.codec import Command, Packet
+from allegro_twin.drivers.qb.device import QbDevice
+from allegro_twin.drivers.schunk.codec import Question, Who
+from allegro_twin.drivers.schunk.device import SchunkDevice
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout, ProtocolError
-from allegro_twin.serial.dynamixel.codec.packet import status
-from allegro_twin.serial.line.lockstep import LockstepPort
-from allegro_twin.serial.line.port import Port
-from allegro_twin.serial.line.spoil import Noise
-from allegro_twin.serial.polled.device import VirtualHand
-from allegro_twin.serial.polled.exchange import Exchange
-from allegro_twin.serial.polled.faults import Event, FaultPlan
-from allegro_twin.serial.polled.settings import HostSettings
-from allegro_twin.serial.qb.codec import Command, Packet
-from allegro_twin.serial.qb.device import QbDevice
-from allegro_twin.serial.schunk.codec import Question, Who
-from allegro_twin.serial.schunk.device import SchunkDevice
 from allegro_twin.types import HandState, PositionCommand
 from tests.serial.polled_rigs import BAUD, ID, KINDS, KT, MOTORS, TICKS, Kind, Polled, boot_of, scale_of, virtual
 from tests.serial.rigs import PERIOD, Joints, small_spec

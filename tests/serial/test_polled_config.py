@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build.assemble import assemble
-from allegro_twin.build.branching import branch
-from allegro_twin.config import RunConfig, load_config
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.session import recording_meta
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout
 from allegro_twin.files.schema import parse
 from allegro_twin.loop import run, until
-from allegro_twin.replay.recorder import recorded
-from allegro_twin.replay.recording import load
-from allegro_twin.session import recording_meta
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.twin.branch import branch
 from tests.serial.polled_rigs import polled_config
 
 HANDS = {"qb_softhand": "qb", "sih": "schunk"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.qb.codec import HEADER, Command, Packet
+from allegro_twin.drivers.schunk.codec import START, Question, State, Who
 from allegro_twin.errors import HandError
-from allegro_twin.serial.qb.codec import HEADER, Command, Packet
-from allegro_twin.serial.schunk.codec import START, Question, State, Who
 from tests.serial.polled_rigs import BAUD, ID, KINDS, MOTORS, TICKS, Kind, Polled, virtual
 
 FEW, MANY = 30_000, 1_000_000

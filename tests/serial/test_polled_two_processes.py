@@ -18,13 +18,13 @@ import pytest
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from allegro_twin.drivers.base.adapter import Adapter
+from allegro_twin.drivers.base.terminal import Terminal
+from allegro_twin.drivers.dynamixel.codec.packet import status
+from allegro_twin.drivers.polled.backend import PolledBackend
+from allegro_twin.drivers.polled.device import VirtualHand
+from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
-from allegro_twin.serial.dynamixel.codec.packet import status
-from allegro_twin.serial.line.adapter import Adapter
-from allegro_twin.serial.line.terminal import Terminal
-from allegro_twin.serial.polled.backend import PolledBackend
-from allegro_twin.serial.polled.device import VirtualHand
-from allegro_twin.serial.polled.settings import HostSettings
 from allegro_twin.types import HandState, PositionCommand
 from tests.serial.polled_rigs import BAUD, KINDS, MOTORS, Kind, scale_of, spec_of, virtual, wire_of
 from tests.serial.rigs import MADE, Serving, soon

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.serial.qb.codec import Command, Packet, Parser, answer, lrc, numbers, words
-from allegro_twin.serial.qb.device import QbDevice
+from allegro_twin.drivers.qb.codec import Command, Packet, Parser, answer, lrc, numbers, words
+from allegro_twin.drivers.qb.device import QbDevice
 
 PING = bytes.fromhex("3a3a 01 02 00 00")
 GOAL = bytes.fromhex("3a3a 01 06 82 4a38 0000 f0")  # 19000, 0; 82 ^ 4a ^ 38 = f0.

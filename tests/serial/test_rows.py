@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.serial.dynamixel.codec.packet import status
-from allegro_twin.serial.dynamixel.codec.rows import AROUND, answers, clean
+from allegro_twin.drivers.dynamixel.codec.packet import status
+from allegro_twin.drivers.dynamixel.codec.rows import AROUND, answers, clean
 
 IDS, SIZE = (2, 1, 3, 252), 10
 

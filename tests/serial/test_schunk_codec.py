@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.serial.schunk import codec
-from allegro_twin.serial.schunk.codec import SIZE, START, SUMMED, Kind, Question, State, Who, fletcher16, frames
+from allegro_twin.drivers.schunk import codec
+from allegro_twin.drivers.schunk.codec import SIZE, START, SUMMED, Kind, Question, State, Who, fletcher16, frames
 
 ticks = st.integers(0, codec.TICKS)
 questions = st.builds(

@@ -7,8 +7,8 @@ import select
 import threading
 from pathlib import Path
 
-from allegro_twin.serial.line.serve import serve
-from allegro_twin.serial.line.terminal import Terminal
+from allegro_twin.drivers.base.serve import serve
+from allegro_twin.drivers.base.terminal import Terminal
 
 
 class Slow:

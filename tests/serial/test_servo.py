@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.errors import ConfigError
-from allegro_twin.serial.dynamixel.codec.packet import Refusal
-from allegro_twin.serial.dynamixel.codec.table import (
+from allegro_twin.drivers.dynamixel.codec.packet import Refusal
+from allegro_twin.drivers.dynamixel.codec.table import (
     CURRENT_POSITION,
     EXTENDED,
     MODELS,
@@ -16,7 +15,8 @@ from allegro_twin.serial.dynamixel.codec.table import (
     Model,
     model_named,
 )
-from allegro_twin.serial.dynamixel.device.servo import Servo
+from allegro_twin.drivers.dynamixel.virtual.servo import Servo
+from allegro_twin.errors import ConfigError
 
 
 @pytest.fixture

@@ -18,14 +18,14 @@ pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
+from allegro_twin.drivers.base.adapter import Adapter
+from allegro_twin.drivers.base.terminal import Terminal
+from allegro_twin.drivers.dynamixel.codec.packet import Instruction, Packet, status
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
+from allegro_twin.drivers.dynamixel.driver.line import SdkLine
+from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
-from allegro_twin.serial.dynamixel.codec.packet import Instruction, Packet, status
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand
-from allegro_twin.serial.dynamixel.host.backend import DynamixelBackend
-from allegro_twin.serial.dynamixel.host.line import SdkLine
-from allegro_twin.serial.dynamixel.host.settings import HostSettings
-from allegro_twin.serial.line.adapter import Adapter
-from allegro_twin.serial.line.terminal import Terminal
 from allegro_twin.types import HandState, PositionCommand
 from tests.serial.rigs import BAUD, MADE, Joints, Serving, calibrated, small_spec, soon
 

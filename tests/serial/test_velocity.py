@@ -7,10 +7,10 @@ import random
 import numpy as np
 import pytest
 
-from allegro_twin.serial.line.lockstep import LockstepPort
-from allegro_twin.serial.line.port import Port
-from allegro_twin.serial.line.velocity import DifferenceQuotient, Exchanged
-from allegro_twin.serial.polled.settings import HostSettings
+from allegro_twin.drivers.base.lockstep import LockstepPort
+from allegro_twin.drivers.base.port import Port
+from allegro_twin.drivers.base.velocity import DifferenceQuotient, Exchanged
+from allegro_twin.drivers.polled.settings import HostSettings
 from allegro_twin.types import HandState, PositionCommand
 from tests.serial.polled_rigs import KINDS, Kind, Polled, scale_of
 from tests.serial.rigs import PERIOD

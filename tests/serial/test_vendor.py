@@ -14,8 +14,8 @@ dynamixel_sdk = pytest.importorskip("dynamixel_sdk", reason="pip install 'allegr
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.serial.dynamixel.codec.table import MODELS, Model  # noqa: E402  # What is missing is said first.
-from allegro_twin.serial.dynamixel.device.hand import VirtualHand  # noqa: E402  # As above.
+from allegro_twin.drivers.dynamixel.codec.table import MODELS, Model  # noqa: E402  # What is missing is said first.
+from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand  # noqa: E402  # As above.
 from tests.serial.rigs import Joints, Serving, calibrated, small_spec, soon  # noqa: E402  # As above.
 
 BAUD = 1_000_000

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.control.controllers import Torque
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.orientation import facing, quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend, substeps

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.named import load_posture, posture_names
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.named import load_posture, posture_names
-from allegro_twin.sim.contact.clearance import SIGHT, Clearance, touching_geoms
+from allegro_twin.sim.contact.self_clearance import SIGHT, Clearance, touching_geoms
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
 from tests.sim.test_foreign import menagerie_like

@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.metrics.carrying import least_effort
-from allegro_twin.evaluate.metrics.measure import measured, of_touch
+from allegro_twin.grasping.metrics.carrying import least_effort
+from allegro_twin.grasping.metrics.measure import measured, of_touch
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
 from allegro_twin.sim.model.parts import part_names
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.things.objects import Placement, Thing
+from allegro_twin.sim.objects.catalogue import Placement, Thing
 from allegro_twin.spec import HandSpec, Side
 from tests.sim.test_foreign import menagerie_like
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
 from allegro_twin.errors import ConfigError
-from allegro_twin.replay.identity import spec_from_json, spec_to_json
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import HandState, TorqueCommand
 from tests.conftest import MakeSim
 

@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.build import assemble
-from allegro_twin.cli.run.runs import Options, configs_of
-from allegro_twin.config import RunConfig
+from allegro_twin.app import assemble
+from allegro_twin.app.config import RunConfig
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.hand import Hand
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Side
+from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.surfaces.hand import Hand
 from tests.conftest import MakeSim
 
 PREFIX = {"0": "ff", "1": "mf", "2": "rf", "3": "th"}

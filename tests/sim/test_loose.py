@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.drive import AILMENTS
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.drive.backlash import able
+from allegro_twin.sim.drivetrain.backlash import able
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import AILMENTS
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim, on_a_bus
 

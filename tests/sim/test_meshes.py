@@ -10,18 +10,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.cli.run.runs import Options, configs_of
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app import assemble
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.scenario import load_protocol
-from allegro_twin.evaluate.timeline import stage
-from allegro_twin.evaluate.uncertainty import Draw
+from allegro_twin.grasping.scenario import load_protocol
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.model.parts import parts_of
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.things.decompose import pieces_of, standing_out
-from allegro_twin.sim.things.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
-from allegro_twin.sim.things.objects import Placement, Thing, add
+from allegro_twin.sim.objects.catalogue import Placement, Thing, add
+from allegro_twin.sim.objects.convex_decomposition import pieces_of, standing_out
+from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
+from allegro_twin.surfaces.cli.run.runs import Options, configs_of
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
 

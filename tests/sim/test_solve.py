@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.sim.contact.solve import FingertipSolver
+from allegro_twin.sim.contact.fingertip_ik import FingertipSolver
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.types import Array, Vector
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tensors import TensorVectorEnv
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.types import Array
 
 T, FAIR = 20, 6

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
-from allegro_twin.drive import Drive
-from allegro_twin.sim.beside.pieces import BEFORE, Parameters, Pieces
-from allegro_twin.sim.beside.windows import Player
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
+from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim
 

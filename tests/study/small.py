@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.files.schema import parse
-from allegro_twin.study.draws import case
-from allegro_twin.study.protocol import Study, load_study
+from studies.preemption.draws import case
+from studies.preemption.protocol import Study, load_study
 
 
 def content(**changed: Any) -> dict[str, Any]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.study.analysis import analysed, choices, chosen
-from allegro_twin.study.outcomes import control_of, outcomes_of
-from allegro_twin.study.page import page
-from allegro_twin.study.protocol import Study, load_study
-from allegro_twin.study.told import answer_of, by_definition, choices_of, sentence
+from studies.preemption.analysis import analysed, choices, chosen
+from studies.preemption.outcomes import control_of, outcomes_of
+from studies.preemption.page import page
+from studies.preemption.protocol import Study, load_study
+from studies.preemption.report_text import answer_of, by_definition, choices_of, sentence
 from tests.study.small import rows
 
 ALIKE = dict.fromkeys(("P0", "P0e", "P25", "P50", "P75", "P90", "Pd", "Pc"), 0.8)

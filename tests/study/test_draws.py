@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.study.bench import Bench, Job
-from allegro_twin.study.draws import block, case
-from allegro_twin.study.policies import Seen, begins, due
-from allegro_twin.study.protocol import Policy, load_study
-from allegro_twin.study.work import sweep_of
+from studies.preemption.draws import block, case
+from studies.preemption.jobs import sweep_of
+from studies.preemption.policies import Seen, begins, due
+from studies.preemption.protocol import Policy, load_study
+from studies.preemption.scenes import Bench, Job
 from tests.study.small import study
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.study.folder import TRIALS, gathered, read, write
-from allegro_twin.study.protocol import Study
-from allegro_twin.study.work import sweep_of
 from allegro_twin.sweep import Local, Store, run
+from studies.preemption.folder import TRIALS, gathered, read, write
+from studies.preemption.jobs import sweep_of
+from studies.preemption.protocol import Study
 from tests.study import small
 
 

@@ -10,9 +10,10 @@ import yaml
 
 from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root
-from allegro_twin.study import registration
-from allegro_twin.study.protocol import load_study
-from allegro_twin.study.registration import (
+from studies.preemption import registration
+from studies.preemption.jobs import sweep_of
+from studies.preemption.protocol import load_study
+from studies.preemption.registration import (
     CODE,
     EXPLORATORY,
     contents_of,
@@ -23,7 +24,6 @@ from allegro_twin.study.registration import (
     stamp_of,
     status_of,
 )
-from allegro_twin.study.work import sweep_of
 from tests.study import small
 
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import minimize  # type: ignore[import-untyped]  # SciPy has no types.
 from scipy.stats import binomtest  # type: ignore[import-untyped]  # Likewise.
 
-from allegro_twin.evaluate.statistics import Paired, draws_needed
-from allegro_twin.study.dose import fit
-from allegro_twin.study.paired import bound, holm, newcombe, not_inferior, pairs_not_inferior
-from allegro_twin.study.resampled import over_clusters
+from allegro_twin.grasping.statistics import Paired, draws_needed
+from studies.preemption.bootstrap import over_clusters
+from studies.preemption.dose_response import fit
+from studies.preemption.paired_tests import bound, holm, newcombe, not_inferior, pairs_not_inferior
 
 
 @pytest.mark.parametrize(

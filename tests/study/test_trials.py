@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from allegro_twin.study.bench import Bench, Job
-from allegro_twin.study.draws import case
-from allegro_twin.study.protocol import Study
-from allegro_twin.study.work import made
+from studies.preemption.draws import case
+from studies.preemption.jobs import made
+from studies.preemption.protocol import Study
+from studies.preemption.scenes import Bench, Job
 from tests.study.small import content, study
 
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.config import RunConfig
-from allegro_twin.hand import Hand
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.app.config import RunConfig
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.teleop.follower import Follower
-from allegro_twin.teleop.leading import replay
-from allegro_twin.teleop.targets import Targets
-from allegro_twin.teleop.tracks import Track
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.teleop.follower import Follower
+from allegro_twin.surfaces.teleop.run import replay
+from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.surfaces.teleop.tracks import Track
 from allegro_twin.types import Array, Vector
 
 

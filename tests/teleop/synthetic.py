@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import Side
-from allegro_twin.teleop.tracks import HEADER
+from allegro_twin.surfaces.teleop.tracks import HEADER
 from allegro_twin.types import Array, Vector
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError, HandError, LinkError
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.teleop import camera
-from allegro_twin.teleop.apart import Apart
-from allegro_twin.teleop.camera import Webcam, points_of
-from allegro_twin.teleop.dex import Retargeting
-from allegro_twin.teleop.opened import open_follower
-from allegro_twin.teleop.targets import Targets, vectors
+from allegro_twin.surfaces.teleop import camera
+from allegro_twin.surfaces.teleop.camera import Webcam, points_of
+from allegro_twin.surfaces.teleop.dex import Retargeting
+from allegro_twin.surfaces.teleop.process import Apart
+from allegro_twin.surfaces.teleop.session import open_follower
+from allegro_twin.surfaces.teleop.targets import Targets, vectors
 from tests.teleop.conftest import led, sim_config
 from tests.teleop.synthetic import ROOT, hand, performed, write_csv
 

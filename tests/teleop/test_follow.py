@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from allegro_twin.config import RunConfig
+from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.hand import Hand
-from allegro_twin.kinematics.closed_form import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.teleop.leading import live
-from allegro_twin.teleop.targets import Targets
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.teleop.run import live
+from allegro_twin.surfaces.teleop.targets import Targets
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.teleop.conftest import led, sim_config
@@ -81,7 +81,7 @@ def test_how_the_arm_is_turned_and_where_it_is_does_not_matter(spec: HandSpec) -
 @pytest.mark.parametrize("tracked", ["right", "left"])
 def test_either_hand_of_a_person_leads_either_of_the_robots(tracked: Side, side: Side, spec: HandSpec) -> None:
     """The left hand of each is the right one's mirror image."""
-    from allegro_twin.description.hands import load_spec
+    from allegro_twin.hands.description.hands import load_spec
 
     shown = hand(0.4) * [1.0, 1.0 if tracked == "right" else -1.0, 1.0]
     expected = Targets(spec, "right")(hand(0.4)) * [1.0, 1.0 if side == "right" else -1.0, 1.0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.teleop.tracks import HEADER, read_track
+from allegro_twin.surfaces.teleop.tracks import HEADER, read_track
 from tests.teleop.synthetic import EXAMPLE, hand, performed, write_csv
 
 TIMES, FRAMES = performed(rate=5.0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.policy.loading import load_policy
-from allegro_twin.train import Recipe, train
+from allegro_twin.learning.policy.loading import load_policy
+from allegro_twin.learning.training import Recipe, train
 
 HAND: dict[str, Any] = {"timestep": 0.003, "decimation": 20, "observation": "hand", "history": 3}
 
@@ -28,9 +28,9 @@ def teacher(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """It says what the middle of the fingers' places and the object's tell it."""
     torch = pytest.importorskip("torch")
     pytest.importorskip("onnx")
-    from allegro_twin.gym.settings import EnvSettings
-    from allegro_twin.gym.tasks import make_task
-    from allegro_twin.train.graph.export import Layered, to_onnx
+    from allegro_twin.learning.environments.settings import EnvSettings
+    from allegro_twin.learning.tasks import make_task
+    from allegro_twin.learning.training.graph.onnx_export import Layered, to_onnx
 
     torch.manual_seed(1)
     card = make_task("Rotate", EnvSettings(timestep=0.003, decimation=20), 1, 1).card()
@@ -56,11 +56,11 @@ def test_it_leaves_a_policy_that_a_real_hand_could_run_and_goes_on(tmp_path: Pat
 
 def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_path: Path, teacher: Path) -> None:
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.settings import EnvSettings
-    from allegro_twin.gym.tasks import make_task
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.graph.taken import Acting, layers_of
-    from allegro_twin.train.tensors.dagger import Pupil
+    from allegro_twin.learning.environments.settings import EnvSettings
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.tasks import make_task
+    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.rsl.dagger import Pupil
 
     chosen = recipe(
         teacher=str(teacher), envs=32, rollout=8, steps=7680, batch=64, epochs=8, hidden=[64], learning_rate=3e-3
@@ -84,11 +84,11 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
 
 def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     pytest.importorskip("torch")
-    from allegro_twin.gym.settings import EnvSettings
-    from allegro_twin.gym.tasks import make_task
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.graph.taken import Acting, layers_of
-    from allegro_twin.train.tensors.dagger import Pupil
+    from allegro_twin.learning.environments.settings import EnvSettings
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.tasks import make_task
+    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.rsl.dagger import Pupil
 
     env = TensorVectorEnv("Rotate", 4, **HAND | {"observation": "full"})
     card = make_task("Rotate", EnvSettings(**HAND), 1, 1).card()

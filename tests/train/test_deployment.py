@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.episode import Episode
-from allegro_twin.gym.settings import EnvSettings
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.episode import Episode
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.controller import PolicyController, Still
+from allegro_twin.learning.training.evaluation import evaluate, fitting
+from allegro_twin.learning.training.settings import load_recipe
 from allegro_twin.loop import run
-from allegro_twin.policy.controller import PolicyController, Still
-from allegro_twin.train.evaluation import evaluate, fitting
-from allegro_twin.train.settings import load_recipe
 
 POLICIES = data_root() / "conf" / "policies"
 CLOSE = 0.05
@@ -114,7 +114,7 @@ def test_a_policy_of_another_task_is_refused_with_both_sides() -> None:
 @pytest.mark.parametrize("name", ["reach", "grasp"])
 def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    from allegro_twin.policy.loading import load_policy
+    from allegro_twin.learning.policy.loading import load_policy
 
     path = POLICIES / f"{name}_right.onnx"
     assert path.stat().st_size < 1_000_000
@@ -128,8 +128,8 @@ def test_shipped_policies_are_small_and_for_the_right_hand(name: str) -> None:
 @pytest.mark.parametrize("name", ["rotate", "reorient"])
 def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    from allegro_twin.policy.loading import load_policy
-    from allegro_twin.train.report import as_shipped
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.training.report import as_shipped
 
     path, recipe = POLICIES / f"{name}_right.onnx", load_recipe(name)
     assert path.stat().st_size < 1_000_000
@@ -143,9 +143,9 @@ def test_a_policy_that_sees_the_cube_fits_its_task_and_no_real_hand(name: str) -
 @pytest.mark.parametrize("name", ["reach", "grasp"])
 def test_a_policy_on_the_virtual_hand_over_can_is_as_good_as_in_the_batch(name: str) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    from allegro_twin.policy.loading import load_policy
-    from allegro_twin.train.deployment import over_can
-    from allegro_twin.train.report import as_shipped
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.training.deployment import over_can
+    from allegro_twin.learning.training.report import as_shipped
 
     recipe, path, episodes = load_recipe(name), POLICIES / f"{name}_right.onnx", 60
     settings = as_shipped(recipe.environment)

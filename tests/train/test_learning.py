@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.train import Recipe, load_recipe, train
-from allegro_twin.train.progress import VERSION
+from allegro_twin.learning.training import Recipe, load_recipe, train
+from allegro_twin.learning.training.progress import VERSION
 
 pytest.importorskip("torch", reason="training needs the extra rl")
 for name in ("stable_baselines3", "onnx", "onnxruntime", "tensorboard"):
@@ -39,7 +39,7 @@ def weights(folder: Path) -> dict[str, Any]:
     """Everything that the policy and its optimiser have learned, as it is in the last checkpoint."""
     import torch
 
-    from allegro_twin.train.stable.checkpoint import newest
+    from allegro_twin.learning.training.sb3.checkpoint import newest
 
     path = newest(folder)
     assert path is not None
@@ -119,7 +119,7 @@ def test_after_a_sigkill_the_same_command_goes_on(whole: Path, tmp_path: Path) -
 def test_the_exported_policy_acts_as_the_trained_one_and_carries_its_card(whole: Path) -> None:
     from stable_baselines3 import PPO
 
-    from allegro_twin.policy.loading import load_policy
+    from allegro_twin.learning.policy.loading import load_policy
 
     exported = load_policy(whole / "policy.onnx")
     assert (exported.card.task, exported.card.side, exported.card.mode) == ("AllegroTwin/Reach-v0", "right", "delta")
@@ -141,7 +141,7 @@ def test_with_a_state_the_critic_sees_it_and_the_exported_policy_does_not_need_i
     import torch
     from stable_baselines3 import PPO
 
-    from allegro_twin.policy.loading import load_policy
+    from allegro_twin.learning.policy.loading import load_policy
 
     environment = {"timestep": 0.003, "state": True}
     trained = train(recipe(task=task, environment=environment, steps=256), tmp_path)
@@ -205,7 +205,7 @@ def test_rounds_are_whole_updates() -> None:
 
 
 def test_goals_go_farther_from_round_to_round_and_arrive_where_they_should(tmp_path: Path) -> None:
-    from allegro_twin.train.stable import ppo as learning
+    from allegro_twin.learning.training.sb3 import ppo as learning
 
     few = recipe(task="Reorient", environment={"timestep": 0.003}, envs=2, rollout=4, steps=16, round=8, batch=8,
                  trials=1, farthest=(0.4, 0.8))  # fmt: skip

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.cli import console
-from allegro_twin.cli.main import main
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.policy.controller import Still
-from allegro_twin.train.evaluation import Evaluation, evaluate
-from allegro_twin.train.learned import EVALUATION, ROUND_SEEDS
-from allegro_twin.train.report import (
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.policy.controller import Still
+from allegro_twin.learning.training.evaluation import Evaluation, evaluate
+from allegro_twin.learning.training.learned import EVALUATION, ROUND_SEEDS
+from allegro_twin.learning.training.report import (
     LOOKED_AT,
     SEED,
     SELECTION,
@@ -30,7 +28,9 @@ from allegro_twin.train.report import (
     sets,
     write,
 )
-from allegro_twin.train.settings import Recipe, load_recipe
+from allegro_twin.learning.training.settings import Recipe, load_recipe
+from allegro_twin.surfaces.cli import console
+from allegro_twin.surfaces.cli.main import main
 
 REACH = data_root() / "conf" / "policies" / "reach_right.onnx"
 
@@ -130,7 +130,7 @@ def test_another_seed_is_another_set_of_episodes(
 ) -> None:
     """Also of those over the bus, and of the film; the same seed is the same ones."""
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    from allegro_twin.train import deployment, evaluation, report
+    from allegro_twin.learning.training import deployment, evaluation, report
 
     used: list[tuple[str, int]] = []
 
@@ -175,8 +175,8 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Or else every choice about the next training would have seen them."""
-    from allegro_twin.cli.policies import training
-    from allegro_twin.train import report
+    from allegro_twin.learning.training import report
+    from allegro_twin.surfaces.cli.policies import training
 
     used: list[int] = []
 

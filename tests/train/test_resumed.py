@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.randomise import Randomise
-from allegro_twin.train import Recipe, train
+from allegro_twin.learning.environments.randomise import Randomise
+from allegro_twin.learning.training import Recipe, train
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'allegro-twin[rsl]'")
 pytest.importorskip("rsl_rl", reason="rsl_rl is not installed: pip install 'allegro-twin[rsl]'")
@@ -105,7 +105,7 @@ def test_generators_outside_go_on_where_they_were(tmp_path: Path) -> None:
     """A task of a user's may draw from NumPy's or Python's own generator."""
     import random
 
-    from allegro_twin.train.tensors.rounds import _generators, _seed
+    from allegro_twin.learning.training.rsl.rounds import _generators, _seed
 
     torch.save(_generators(), tmp_path / "states.pt")
     drawn = [(torch.rand(3).tolist(), np.random.normal(size=3).tolist(), random.random()) for _ in range(2)]

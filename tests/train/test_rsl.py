@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.policy.loading import load_policy
-from allegro_twin.train import Recipe, progress, train
-from allegro_twin.train.progress import same_training
-from allegro_twin.train.settings import load_recipe
+from allegro_twin.learning.policy.loading import load_policy
+from allegro_twin.learning.training import Recipe, progress, train
+from allegro_twin.learning.training.progress import same_training
+from allegro_twin.learning.training.settings import load_recipe
 
 EXTRA = "rsl_rl is not installed: pip install 'allegro-twin[rsl]'"
 
@@ -55,9 +55,9 @@ def test_it_goes_on_after_the_last_round_and_elsewhere(tmp_path: Path) -> None:
 def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.graph.export import to_onnx
-    from allegro_twin.train.tensors.ppo import Learner
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.training.graph.onnx_export import to_onnx
+    from allegro_twin.learning.training.rsl.ppo import Learner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003, state=True)
     learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003, "state": True}), env)
@@ -92,8 +92,8 @@ def test_what_is_lost_at_the_last_moment_is_a_failure_and_not_a_time_limit(monke
     """A value is put in the place of what a time limit cuts off, never of a loss."""
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.tensors.ppo import Learner
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.training.rsl.ppo import Learner
 
     env = TensorVectorEnv("Reach", 4, timestep=0.003)
     learner = Learner(recipe(rollout=1, batch=4), env)
@@ -148,8 +148,8 @@ def test_a_training_that_starts_from_a_policy_keeps_it_until_its_value_is_known(
 def test_a_training_begins_with_next_to_no_action() -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.tensors.ppo import Learner
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.training.rsl.ppo import Learner
 
     env = TensorVectorEnv("Rotate", 4, timestep=0.003)
     learner = Learner(recipe(task="Rotate", environment={"timestep": 0.003}), env)
@@ -161,8 +161,8 @@ def test_a_training_begins_with_next_to_no_action() -> None:
 def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.tensors.ppo import Learner
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.training.rsl.ppo import Learner
 
     hand: dict[str, Any] = {"timestep": 0.003, "observation": "hand"}
     given = train(recipe(task="Rotate", environment=hand), tmp_path).policy
@@ -183,10 +183,10 @@ def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None
 def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_path: Path) -> None:
     pytest.importorskip("rsl_rl", reason=EXTRA)
     torch = pytest.importorskip("torch")
-    from allegro_twin.gym.tensors import TensorVectorEnv
-    from allegro_twin.train.graph.export import to_onnx
-    from allegro_twin.train.graph.taken import Acting, layers_of
-    from allegro_twin.train.tensors.ppo import Learner
+    from allegro_twin.learning.environments.tensors import TensorVectorEnv
+    from allegro_twin.learning.training.graph.onnx_export import to_onnx
+    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.rsl.ppo import Learner
 
     given = train(recipe(task="Rotate", environment={"timestep": 0.003}), tmp_path).policy
     env = TensorVectorEnv("Reorient", 4, timestep=0.003, state=True)
@@ -212,7 +212,7 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
 def test_a_file_that_training_did_not_write_is_no_start(tmp_path: Path) -> None:
     onnx = pytest.importorskip("onnx", reason=EXTRA)
     pytest.importorskip("torch", reason=EXTRA)
-    from allegro_twin.train.graph.taken import layers_of
+    from allegro_twin.learning.training.graph.onnx_import import layers_of
 
     seen, given = (onnx.helper.make_tensor_value_info(name, 1, ["batch", 16]) for name in ("observation", "action"))
     nodes = [

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.gym.env import HandEnv
-from allegro_twin.gym.tasks import TASKS
-from allegro_twin.gym.vector import HandVectorEnv
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.tasks import TASKS
 from tests.gym.test_batch import kwargs_of
 
 pytest.importorskip("stable_baselines3", reason="the adapter is for Stable-Baselines3: extra rl")
-from allegro_twin.train.stable.env import StableEnv
+from allegro_twin.learning.training.sb3.env import StableEnv
 
 N = 6
 FEW: dict[str, Any] = {"objects": ("tennis_ball", "lemon")}

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.gym.settings import EnvSettings
-from allegro_twin.gym.tasks import make_task
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.tasks import make_task
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'allegro-twin[rsl]'")
 pytest.importorskip("onnx", reason="onnx is not installed: pip install 'allegro-twin[rsl]'")
@@ -20,7 +20,7 @@ HAND, PLACES = 5, 3
 
 
 def columns(theirs: dict[str, int], mine: dict[str, int], *, turns: bool = False) -> list[int]:
-    from allegro_twin.train.tensors.starting import _columns
+    from allegro_twin.learning.training.rsl.initialisation import _columns
 
     return _columns(Path("start.onnx"), theirs, turns, mine)
 
@@ -60,10 +60,10 @@ def test_a_policy_that_acts_much_acts_the_same_from_its_new_place(tmp_path: Path
     from rsl_rl.models import MLPModel
     from tensordict import TensorDict
 
-    from allegro_twin.train.graph.export import Layered, to_onnx
-    from allegro_twin.train.graph.left import left
-    from allegro_twin.train.graph.taken import Acting, layers_of
-    from allegro_twin.train.tensors.starting import start_from
+    from allegro_twin.learning.training.graph.goal_features import left
+    from allegro_twin.learning.training.graph.onnx_export import Layered, to_onnx
+    from allegro_twin.learning.training.graph.onnx_import import Acting, layers_of
+    from allegro_twin.learning.training.rsl.initialisation import start_from
 
     torch.manual_seed(0)
     theirs, mine = goals(HAND - 2, PLACES), goals(HAND, PLACES)

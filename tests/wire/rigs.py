@@ -10,23 +10,23 @@ from typing import Any, Self
 import can
 import numpy as np
 
-from allegro_twin.build.wired import Scene, firmware_of, make_can
-from allegro_twin.config import CanSettings, RunConfig
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.backends.can import Scene, firmware_of, make_can
+from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.virtual.faults import FaultPlan
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
+from allegro_twin.drivers.can.virtual.serve import serve
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import Side
 from allegro_twin.types import HandState, TorqueCommand
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.faults import FaultPlan
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.lockstep import LockstepBus
-from allegro_twin.wire.device.serve import serve
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.link import Port
-from allegro_twin.wire.host.settings import HostSettings
 from tests.conftest import can_config
 from tests.patience import comes_true
 

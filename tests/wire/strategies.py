@@ -7,14 +7,14 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from allegro_twin.description.calibration import Calibration
-from allegro_twin.description.wiring import load_wiring
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ProtocolError
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.hands.description.calibration import Calibration
+from allegro_twin.hands.description.wiring import load_wiring
 
 Messages = st.SearchStrategy[Message]
 UNEVEN = Calibration(torque_constant=tuple(0.3 + 0.1 * joint for joint in range(16)))

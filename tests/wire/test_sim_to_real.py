@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build import Rig, assemble
-from allegro_twin.config import RunConfig
+from allegro_twin.app import Rig, assemble
+from allegro_twin.app.config import RunConfig
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
-from allegro_twin.description.calibration import FULL_SCALE as FULL
-from allegro_twin.description.calibration import Version, geared
-from allegro_twin.description.hands import load_spec
-from allegro_twin.evaluate.held import Report
-from allegro_twin.library.gains import load_gains
-from allegro_twin.library.named import load_posture
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.description.calibration import FULL_SCALE as FULL
+from allegro_twin.hands.description.calibration import Version, geared
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import Command, HandState, TorqueCommand, Vector, frozen
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.velocity import VelocityFilter
 from tests.conftest import MakeSim
 from tests.wire.rigs import Bench, half_count
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
 from tests.patience import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from allegro_twin.errors import CommandError
-from allegro_twin.sim.contact.clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import Clearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

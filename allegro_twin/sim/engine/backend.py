@@ -8,19 +8,19 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.arm_spec import ArmSpec
 from allegro_twin.backend import position_of, torque_of
-from allegro_twin.drive import Ailment, Drive
 from allegro_twin.errors import ConfigError, HandFault
-from allegro_twin.sim.drive.drivetrain import Drivetrain, drives_joints
-from allegro_twin.sim.drive.lengths import Lengths
-from allegro_twin.sim.drive.servos import ONE, Servos
-from allegro_twin.sim.engine.holding import Holding, feels
+from allegro_twin.sim.drivetrain.drivetrain import Drivetrain, drives_joints
+from allegro_twin.sim.drivetrain.servos import ONE, Servos
+from allegro_twin.sim.drivetrain.transmission import Lengths
+from allegro_twin.sim.engine.arm_holding import Holding, feels
 from allegro_twin.sim.engine.world import World
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.losses import Change, lose
-from allegro_twin.sim.model.posed import Posed, moved_by, span
+from allegro_twin.sim.model.friction_changes import Change, lose
+from allegro_twin.sim.model.postures import Posed, moved_by, span
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.arm import ArmSpec
+from allegro_twin.spec.drivetrain import Ailment, Drive
 from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Vector, frozen
 
 ENGINE = f"mujoco {mujoco.__version__}"

@@ -8,18 +8,18 @@ from warnings import catch_warnings, filterwarnings
 
 import mujoco
 
-from allegro_twin.arm_spec import ArmSpec
-from allegro_twin.description.appearance import STAND, TABLE
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
-from allegro_twin.sim.drive import drivetrain
-from allegro_twin.sim.drive.servos import bound
+from allegro_twin.hands.description.appearance import STAND, TABLE
+from allegro_twin.sim.drivetrain import drivetrain
+from allegro_twin.sim.drivetrain.servos import bound
+from allegro_twin.sim.mjcf_import.adapt import adopt, located, mounted, read
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.foreign import adopt, located, mounted, read
-from allegro_twin.sim.model.mounted import Mounted, hang, pedestal, tell
+from allegro_twin.sim.model.arm_with_hand import Mounted, hang, pedestal, tell
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.things import objects, presenter
+from allegro_twin.sim.objects import catalogue, presenter
 from allegro_twin.spec import HandSpec
+from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
 
 
@@ -31,7 +31,7 @@ class Stage:
     """Palm, or an arm's base, in the world, shape (3,), m."""
     quaternion: Array
     """Likewise, w, x, y, z."""
-    things: Sequence[objects.Placement] = ()
+    things: Sequence[catalogue.Placement] = ()
     friction: float = 0.8
     """Sliding friction of every contact."""
     table: bool = False
@@ -95,7 +95,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
         wrist.add(scene, root, ("wrist_z",) if stage.slide else wrist.JOINTS)
     _surroundings(scene, stage, 1.0 if spec.side == "right" else -1.0)
     for placement in stage.things:
-        objects.add(scene, placement, friction, every_shape=stage.every_shape)
+        catalogue.add(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
         presenter.add(scene, stage.things[0])
     stage.physics.contacts(scene)

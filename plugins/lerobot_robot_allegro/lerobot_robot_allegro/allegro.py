@@ -9,12 +9,12 @@ import numpy as np
 from lerobot.robots.robot import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from allegro_twin.config import RunConfig, load_config
-from allegro_twin.description.hands import load_spec, side_of
+from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.errors import ConfigError, SelfCollision
-from allegro_twin.hand import Hand
-from allegro_twin.hand.outside import Outside
+from allegro_twin.hands.description.hands import load_spec, side_of
 from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.external_setpoints import Outside
 from lerobot_robot_allegro.config_allegro import AllegroConfig
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.interchange.read import read_grasps
+from allegro_twin.grasping.interchange.read import read_grasps
 from allegro_twin.spec import HandSpec
 from tests.evaluate.interchange.samples import STAGES, bench, bodex, net, saved, stacked
 

@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.interchange.dexgraspbench import write_dexgraspbench
-from allegro_twin.evaluate.interchange.grasps import MENAGERIE, PALM, Grasps
-from allegro_twin.evaluate.interchange.orders import ordered, orders, rearranged
-from allegro_twin.evaluate.interchange.ours import write_yaml_grasps
-from allegro_twin.evaluate.interchange.plain import load_plain
-from allegro_twin.evaluate.interchange.read import read_grasps
 from allegro_twin.files.assets import data_root
+from allegro_twin.grasping.interchange.dexgraspbench import write_dexgraspbench
+from allegro_twin.grasping.interchange.grasps import MENAGERIE, PALM, Grasps
+from allegro_twin.grasping.interchange.orders import ordered, orders, rearranged
+from allegro_twin.grasping.interchange.ours import write_yaml_grasps
+from allegro_twin.grasping.interchange.plain import load_plain
+from allegro_twin.grasping.interchange.read import read_grasps
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.orientation import matrix_from_euler, matrix_from_quaternion
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side

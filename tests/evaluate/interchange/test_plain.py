@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.evaluate.interchange.plain import load_plain
+from allegro_twin.grasping.interchange.plain import load_plain
 from tests.evaluate.interchange.samples import saved
 
 

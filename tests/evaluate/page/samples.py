@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.evaluate.statistics import wilson
+from allegro_twin.grasping.statistics import wilson
 
 OBJECTS = ("tomato_soup_can", "lemon", "foam_brick", "golf_ball", "potted_meat_can")
 TYPES = ("Medium Wrap", "Tripod", "Power Sphere")
@@ -71,7 +71,7 @@ def results(folder: Path, count: int = 60, seed: int = 3) -> list[dict[str, Any]
 if __name__ == "__main__":
     import sys
 
-    from allegro_twin.evaluate.page.write import write_page
+    from allegro_twin.grasping.evaluation.page.write import write_page
 
     place = Path(sys.argv[1])
     place.mkdir(parents=True, exist_ok=True)

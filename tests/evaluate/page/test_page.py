@@ -13,11 +13,11 @@ import pytest
 from scipy.stats import mannwhitneyu  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.evaluate.page.auc import auc
-from allegro_twin.evaluate.page.charts import Rate, rates, round_numbers, scatter, strips
-from allegro_twin.evaluate.page.rows import Rows, shown
-from allegro_twin.evaluate.page.sections import SHOWN_ROWS
-from allegro_twin.evaluate.page.write import page, write_page
+from allegro_twin.grasping.evaluation.page.auc import auc
+from allegro_twin.grasping.evaluation.page.charts import Rate, rates, round_numbers, scatter, strips
+from allegro_twin.grasping.evaluation.page.rows import Rows, shown
+from allegro_twin.grasping.evaluation.page.sections import SHOWN_ROWS
+from allegro_twin.grasping.evaluation.page.write import page, write_page
 from tests.evaluate.page.samples import png, results
 
 EMPTY_TAGS = {"meta", "img", "br"}

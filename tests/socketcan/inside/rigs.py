@@ -19,23 +19,24 @@ from typing import NamedTuple
 import can
 import numpy as np
 
-import allegro_twin.build.listening
-import allegro_twin.build.wired
-import allegro_twin.cli.console
-import allegro_twin.cli.hand.monitor
-import allegro_twin.cli.run.runs
+# What commands import when they need it: here once, before any fork.
+import allegro_twin.app.backends.bus_listener
+import allegro_twin.app.backends.can
+import allegro_twin.app.session
 import allegro_twin.control.controllers
-import allegro_twin.replay.recorder
-import allegro_twin.session  # noqa: F401  # What commands import when they need it: here once, before any fork.
-from allegro_twin.cli.main import main
-from allegro_twin.description.hands import load_spec
+import allegro_twin.recording.recorder
+import allegro_twin.surfaces.cli.console
+import allegro_twin.surfaces.cli.hand.monitor
+import allegro_twin.surfaces.cli.run.runs  # noqa: F401
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.serve import serve
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import HandSpec, Side
+from allegro_twin.surfaces.cli.main import main
 from allegro_twin.types import Command, HandState, Vector, frozen
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.serve import serve
-from allegro_twin.wire.device.slcan import SlcanDevice
 from tests.patience import comes_true
 
 PERIOD = 0.02

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
 from tests.patience import comes_true
 from tests.socketcan.inside.rigs import (
     PERIOD,

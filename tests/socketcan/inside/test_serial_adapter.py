@@ -8,7 +8,7 @@ import struct
 import termios
 from pathlib import Path
 
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
 from tests.patience import comes_true
 from tests.socketcan.inside.rigs import PERIOD, command, config, exit_code, forked, hand_on, ip
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from allegro_twin.replay.recording import load
+from allegro_twin.recording.reader import load
 from tests.patience import comes_true
 from tests.socketcan.inside.rigs import BEGIN, command, config, delayed, exit_code, forked, hand_on
 

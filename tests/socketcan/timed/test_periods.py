@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-import allegro_twin.build.served
-import allegro_twin.sim.engine.backend
-import allegro_twin.wire.host.backend  # noqa: F401  # What commands import when they need it: once, before any fork.
-from allegro_twin.replay.recording import load
+# What commands import when they need it: once, before any fork.
+import allegro_twin.app.backends.serve_can
+import allegro_twin.drivers.can.driver.backend
+import allegro_twin.sim.engine.backend  # noqa: F401
+from allegro_twin.recording.reader import load
 from tests.patience import comes_true
 from tests.socketcan.inside.rigs import (
     BEGIN,

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.description.calibration import Calibration, Version
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
+from allegro_twin.drivers.can.codec.v5 import V5, told_by_serial
+from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.errors import ConfigError, ProtocolError
+from allegro_twin.hands.description.calibration import Calibration, Version
 from allegro_twin.spec import Side
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.wire.codec.v5 import V5, told_by_serial
-from allegro_twin.wire.codec.versions import make_codec
 from tests.wire.strategies import FINGERS, HANDS, KNOWN, LEGACY, UNEVEN, frames, messages
 
 FULL = {"v1": 800, "v2": 800, "v3": 1200, "v4": 1200, "v5": 240, "v5plus": 240}

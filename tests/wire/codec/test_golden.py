@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.description.wiring import load_wiring
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import Message, Request, StatusBits, Topic
-from allegro_twin.wire.codec.v4 import V4
-from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
+from allegro_twin.drivers.can.codec.v4 import V4
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.hands.description.wiring import load_wiring
 
 Row = dict[str, Any]
 VECTORS: dict[str, list[Row]] = json.loads(Path(__file__).with_name("can_vectors.json").read_text())

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.imu import STANDARD_GRAVITY, gravity_of, orientation_of
-from allegro_twin.wire.codec.versions import make_codec
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.imu import STANDARD_GRAVITY, gravity_of, orientation_of
+from allegro_twin.drivers.can.codec.versions import make_codec
 
 UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 

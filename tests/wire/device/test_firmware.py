@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build.wired import Scene, firmware_of
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
-from allegro_twin.description.wiring import load_wiring
+from allegro_twin.app.backends.can import Scene, firmware_of
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import StatusBits, Topic
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE
 from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.types import TorqueCommand, frozen
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import StatusBits, Topic
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.motors import FAULT, THROTTLE
 from tests.conftest import MakeSim, can_config
 from tests.wire.rigs import PERIOD, half_count
 

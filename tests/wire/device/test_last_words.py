@@ -9,12 +9,12 @@ from collections import deque
 
 import can
 
-from allegro_twin.build.wired import Scene, firmware_of
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.serve import serve
-from allegro_twin.wire.device.socketcand import SocketcandServer
+from allegro_twin.app.backends.can import Scene, firmware_of
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.virtual.serve import serve
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.drivers.can.virtual.socketcand import SocketcandServer
 from tests.conftest import can_config
 
 V4 = make_codec("v4")

@@ -12,14 +12,14 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.build.served import far_end
-from allegro_twin.build.wired import Scene, make_can
-from allegro_twin.config import CanSettings
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.backends.can import Scene, make_can
+from allegro_twin.app.backends.serve_can import far_end
+from allegro_twin.app.config import CanSettings
+from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.virtual.socketcand import GRACE, SocketcandServer
 from allegro_twin.errors import LinkError
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.device.socketcand import GRACE, SocketcandServer
-from allegro_twin.wire.host.buses import open_bus
 from tests.conftest import can_config
 from tests.wire.rigs import Serving, driven, soon_limp
 

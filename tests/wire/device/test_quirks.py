@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.build.wired import Scene, firmware_of
+from allegro_twin.app.backends.can import Scene, firmware_of
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.device.firmware import Firmware
 from tests.conftest import can_config, on_a_bus
 from tests.wire.rigs import PERIOD
 

@@ -18,7 +18,7 @@ from allegro_twin.types import TorqueCommand
 if sys.platform == "win32":
     pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
 
-from allegro_twin.wire.device.slcan import SlcanDevice
+from allegro_twin.drivers.can.virtual.slcan import SlcanDevice
 from tests.conftest import can_config
 from tests.wire.rigs import Serving, driven, soon_limp
 

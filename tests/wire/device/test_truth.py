@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.errors import ConfigError
 from allegro_twin.types import Array, TorqueCommand
-from allegro_twin.wire.host.backend import CanBackend
 from tests.conftest import on_a_bus
 
 TORQUE = 240 / 1200 * np.tile([0.25, 1.0, 0.75, 0.5], 4)  # Whole counts, and half of them, too.

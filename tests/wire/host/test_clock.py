@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.wire.host.clock import HandClock
+from allegro_twin.drivers.can.driver.clock import HandClock
 
 PERIOD = 0.003
 

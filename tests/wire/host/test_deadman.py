@@ -13,10 +13,10 @@ import can
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.deadman import Deadman
 from allegro_twin.errors import HandFault
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.deadman import Deadman
 from tests.conftest import can_config, on_a_bus
 from tests.wire.rigs import Serving, driven
 

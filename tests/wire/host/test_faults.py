@@ -12,13 +12,13 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.description.calibration import Version
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.driver.backend import PATIENCE
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
 from allegro_twin.errors import ConfigError, HandError, HandFault, LinkError, LinkTimeout
+from allegro_twin.hands.description.calibration import Version
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.device.faults import Event, FaultPlan
-from allegro_twin.wire.host.backend import PATIENCE
-from allegro_twin.wire.host.settings import HostSettings
 from tests.wire.rigs import PERIOD, Bench, frame, half_count
 
 VERSIONS: tuple[Version, ...] = ("v1", "v2", "v3", "v4", "v5", "v5plus")

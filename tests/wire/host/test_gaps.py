@@ -11,16 +11,16 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.errors import LinkTimeout
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.types import HandState, TorqueCommand
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.settings import HostSettings
 
 V4, PERIOD, FRAME = make_codec("v4"), 0.003, 0.00013
 STILL = TorqueCommand(np.zeros(16))

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from allegro_twin.wire.host.health import Health
+from allegro_twin.drivers.can.driver.health import Health
 
 
 def test_only_the_first_of_its_kind_is_logged(caplog: pytest.LogCaptureFixture) -> None:

@@ -14,13 +14,13 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.config import load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import load_config
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.keeper import Keeper
 from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.hand import Hand
+from allegro_twin.surfaces.hand import Hand
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.keeper import Keeper
 from benchmarks.deaths import INSIDE, LINKS, SOON, Link, Served, died, served, ways
 from tests.conftest import can_config
 from tests.patience import comes_true
@@ -150,8 +150,8 @@ def test_without_its_keeper_no_hand_is_driven(driven: CanBackend) -> None:
 DRIVER = """
 import sys
 import numpy as np
-from allegro_twin.build import assemble
-from allegro_twin.config import load_config
+from allegro_twin.app import assemble
+from allegro_twin.app.config import load_config
 from allegro_twin.types import TorqueCommand
 backend = assemble(load_config(sys.argv[1])).wire
 backend.reset()

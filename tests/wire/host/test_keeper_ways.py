@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from allegro_twin.wire.host.keeper_process.ways import Serial, Socketcand
+from allegro_twin.drivers.can.driver.keeper_process.links import Serial, Socketcand
 
 
 @contextmanager

@@ -13,16 +13,16 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.description.hands import load_spec
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.buses import open_bus
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.virtual.slcan import TAP, SlcanDevice
 from allegro_twin.errors import LinkError
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.slcan import TAP, SlcanDevice
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.host.buses import open_bus
-from allegro_twin.wire.host.settings import HostSettings
 from benchmarks.deaths import served
 from tests.patience import wait_for
 

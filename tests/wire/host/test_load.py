@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from allegro_twin.drivers.can.codec.frames import bits
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.load import check_load, share
 from allegro_twin.errors import ConfigError
-from allegro_twin.wire.codec.frames import bits
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.load import check_load, share
 
 V4, V5 = make_codec("v4"), make_codec("v5")
 MEGABIT = 1_000_000

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
+from allegro_twin.drivers.can.driver import realtime
 from allegro_twin.errors import ConfigError
-from allegro_twin.wire.host import realtime
 
 
 def refused(*given: object) -> None:

@@ -8,13 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.codec import Codec
-from allegro_twin.wire.codec.frames import Frame, bits
-from allegro_twin.wire.codec.messages import Topic
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.interpreter import Interpreter
-from allegro_twin.wire.host.settings import HostSettings
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame, bits
+from allegro_twin.drivers.can.codec.messages import Topic
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.interpreter import Interpreter
+from allegro_twin.drivers.can.driver.settings import HostSettings
 
 PERIOD, DRIFT = 0.003, 3e-4
 """s; by which the second hand's quartz is slow: each moment of the one meets each of the other in 10 s."""

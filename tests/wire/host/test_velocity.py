@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.types import frozen
-from allegro_twin.wire.host.velocity import VelocityFilter
 
 PERIOD, CUTOFF = 0.003, 30.0
 

@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.build.wired import Scene, codec_of, fault_plan, firmware_of, host_settings
-from allegro_twin.config import CanSettings
-from allegro_twin.description.calibration import Version
-from allegro_twin.description.hands import load_spec
+from allegro_twin.app.backends.can import Scene, codec_of, fault_plan, firmware_of, host_settings
+from allegro_twin.app.config import CanSettings
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.adapter import AdapterLink
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.tools import findings
+from allegro_twin.drivers.can.tools.checkup import Checkup
+from allegro_twin.drivers.can.tools.findings import Finding
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import ConfigError, HandFault, LinkError, LinkTimeout
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import HandSpec
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.device.firmware import Firmware
-from allegro_twin.wire.device.hands import VirtualHands
-from allegro_twin.wire.device.lockstep import LockstepBus
-from allegro_twin.wire.host.adapter import AdapterLink
-from allegro_twin.wire.host.backend import CanBackend
-from allegro_twin.wire.tools import findings
-from allegro_twin.wire.tools.checkup import Checkup
-from allegro_twin.wire.tools.findings import Finding
 from tests.conftest import can_config
 
 ALL = ["interface", "bus", "identity", "fingers", "reports", "temperature", "joints", "load", "side"]

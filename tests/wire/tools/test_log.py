@@ -9,22 +9,23 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.build import assemble
-from allegro_twin.build.logged import make_recording
-from allegro_twin.build.wired import codec_of
-from allegro_twin.config import CanSettings, LimitSettings, RunConfig
-from allegro_twin.description.calibration import FULL_SCALE, Version
+from allegro_twin.app import assemble
+from allegro_twin.app.backends.bus_log import make_recording
+from allegro_twin.app.backends.can import codec_of
+from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.session import Outputs, perform
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.tools.log import SUFFIXES, WireLog, samples_of_log
+from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
-from allegro_twin.replay.backend import ReplayBackend, samples_of
-from allegro_twin.replay.recording import Recording, load
-from allegro_twin.session import Outputs, perform
-from allegro_twin.wire.codec import messages as m
-from allegro_twin.wire.codec.frames import Frame
-from allegro_twin.wire.codec.messages import Message
-from allegro_twin.wire.codec.versions import make_codec
-from allegro_twin.wire.host.settings import HostSettings
-from allegro_twin.wire.tools.log import SUFFIXES, WireLog, samples_of_log
-from allegro_twin.wire.tools.samples import Found
+from allegro_twin.hands.description.calibration import FULL_SCALE, Version
+from allegro_twin.hands.limits import LimitSettings
+from allegro_twin.recording.reader import Recording, load
+from allegro_twin.recording.replay import ReplayBackend, samples_of
 from tests.conftest import can_config
 
 V4 = make_codec("v4")

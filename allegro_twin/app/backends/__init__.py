@@ -1,0 +1,1 @@
+"""Backends of a config: which device answers to which `backend.kind`."""

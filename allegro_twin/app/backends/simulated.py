@@ -1,0 +1,85 @@
+"""Simulated hands: alone, or at a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from allegro_twin.app.config import HandSettings, RunConfig, SimSettings, TaskSettings
+from allegro_twin.app.references import posture_of
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.trial import Trial
+    from allegro_twin.sim.engine.backend import SimBackend
+
+
+class Simulated(NamedTuple):
+    """A simulated hand, and the scenario that it is at, if any."""
+
+    backend: SimBackend
+    trial: Trial | None
+
+
+def simulated(settings: SimSettings, task: TaskSettings, spec: HandSpec, period: float) -> Simulated:
+    """The hand in MuJoCo that a config describes, in the scene of its task. Raises ConfigError."""
+    start = None if settings.start is None else posture_of(settings.start, spec)
+    trial = trial_of(task, spec, period, start)
+    return Simulated(_alone(settings, spec, period, start), None) if trial is None else Simulated(trial.backend, trial)
+
+
+def trial_of(task: TaskSettings, spec: HandSpec, period: float, start: Vector | None = None) -> Trial | None:
+    """The scenario of a task, if it has one: watched where its scene is simulated; elsewhere the timeline that the
+    fingers follow. Raises ConfigError."""
+    if task.scenario is None:
+        return None
+    from allegro_twin.grasping.trial import make_trial
+
+    return make_trial(task.scenario, spec, period, start, grasp=task.grasp, thing=task.object)
+
+
+def scenario_config(
+    scenario: Path | str, side: str | None = None, grasp: str | None = None, thing: str | None = None
+) -> RunConfig:
+    """The config that runs a scenario as it is, or with another grasp or object: simulated, under PD or the firmware's
+    own loop, with the nominal hand, in the period and with the gains that its protocol asks for."""
+    from allegro_twin.grasping.scenario import load_protocol, load_scenario
+
+    settings, path = load_scenario(scenario)
+    rules = load_protocol(settings.protocol)
+    hand = HandSettings.model_validate({"model": settings.hand, "side": side or settings.side})
+    return RunConfig.model_validate(
+        {
+            "hand": hand.model_dump(),
+            "backend": {"kind": "sim"},
+            "task": {"scenario": str(path), "grasp": grasp, "object": thing},
+            "controller": following(hand, rules.gains),
+        }
+        | ({} if rules.period is None else {"period": rules.period})
+    )
+
+
+def following(hand: HandSettings, gains: str | None = None) -> dict[str, str]:
+    """The controller with which a hand performs what a task asks: PD, or its firmware's own loop."""
+    if "torque" not in load_spec(hand.model, hand.side, hand.serial).commands:
+        return {"kind": "position"}
+    return {"kind": "pd"} if gains is None else {"kind": "pd", "gains": gains}
+
+
+def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector | None) -> SimBackend:
+    from allegro_twin.kinematics.orientation import quaternion_facing
+    from allegro_twin.sim.engine.backend import SimBackend
+    from allegro_twin.sim.model.physics import Physics
+    from allegro_twin.sim.model.scene import Stage, compile_scene
+
+    step = getattr(settings, "timestep", None)
+    stage = Stage(
+        np.zeros(3),
+        quaternion_facing(settings.facing, settings.fingers),
+        physics=Physics() if step is None else Physics(timestep=step),
+    )
+    return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)

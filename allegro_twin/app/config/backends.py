@@ -1,0 +1,143 @@
+"""The backend block: a simulated hand, a hand on a bus, or a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from allegro_twin.errors import unknown
+from allegro_twin.files.schema import PerJoint, Positive, Settings, Vector3
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.spec.drivetrain import Ailment
+
+VIRTUAL = "allegro-virtual"
+"""The interface that is a bus inside this program."""
+
+
+class SimSettings(Settings):
+    """A hand in MuJoCo: alone, or in the scene of the task."""
+
+    kind: Literal["sim"]
+    facing: Vector3 = (1.0, 0.0, 0.0)
+    """Alone: where the palm looks, world axes; z is up."""
+    fingers: Vector3 = (0.0, 0.0, 1.0)
+    """Alone: where stretched fingers point."""
+    start: str | PerJoint | None = None
+    """Joint positions at reset; default: the pre-shape of the scenario's grasp, else the nearest to zero inside the
+    limits."""
+
+
+class SceneSettings(SimSettings):
+    """How a virtual hand stands, and what it really is."""
+
+    truth: str | dict[str, Any] | None = None
+    """What is hidden from the host: the blocks `actuation`, `drive` and `wire` of a hand's file, or such a file; they
+    override what the hand's own file says. docs/twin.md"""
+    timestep: Positive | None = None
+    """Alone: of the physics, s; default 0.001."""
+
+    @field_validator("truth")
+    @classmethod
+    def _blocks(cls, value: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
+        for key in value if isinstance(value, dict) else ():
+            if key not in _HIDDEN:
+                raise ValueError(unknown("block", str(key), _HIDDEN))
+        return value
+
+
+_HIDDEN = ("actuation", "drive", "wire")
+
+
+class FaultEvent(Settings):
+    """Something that goes wrong on a virtual hand's bus at a given moment."""
+
+    at: Annotated[float, Field(ge=0)]
+    """s since the hand was switched on."""
+    what: Literal["silence", "overheat", "joint_timeout", "bus_off", "power_cut", "recover"] | Ailment
+    which: Annotated[int, Field(ge=0, le=15)] = 0
+    """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
+    amount: float | None = None
+    """Of what goes wrong with the hand itself; docs/twin.md."""
+
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+
+class FaultSettings(Settings):
+    """What to do to the frames of a virtual hand, by chance (per frame) and by script."""
+
+    drop: Probability = 0.0
+    duplicate: Probability = 0.0
+    corrupt: Probability = 0.0
+    delay: Probability = 0.0
+    delay_by: Positive = 0.001
+    """s."""
+    reorder: Probability = 0.0
+    failures: Annotated[float, Field(ge=0)] = 0.0
+    """Things that go wrong with the hand itself, a minute."""
+    seed: int = 0
+    script: tuple[FaultEvent, ...] = ()
+
+
+class FirmwareSettings(Settings):
+    """Where sources disagree on what a hand does; for virtual hands. docs/protocol.md"""
+
+    servo: Literal["required", "ignored"] = "required"
+    """`ignored`: torques act and reports come without "servo on", as notes on a real v4 say."""
+    clip: Literal["driver", "full"] = "driver"
+    """The most that a motor follows: what the manufacturer's driver sends, or its full PWM."""
+
+
+class CanSettings(Settings):
+    """A hand on a CAN bus, real or virtual."""
+
+    kind: Literal["can"]
+    version: Version | None = None
+    """Of the hand; default: what its own file says."""
+    interface: str = "socketcan"
+    """python-can's name of the adapter; `allegro-virtual` puts a simulated hand on a bus inside this program."""
+    channel: str = "can0"
+    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
+    """bit/s. Every hand's: manual v4.0, Baud-Rate."""
+    device: Annotated[int, Field(ge=0, le=3)] = 0
+    """v4: the hand's id on a shared bus."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Further arguments of the python-can interface."""
+    identify: bool = True
+    """Ask the hand who it is and refuse the wrong one; `false` for a hand that does not answer."""
+    timeout: Positive = 0.05
+    """s without a whole report after which the hand counts as silent."""
+    deadman: Positive | None = 0.3
+    """s without a call from the program after which the hand is cut off; null: never. docs/safety.md says why 0.3."""
+    keeper: bool = True
+    """Have a process of its own watch, which also leaves the hand limp when the program dies; docs/safety.md."""
+    velocity_cutoff: Positive = 30.0
+    """Hz, of the low-pass behind joint velocities."""
+    gravity: Vector3 | None = None
+    """In the palm frame, m/s²: how the hand is mounted, where its IMU is not to be used."""
+    imu: Annotated[float, Field(ge=0)] = 0.0
+    """s between reports of the IMU, which then tells gravity; 0: off. No source confirms its layout."""
+    realtime: bool | Literal["try"] = False
+    """Ask the kernel for real-time scheduling (Linux; needs permission), so that a busy machine misses no period;
+    `try`: go on with a warning where it is not allowed."""
+    firmware: FirmwareSettings | None = None
+    """How a virtual hand differs from what the manual says of one."""
+    scene: SceneSettings | None = None
+    """How a virtual hand stands where the task has no scenario; for `interface: allegro-virtual` and `allegro-twin
+    firmware`."""
+    faults: FaultSettings | None = None
+    """What goes wrong on a virtual hand's bus."""
+
+
+class ReplaySettings(Settings):
+    """A recording in place of a hand."""
+
+    kind: Literal["replay"]
+    file: Path
+    """A .arrow recording, or a bag: .mcap, .bag, or a folder of rosbag2."""
+    partial: bool = False
+    """Use the readable rows of a recording that was cut short."""
+    track: str | None = None
+    """Of a recording of a whole cell: `hand` or `arm`."""

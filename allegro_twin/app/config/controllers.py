@@ -1,0 +1,87 @@
+"""The controller block: how a hand is driven."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from allegro_twin.files.schema import PerJoint, Positive, Settings, Vector3
+
+
+class TorqueSettings(Settings):
+    """Set and keep the same torques."""
+
+    kind: Literal["torque"]
+    torque: PerJoint = 0.0
+    """N·m."""
+
+
+class GravitySettings(Settings):
+    """Carry the hand's own weight."""
+
+    kind: Literal["gravity"]
+    gravity: Vector3 | None = None
+    """m/s² in the palm frame; default: what the hand reports."""
+
+
+class PositionSettings(Settings):
+    """Perform the task under PD or PID control."""
+
+    kind: Literal["pd", "pid"]
+    gains: str = "default"
+    """Name in conf/gains/<model>.yaml."""
+    speed: Positive = 1.0
+    """To a posture: the peak, of the joint that travels furthest, rad/s."""
+    profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
+    compensate: bool = True
+    """Carry the hand's weight by feed-forward."""
+    gravity: Vector3 | None = None
+    """m/s² in the palm frame; default: what the hand reports."""
+
+
+class LimpSettings(Settings):
+    """Let go of the joints."""
+
+    kind: Literal["limp"]
+
+
+class FollowSettings(Settings):
+    """Perform the task with a hand whose firmware closes the loop."""
+
+    kind: Literal["position"]
+    speed: Positive = 1.0
+    """To a posture: the peak, of the joint that travels furthest, rad/s."""
+    profile: Literal["linear", "minimum_jerk"] = "minimum_jerk"
+    effort: PerJoint | None = None
+    """The most that each motor may give, N·m; default: what the hand allows."""
+
+
+class CartesianSettings(Settings):
+    """Bring an arm's flange to a pose, as on a spring: docs/arm.md."""
+
+    kind: Literal["impedance", "compliance"]
+    position: Vector3
+    """Of the flange, in the base's frame, m."""
+    turn: Vector3 = (0.0, 0.0, 0.0)
+    """From the orientation at the start, a rotation vector in the axes of the base, rad."""
+    stiffness: Positive | None = None
+    """N/m; default: 200 of the impedance, 500 of the compliance."""
+    angular_stiffness: Positive | None = None
+    """N·m/rad; default: 10 and 50."""
+    speed: Positive = 0.25
+    """Of the way there, at most, m/s."""
+    turning: Positive = 1.0
+    """At most, rad/s."""
+    iterations: Annotated[int, Field(ge=1)] = 1
+    """Of the compliance: more are faster."""
+
+
+class PolicySettings(Settings):
+    """Let a trained policy decide."""
+
+    kind: Literal["policy"]
+    file: str
+    """.onnx or .zip, by path or by its name in conf/policies."""
+    trust: bool = False
+    """Load a .zip too, which can run any program: its maker is trusted."""

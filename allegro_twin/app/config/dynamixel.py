@@ -1,0 +1,88 @@
+"""The backend block of a hand made of DYNAMIXEL servos: docs/dynamixel.md."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from allegro_twin.app.config.backends import Probability, SceneSettings
+from allegro_twin.files.schema import PerJoint, Positive, Settings
+
+VIRTUAL_PORT = "virtual"
+"""The port that is a line inside this program."""
+
+
+Gains = tuple[int, int, int]
+
+
+class ServoSettings(Settings):
+    """What lies between the servos and the actuators: one value for all, or one for each actuator."""
+
+    model: str = "XM430-W350"
+    ids: list[Annotated[int, Field(ge=0, le=252)]]
+    """On the bus, in the order of the actuators."""
+    current_limit: PerJoint
+    """The most that each may draw, A. No default: too much of it breaks hands."""
+    zero: PerJoint = 2048.0
+    """Tick at which the actuator's position is 0."""
+    direction: Literal[1, -1] | list[Literal[1, -1]] = 1
+    """-1 where a higher tick is a lower position."""
+    gear: PerJoint = 1.0
+    """What the actuator moves by in a radian of the shaft, rad."""
+    torque_per_ampere: PerJoint | None = None
+    """At the shaft, N·m/A; default: stall torque over stall current of the data sheet."""
+    gains: Gains | list[Gains] | None = None
+    """Position P, I and D as they stand in the servo; default: those that its mode brings. A virtual hand does not heed
+    them: it is as stiff as its simulation."""
+
+
+class LineEvent(Settings):
+    """Something that goes wrong with a virtual hand's servos at a given moment."""
+
+    at: Annotated[float, Field(ge=0)]
+    """s since the hand was switched on."""
+    what: Literal[
+        "dead_motor", "torn_tendon", "watchdog", "other_id", "overheat", "overload", "silence", "power_cut", "recover"
+    ]  # fmt: skip
+    which: Annotated[int, Field(ge=0)] = 0
+    """The actuator."""
+    amount: float | None = None
+    """`overheat`: °C; `other_id`: the id."""
+
+
+class LineFaultSettings(Settings):
+    """What to do to a virtual hand's line and its servos."""
+
+    lose: Probability = 0.0
+    """Per byte."""
+    garble: Probability = 0.0
+    """Per byte."""
+    seed: int = 0
+    script: tuple[LineEvent, ...] = ()
+
+
+class DynamixelSettings(Settings):
+    """A hand of DYNAMIXEL servos on a serial port, real or virtual, through the vendor's SDK."""
+
+    kind: Literal["dynamixel"]
+    port: str = "/dev/ttyUSB0"
+    """`virtual` puts a simulated hand on a line inside this program."""
+    baud: Annotated[int, Field(gt=0)] = 1_000_000
+    """bit/s, as it is set in the servos; they come with 57600."""
+    servos: ServoSettings | None = None
+    """Default: the block `servos` of the hand's own file, or of its model's, in conf/hands."""
+    watchdog: Positive = 0.2
+    """s without a word from the program after which the hand lets go by itself."""
+    keeper: bool = True
+    """Have a process of its own switch the motors off when the program dies."""
+    latency: Positive = 0.02
+    """s that the adapter may hold an answer back."""
+    tries: Annotated[int, Field(ge=1)] = 3
+    """How often a state is asked for before the hand counts as silent."""
+    return_delay: Annotated[int, Field(ge=0, le=254)] = 0
+    """What the servos' Return Delay Time is set to, 2 µs each."""
+    scene: SceneSettings | None = None
+    """How a virtual hand stands where the task has no scenario."""
+    faults: LineFaultSettings | None = None
+    """What goes wrong with a virtual hand."""

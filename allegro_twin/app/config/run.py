@@ -1,0 +1,85 @@
+"""The run config: one block a part, and `kind` picks the implementation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from allegro_twin.app.config.backends import CanSettings, ReplaySettings, SimSettings
+from allegro_twin.app.config.controllers import (
+    CartesianSettings,
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
+from allegro_twin.app.config.dynamixel import DynamixelSettings
+from allegro_twin.app.config.polled import QbSettings, SchunkSettings
+from allegro_twin.app.config.task import TaskSettings
+from allegro_twin.app.config.unread import unread
+from allegro_twin.files.assets import find
+from allegro_twin.files.schema import Positive, Settings, load, parse
+from allegro_twin.hands.limits import LimitSettings
+from allegro_twin.spec import Side
+
+
+class HandSettings(Settings):
+    model: str = "allegro"
+    """Of hand, or of arm."""
+    side: Side = "right"
+    serial: str = ""
+    """File in conf/hands with what was measured on this very hand."""
+
+
+class RunConfig(Settings):
+    """Everything that `allegro-twin run` needs."""
+
+    another_kind = "arm"  # Of a cell: conf/lab_*.yaml.
+
+    hand: HandSettings = HandSettings()
+    backend: Annotated[
+        SimSettings | CanSettings | DynamixelSettings | QbSettings | SchunkSettings | ReplaySettings,
+        Field(discriminator="kind"),
+    ]
+    controller: Annotated[
+        TorqueSettings
+        | GravitySettings
+        | PositionSettings
+        | LimpSettings
+        | FollowSettings
+        | PolicySettings
+        | CartesianSettings,
+        Field(discriminator="kind"),
+    ]
+    task: TaskSettings = TaskSettings()
+    limits: LimitSettings = LimitSettings()
+    period: Positive = 0.003
+    """s. The hand reports every 3 ms."""
+    seconds: Positive | None = None
+    """How long to run; default: until the scenario, the motion or the recording ends."""
+
+    @model_validator(mode="after")
+    def _everything_is_read(self) -> RunConfig:
+        line = unread(self.task, self.controller, self.backend)
+        if line is not None:
+            raise ValueError(line)
+        return self
+
+    def changed(self, **blocks: Any) -> RunConfig:
+        """This config with other blocks, or other keys in a block that is given as a mapping. Raises ConfigError."""
+        content = self.model_dump(exclude_unset=True)
+        for name, block in blocks.items():
+            merged = isinstance(block, Mapping) and isinstance(content.get(name, {}), dict) and "kind" not in block
+            content[name] = {**content.get(name, {}), **block} if merged else block
+        return parse(RunConfig, content, "config")
+
+
+def load_config(name: str | Path) -> RunConfig:
+    """A config by path, or by its name in conf/. Raises ConfigError with file, path, value and nearest key."""
+    path = find(name, "config", "conf")
+    return load(RunConfig, path)

@@ -1,0 +1,85 @@
+"""What a config says that nobody would read: an error, for its author believes that it does something."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeAlias
+
+from allegro_twin.app.config.backends import VIRTUAL, CanSettings, ReplaySettings, SimSettings
+from allegro_twin.app.config.controllers import (
+    CartesianSettings,
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    TorqueSettings,
+)
+from allegro_twin.app.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
+from allegro_twin.app.config.polled import PolledSettings
+from allegro_twin.app.config.task import TaskSettings
+
+Controller: TypeAlias = (
+    TorqueSettings
+    | GravitySettings
+    | PositionSettings
+    | LimpSettings
+    | FollowSettings
+    | PolicySettings
+    | CartesianSettings
+)
+_MOVING = (PositionSettings, FollowSettings)
+Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | PolledSettings | ReplaySettings
+
+
+def unread(task: TaskSettings, controller: Controller, backend: Backend) -> str | None:
+    """The first thing in a config that contradicts another or is read by nobody, and the way out."""
+    parts = (_task(task, controller), _controller(task, controller), _backend(task, backend))
+    return next((line for part in parts for line in part), None)
+
+
+def _task(task: TaskSettings, controller: Controller) -> Iterator[str]:
+    kind = controller.kind
+    if task.object is not None and task.scenario is None:
+        yield "task.object takes the place of a scenario's first object: name task.scenario, too"
+    if isinstance(controller, PolicySettings):
+        return
+    if isinstance(controller, _MOVING):
+        if task.posture is not None and (task.scenario or task.grasp) is not None:
+            other = "scenario" if task.scenario is not None else "grasp"
+            yield f"task.posture and task.{other} are two motions: leave one out"
+        return
+    for key in ("posture", "grasp"):
+        if getattr(task, key) is not None:
+            yield f"task.{key} is not for the {kind} controller: use pd, pid or position, or leave it out"
+
+
+def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
+    given = controller.model_fields_set
+    if isinstance(controller, CartesianSettings):
+        if controller.kind == "impedance" and "iterations" in given:
+            yield "controller.iterations are the compliance's: leave them out, or take kind: compliance"
+        if task.scenario is not None:
+            yield "task.scenario is a hand's: leave it out for an arm"
+        return
+    if task.scenario is None and task.grasp is None:
+        return
+    for key in ("speed", "profile"):
+        if isinstance(controller, _MOVING) and key in given:
+            yield f"controller.{key} is for postures; a grasp brings its own: leave it out"
+
+
+def _backend(task: TaskSettings, backend: Backend) -> Iterator[str]:
+    scene = backend if isinstance(backend, SimSettings) else getattr(backend, "scene", None)
+    if task.scenario is not None and scene is not None:
+        for key in ("facing", "fingers", "timestep"):
+            if key in scene.model_fields_set:
+                yield f"{key} of a simulated hand is where it stands alone; task.scenario says it: leave one out"
+    if isinstance(backend, CanSettings) and backend.interface == VIRTUAL:
+        for key in ("channel", "options"):
+            if key in backend.model_fields_set:
+                yield f"backend.{key}: {VIRTUAL} is a bus inside this program and has none: leave it out"
+    if isinstance(backend, DynamixelSettings | PolledSettings) and backend.port == VIRTUAL_PORT:
+        for key in ("latency", "keeper"):
+            if key in backend.model_fields_set:
+                yield f"backend.{key}: {VIRTUAL_PORT} is a line inside this program and has none: leave it out"

@@ -1,0 +1,149 @@
+"""From the controller block of a config to a controller."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from allegro_twin.app.config import (
+    CartesianSettings,
+    FollowSettings,
+    GravitySettings,
+    LimpSettings,
+    PolicySettings,
+    PositionSettings,
+    RunConfig,
+    TorqueSettings,
+)
+from allegro_twin.app.references import posture_of, wanted_of
+from allegro_twin.backend import limp_of
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find
+from allegro_twin.loop import Controller
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.arm import ArmSpec
+from allegro_twin.types import frozen
+
+if TYPE_CHECKING:
+    from allegro_twin.control.controllers import Gains, Gravity
+    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.trial import Trial
+    from allegro_twin.hands.library.grasps import Grasp
+
+
+_ARMS = ("impedance", "compliance", "torque", "limp")
+"""Controllers of an arm, which carries its own weight."""
+
+
+def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
+    """The controller, and how long its motion takes where that is known. Raises ConfigError."""
+    from allegro_twin.control.controllers import GravityCompensation, Send, Torque
+
+    check_kind(config.controller.kind, spec)
+    match config.controller:
+        case LimpSettings():
+            return Send(limp_of(spec)), None
+        case FollowSettings() as settings:
+            return _sending(settings, config, spec, trial)
+        case TorqueSettings(torque=torque):
+            return Torque(spec.vector(torque, "controller.torque")), None
+        case GravitySettings(gravity=vector):
+            return GravityCompensation(_gravity(spec, vector)), None
+        case PolicySettings() as settings:
+            return _deciding(settings, config, spec, trial)
+        case PositionSettings() as settings:
+            return _following(settings, config, spec, trial)
+        case CartesianSettings() as settings:
+            from allegro_twin.app.cartesian_control import leading
+
+            return leading(settings, spec)
+
+
+def check_kind(kind: str, spec: HandSpec) -> None:
+    """Raises ConfigError for a controller whose commands this hand, or arm, does not take."""
+    if isinstance(spec, ArmSpec) and kind not in _ARMS:
+        raise ConfigError(f"controller.kind {kind} is for hands; {spec.name} is an arm: use {', '.join(_ARMS)}")
+    if not isinstance(spec, ArmSpec) and kind in ("impedance", "compliance"):
+        raise ConfigError(f"controller.kind {kind} is for arms; {spec.name} is a hand: use pd, pid or position")
+    if kind == "position" and "torque" in spec.commands:
+        raise ConfigError(f"controller.kind position is for a hand whose firmware closes the loop; {spec.name}: use pd")
+    if kind not in ("position", "limp", "policy") and "torque" not in spec.commands:
+        raise ConfigError(f"controller.kind {kind} commands torques; {spec.name} takes {', '.join(spec.commands)}: "
+                          "use position or limp, or a policy")  # fmt: skip
+
+
+def _sending(
+    settings: FollowSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """Positions for the hand's own loop."""
+    from allegro_twin.control.controllers import Follow
+
+    wanted = wanted_of(config, settings, spec, trial)
+    if wanted.grasp is not None and wanted.grasp.grip is not None:
+        raise ConfigError(f"grasp {wanted.grasp.name} controls force by torques; {spec.name} takes none")
+    effort = None if settings.effort is None else spec.vector(settings.effort, "controller.effort")
+    return Follow(wanted.reference, effort), wanted.seconds
+
+
+def _deciding(
+    settings: PolicySettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """A policy, and how long its script takes."""
+    from allegro_twin.learning.policy.controller import PolicyController
+    from allegro_twin.learning.policy.loading import load_policy
+
+    path = find(settings.file, "policy", "conf/policies", ".onnx")
+    loaded = load_policy(path, trust=settings.trust)
+    interface = loaded.card.interface(spec)
+    if abs(interface.period - config.period) > 1e-9:
+        raise ConfigError(f"{path} decides for a period of {interface.period} s; the config says {config.period} s")
+    if trial is not None and interface.scripts is not None:
+        raise ConfigError(
+            f"{path} closes a grasp on its own timeline, not on a scenario's: run it without a scenario, or see what "
+            "it is worth with `allegro-twin evaluate`"
+        )
+    goal, task = None, config.task
+    if interface.n_goal and task.posture is None:
+        raise ConfigError(f"{path} reaches goals: name a posture with task.posture or --goal")
+    if task.posture is not None:
+        if not interface.n_goal:
+            raise ConfigError(f"{path} reaches no goals: leave out task.posture")
+        goal = frozen(interface.fingertips(posture_of(task.posture, spec)))
+    script = 0 if task.grasp is None or trial is not None else loaded.card.script(task.grasp)
+    seconds = None if interface.scripts is None else interface.scripts.periods * interface.period
+    return PolicyController(loaded.policy, interface, goal, script), seconds
+
+
+def _following(
+    settings: PositionSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
+) -> tuple[Controller[Any], float | None]:
+    """PD or PID on what the task asks for; a grasp that controls force has its own."""
+    from allegro_twin.control.controllers import PD, PID
+    from allegro_twin.hands.library.gains import load_gains
+
+    gains, wanted = load_gains(settings.gains, spec), wanted_of(config, settings, spec, trial)
+    gravity = _gravity(spec, settings.gravity) if settings.compensate else None
+    if wanted.grasp is not None and wanted.grasp.grip is not None:
+        return _gripping(settings, wanted.grasp, wanted.timed(), spec, gains), wanted.seconds
+    if settings.kind == "pd":
+        return PD(wanted.reference, gains, gravity), wanted.seconds
+    return PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds
+
+
+def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
+    """The controller of a grasp that controls force; it always carries the hand's weight."""
+    from allegro_twin.grasping.controller import performer
+    from allegro_twin.sim.model.statics import hand_model
+
+    if settings.kind != "pd" or not settings.compensate:
+        key = "kind: pid" if settings.kind != "pd" else "compensate: false"
+        raise ConfigError(
+            f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
+        )
+    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_model(spec))
+
+
+def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:
+    from allegro_twin.control.controllers import Gravity
+    from allegro_twin.sim.model.statics import hand_model
+
+    return Gravity(hand_model(spec).gravity_torque, None if vector is None else frozen(vector))

@@ -1,0 +1,99 @@
+"""From a task to what the fingers follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from allegro_twin.app.config import FollowSettings, PerJoint, PositionSettings, RunConfig
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector, frozen
+
+if TYPE_CHECKING:
+    from allegro_twin.control.trajectory import Reference
+    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.trial import Trial
+    from allegro_twin.hands.library.grasps import Grasp
+
+SQUEEZE, STAY = 0.5, 1.0
+"""s that a grasp in the open squeezes for, and that a hand is watched at the end of its motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wanted:
+    """What a position controller is to do."""
+
+    reference: Reference
+    seconds: float | None = None
+    """How long it takes; None: as long as the scenario says."""
+    grasp: Grasp | None = None
+    close_at: float = 0.0
+    """When the fingers of a grasp begin to close, s."""
+    squeeze_at: float = 0.0
+    """When they squeeze, s."""
+
+    def timed(self) -> Timed:
+        """The motion of its grasp."""
+        from allegro_twin.control.trajectory import Moves
+        from allegro_twin.grasping.controller import Timed
+
+        assert isinstance(self.reference, Moves)
+        return Timed(self.reference, self.close_at, self.squeeze_at)
+
+
+def wanted_of(
+    config: RunConfig, settings: PositionSettings | FollowSettings, spec: HandSpec, trial: Trial | None
+) -> Wanted:
+    """The scenario's grasp, a grasp in the open, or a posture. Raises ConfigError."""
+    from allegro_twin.control.trajectory import Moves, Waypoint
+    from allegro_twin.hands.library.named import load_grasp
+
+    if trial is not None:
+        begins = (trial.begin_of("close"), trial.begin_of("squeeze")) if trial.grasp.grip is not None else (0.0, 0.0)
+        return Wanted(trial.reference, None, trial.grasp, *begins)
+    if config.task.grasp is not None:
+        return _in_the_open(load_grasp(config.task.grasp, spec), spec)
+    posture = goal_of(config, spec)
+    assert posture is not None
+    moves = Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)])
+    return Wanted(moves, _longest(spec, settings.speed) + STAY)
+
+
+def goal_of(config: RunConfig, spec: HandSpec) -> Vector | None:
+    """Where a position controller is to bring the joints, (n,), rad; None where the task is another. Raises
+    ConfigError."""
+    task, other = config.task, not isinstance(config.controller, PositionSettings | FollowSettings)
+    if other or task.scenario is not None or task.grasp is not None:
+        return None
+    return _first(spec) if task.posture is None else posture_of(task.posture, spec)
+
+
+def posture_of(value: str | PerJoint, spec: HandSpec) -> Vector:
+    """A posture by name or by value, (n,), rad. Raises ConfigError."""
+    from allegro_twin.hands.library.named import load_posture
+
+    return load_posture(value, spec) if isinstance(value, str) else spec.posture(value)
+
+
+def _first(spec: HandSpec) -> Vector:
+    """Home, for a hand that has one in the library; else the middle of every joint's range."""
+    from allegro_twin.hands.library.named import load_posture, posture_names
+
+    names = posture_names(spec.model)
+    return load_posture("home", spec) if names else frozen((spec.lower + spec.upper) / 2)
+
+
+def _in_the_open(grasp: Grasp, spec: HandSpec) -> Wanted:
+    """To the pre-shape, in a time that suffices from anywhere; closed at the grasp's own speed; squeezed."""
+    from allegro_twin.control.trajectory import Moves, travel_time
+
+    approach, close = grasp.waypoint("preshape", _longest(spec, grasp.speed)), grasp.waypoint("close")
+    close_at = _longest(spec, grasp.speed)
+    squeeze_at = close_at + travel_time(grasp.preshape, close)
+    moves = Moves([approach, close, grasp.waypoint("squeeze", SQUEEZE)])
+    return Wanted(moves, squeeze_at + SQUEEZE + STAY, grasp, close_at, squeeze_at)
+
+
+def _longest(spec: HandSpec, speed: float) -> float:
+    """s for the widest travel of any joint, whichever the profile: its peak is at most twice its mean."""
+    return float((spec.upper - spec.lower).max()) / speed * 2.0

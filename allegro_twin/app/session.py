@@ -1,0 +1,286 @@
+"""One run from start to end: the loop with the stages that were asked for around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allegro_twin.app import Rig
+from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.references import goal_of
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.loop import paced, run, to_the_end, until
+from allegro_twin.spec.arm import ArmSpec
+from allegro_twin.types import Array, HandState, Sample
+from allegro_twin.version import __version__
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.verdict import Report
+
+
+REACHED = 0.03
+"""rad. A joint that is further from where it was to go is not there, as of a motion of `Hand`. Dry friction alone keeps
+the joints of a hand that closes its own loop up to 0.021 rad away (SIH, simulated)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What a run leaves behind or shows; None for what is not wanted."""
+
+    record: Path | None = None
+    image: Path | None = None
+    video: Path | None = None
+    rrd: Path | None = None
+    live: str | None = None
+    """`native` or `web`: a Rerun viewer while it runs, in real time."""
+    wire_log: Path | None = None
+    """Every frame of the hand's bus: .blf, .log or .asc."""
+    size: tuple[int, int] = (480, 480)
+    """Of pictures and films: width and height, pixels."""
+    camera: str = "side"
+    """From where, also to begin with in Rerun: a name or three numbers, as `look.views.view` takes them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended."""
+
+    last: HandState
+    report: Report | None
+    notes: tuple[str, ...]
+    """What was asked for and could not be had, and warnings."""
+    motion: float = 0.0
+    """How long the controller's motion takes, s; 0 where it has none of its own."""
+    missed: str = ""
+    """Which joints are not where the task was to bring them, and by how much; empty where they all are."""
+    unconfirmed: str = ""
+    """Why it is not sure that the hand was left limp; empty when it is."""
+
+
+Advance = Callable[[float], None]
+"""Told the hand's time after every sample, s."""
+Tell = Callable[[str], None]
+"""Told at once what a person needs to know while it runs."""
+
+
+def perform(
+    rig: Rig, config: RunConfig, outputs: Outputs, advance: Advance = lambda t: None, tell: Tell = lambda line: None
+) -> Outcome:
+    """Run until the rig's time is over or its backend ends. The hand is limp afterwards, whatever happens.
+
+    Raises HandError. Pictures that cannot be rendered become a note, for they are not what the run is for.
+    """
+    if rig.trial is not None and rig.seconds is not None and rig.seconds < rig.trial.seconds - 1e-9:
+        raise ConfigError(
+            f"seconds {rig.seconds:g}: the trial takes {rig.trial.seconds:.1f} s, and without its end there is no "
+            "verdict; leave `seconds` out, or run a config without a scenario"
+        )
+    notes: list[str] = list(rig.trial.warnings()) if rig.trial is not None else []
+    with closing(rig.backend), _wire_logged(rig, config, outputs), closing(rig.backend), ExitStack() as stack:
+        samples = to_the_end(run(rig.backend, rig.controller))
+        if rig.seconds is not None:
+            samples = until(rig.seconds, samples)
+        beside, viewers = _Beside(rig), list[Any]()
+        samples = beside.followed(samples)
+        samples = _kept(samples, rig, config, outputs, beside)
+        samples = _drawn(samples, rig, outputs, beside, stack, tell, viewers)
+        samples, last = _photographed(samples, rig, outputs, notes, stack), None
+        for sample in samples:
+            last = sample.state
+            advance(last.t)
+        assert last is not None  # The loop yields at least the state after reset.
+        missed = _missed(rig, config, last, beside.motion)
+        rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
+        report = rig.trial.report() if rig.trial is not None else None
+        _concluded(viewers, report)
+        if rig.there is not None:
+            notes += rig.there.warnings()
+    return Outcome(
+        last, report, tuple(notes), beside.motion, missed, "" if rig.there is None else rig.there.unconfirmed
+    )
+
+
+class _Beside:
+    """What is known beside the samples: where the controller wants the joints, and what a trial sees."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._target = rig, np.empty(0)
+        self.motion = 0.0
+        """How long the controller's motion takes, s."""
+
+    def followed(self, samples: Iterator[Sample]) -> Iterator[Sample]:
+        """A stage that keeps up with the samples."""
+        if self._rig.trial is not None:
+            samples = self._rig.trial.watched(samples)
+        reference = getattr(self._rig.controller, "reference", None)
+        path, began = None, 0.0
+        for sample in samples:
+            state = sample.state
+            if path is None and reference is not None:
+                path, began = reference.begin(state.position), state.t
+                self.motion = float(getattr(path, "seconds", 0.0))
+            if path is not None:
+                self._target = path(state.t - began).position
+            yield sample
+
+    def __call__(self) -> dict[str, Array]:
+        found: dict[str, Array] = dict(self._rig.trial.latest()) if self._rig.trial is not None else {}
+        return found | {"target": self._target} if self._target.size else found
+
+
+def _missed(rig: Rig, config: RunConfig, last: HandState, motion: float) -> str:
+    """Judged by where the joints truly are in a simulation, and by what any other hand reports."""
+    goal = None if config.task.posture is None else goal_of(config, rig.spec)  # Without a task nothing was asked for.
+    if goal is None or config.backend.kind == "replay":  # In a recording others did what happened.
+        return ""
+    off = np.abs((last.position if rig.sim is None else rig.sim.true_position) - goal)
+    far = [joint for joint in np.argsort(-off) if not off[joint] <= REACHED]
+    if not far:
+        return ""
+    name = config.task.posture if isinstance(config.task.posture, str) else "the posture"
+    joints = ", ".join(f"{rig.spec.readable[joint]} {off[joint]:.2f}" for joint in far)
+    early = f"; the motion takes {motion:.1f} s" if last.t < motion else ""
+    return f"{name} is not reached at {last.t:.1f} s: rad short: {joints} (more than {REACHED:g}){early}"
+
+
+@contextmanager
+def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None]:
+    """Log the bus until the hand was closed within, so that its last words are in the log too."""
+    path = outputs.wire_log
+    if path is None:
+        yield
+        return
+    if rig.wire is None or not isinstance(config.backend, CanSettings):
+        raise ConfigError(
+            f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
+        )
+    from allegro_twin.drivers.can.tools.log import WireLog
+
+    with closing(WireLog(path, Path(config.backend.channel).name)) as log:
+        rig.wire.listen(log)
+        yield
+
+
+def _kept(
+    samples: Iterator[Sample], rig: Rig, config: RunConfig, outputs: Outputs, beside: _Beside
+) -> Iterator[Sample]:
+    if outputs.record is None:
+        return samples
+    from allegro_twin.recording.recorder import recorded
+
+    meta = recording_meta(rig, config)
+    return recorded(samples, outputs.record, rig.spec, rig.backend.period, meta=meta, extras=beside)
+
+
+def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
+    """What a recording of a rig says beside its rows."""
+    meta: dict[str, Any] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
+    if rig.sim is not None:
+        meta |= rig.sim.meta()
+    if rig.trial is not None:
+        meta |= rig.trial.meta()
+    else:
+        meta |= _look(rig)
+    if rig.there is not None:
+        meta["calibration"] = rig.there.calibration
+    return meta
+
+
+def _drawn(
+    samples: Iterator[Sample],
+    rig: Rig,
+    outputs: Outputs,
+    beside: _Beside,
+    stack: ExitStack,
+    tell: Tell,
+    viewers: list[Any],
+) -> Iterator[Sample]:
+    if outputs.rrd is None and outputs.live is None:
+        return samples
+    viewer_of, shown = rerun_stage()
+    from allegro_twin.viewing.rerun.scene import scenery
+
+    scene = scenery(rig.spec, _look(rig))
+    if outputs.rrd is not None:
+        temporary = stack.enter_context(whole_file(outputs.rrd))
+        viewer = viewer_of(rig.spec, scene, view=outputs.camera)
+        viewers.append(viewer)
+        stack.callback(viewer.close)
+        samples = shown(samples, viewer.to_file(temporary), beside)
+    if outputs.live is not None:
+        viewer = viewer_of(rig.spec, scene, live=True, view=outputs.camera)
+        viewers.append(viewer)
+        stack.callback(viewer.close)
+        if outputs.live == "web":
+            tell(f"Open {viewer.serve()}")
+        else:
+            viewer.spawn()
+        samples = shown(paced(samples), viewer, beside)
+    return samples
+
+
+def _concluded(viewers: list[Any], report: Report | None) -> None:
+    if viewers and report is not None:
+        from allegro_twin.grasping.evaluation.rejudge import checks, in_words
+
+        for viewer in viewers:
+            viewer.conclude(checks(report), in_words(report))
+
+
+def _look(rig: Rig) -> dict[str, Any]:
+    """What a recording says of the looks of a scene; nothing where our own hand is all there is."""
+    if rig.trial is not None:
+        return rig.trial.meta()
+    if rig.sim is None or (rig.spec.foreign is None and not isinstance(rig.spec, ArmSpec)):
+        return {}
+    from allegro_twin.sim.model.appearance import scene_look
+
+    return {"look": scene_look(rig.sim.model, rig.spec, ())}
+
+
+def _photographed(
+    samples: Iterator[Sample], rig: Rig, outputs: Outputs, notes: list[str], stack: ExitStack
+) -> Iterator[Sample]:
+    if outputs.image is None and outputs.video is None:
+        return samples
+    if rig.sim is None:
+        notes.append("no picture: only a simulation can be rendered; look at a recording with `allegro-twin view`")
+        return samples
+    try:
+        for name, wanted in (("PIL", outputs.image), ("av", outputs.video)):
+            if wanted is not None:
+                import_module(name)
+        from allegro_twin.viewing.stills import photographed
+
+        return photographed(samples, rig.sim, outputs.video, outputs.image, _moments(rig), outputs.size,
+                            outputs.camera, stack)  # fmt: skip
+    except ImportError as error:
+        notes.append(f"no pictures: {error}; pip install 'allegro-twin[view]'")
+        return samples
+    except ConfigError as error:
+        notes.append(f"no pictures: {error}")
+        return samples
+
+
+def _moments(rig: Rig) -> list[float]:
+    """When a trial is worth a picture: the fingers closed, and the end of every check."""
+    if rig.trial is None:
+        return [] if rig.seconds is None else [rig.seconds]
+    protocol = rig.trial.protocol
+    return [w.end for w in rig.trial.windows if w.check or w.name == protocol.reference]
+
+
+def rerun_stage() -> tuple[Any, Any]:
+    """The viewer and its stage. Raises ConfigError where Rerun is not installed."""
+    try:
+        from allegro_twin.viewing.rerun.viewer import Viewer, shown
+    except ImportError as error:
+        raise ConfigError(f"looking needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
+    return Viewer, shown

@@ -1,0 +1,152 @@
+"""Cartesian impedance: the tool hangs on a spring and a damper from its target.
+
+τ = Jᵀ(-K e - D J q̇) + N (kₙ (qₙ - q) - 2 √kₙ q̇) + C(q, q̇) q̇, with e = (p - p_d; φ), φ the rotation vector from the
+target's orientation to the tool's, D = 2 √K and N = 1 - Jᵀ (J Jᵀ)⁻¹ J; after libfranka's
+cartesian_impedance_example_controller, whose φ is half of ours for small angles. The arm carries itself and its load.
+
+With a bridge to the flange's sensor the joints' dry friction is overcome, too: at rest the spring and what is felt
+cancel, and where r = Jᵀ(-K e - D J q̇ + w̄) is not nothing, friction holds it: τ_f clip(r / ε, -1, 1) is added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from allegro_twin.cell.arm.target import SMOOTH, Smoothing, Target, approached
+from allegro_twin.cell.arm.tool import Bridge
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.arm import ArmModel, turn
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.types import Array, HandState, TorqueCommand, Vector
+
+_SINGULAR = 1e-6  # Added to J Jᵀ: what a stretched arm would divide by, m² and rad².
+_AXES = ("x", "y", "z")
+_FINE = 0.02  # ε, N·m. OWN: an eleventh of the friction of a Franka's joints is left, and nothing swings (tests).
+_SMOOTHED = 0.05  # s. Time constant of w̄.
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """Of the spring, the same along all axes of the base."""
+
+    linear: float = 200.0
+    """N/m. franka_ros, compliance_param.cfg."""
+    angular: float = 10.0
+    """N·m/rad."""
+
+    def diagonal(self) -> Vector:
+        """Shape (6,)."""
+        return np.repeat([self.linear, self.angular], 3)
+
+
+class Hanging(NamedTuple):
+    """What the controller remembers."""
+
+    setpoint: Pose
+    rest: Vector
+    """Where the elbow likes to be: joint positions at the start, (n,), rad."""
+    t: float
+    felt: Vector | None = None
+    """w̄, by the tool in the axes of the base, (6,), N and N·m; None: nothing is felt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impedance:
+    """Keep the tool at a target with the stiffness of a spring.
+
+    Raises ConfigError at the start for a spring that could not overcome the joints' dry friction within `slack`.
+    """
+
+    model: ArmModel
+    target: Target
+    stiffness: Stiffness = Stiffness()
+    null: float = 10.0
+    """Stiffness of what the target leaves free, N·m/rad."""
+    smoothing: Smoothing | None = SMOOTH
+    """None: targets are set-points."""
+    slack: tuple[float, float] = (0.01, 0.1)
+    """How far friction may keep the tool from its target, m and rad."""
+    bridge: Bridge | None = None
+    """To what the flange feels, by which friction is overcome. None: it is not."""
+    spring: Vector = field(init=False)
+    """The stiffness along and about the axes, (6,)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spring", self.stiffness.diagonal())
+
+    def start(self, state: HandState) -> Hanging:
+        if self.bridge is not None and not state.wrench.size:
+            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge")
+        stuck(self.model, state.position, self.stiffness, self.slack, felt=self.bridge is not None)
+        return Hanging(self.model.pose(state.position), state.position, state.t)
+
+    def __call__(self, state: HandState, memory: Hanging) -> tuple[TorqueCommand, Hanging]:
+        setpoint = approached(memory.setpoint, self.target.pose, state.t - memory.t, self.smoothing)
+        felt = None if self.bridge is None else felt_by(self.bridge, self.model, state, memory)
+        torque = hung(self.model, state, setpoint, memory.rest, self.spring, self.null, felt)
+        return TorqueCommand(torque), Hanging(setpoint, memory.rest, state.t, felt)
+
+
+def felt_by(bridge: Bridge, model: ArmModel, state: HandState, memory: Hanging) -> Vector:
+    """w̄ after a state: the first is taken as it is."""
+    axes = model.flange(state.position).rotation
+    now = bridge.outside(state.wrench, axes, state.gravity, model.tool.position)
+    if memory.felt is None:
+        return now
+    smooth: Vector = memory.felt + (now - memory.felt) * min((state.t - memory.t) / _SMOOTHED, 1.0)
+    return smooth
+
+
+def hung(
+    model: ArmModel, state: HandState, setpoint: Pose, rest: Vector, stiffness: Vector, null: float,
+    felt: Vector | None = None,
+) -> Vector:  # fmt: skip
+    """The law above, (n,), N·m. `stiffness` has shape (6,); `felt` is w̄, (6,), or None: friction is left as it is."""
+    q, v = state.position, state.velocity
+    place, axes, jacobian = model.motion(q)
+    error = np.concatenate([place - setpoint.position, turn(setpoint.rotation, axes)])
+    force = -stiffness * error - 2.0 * np.sqrt(stiffness) * (jacobian @ v)
+    free = null * (rest - q) - 2.0 * np.sqrt(null) * v
+    taken = np.linalg.solve(jacobian @ jacobian.T + _SINGULAR * np.eye(6), jacobian @ free)
+    torque: Vector = jacobian.T @ (force - taken) + free + model.coriolis(q, v)
+    if felt is None:
+        return torque
+    return torque + freed(model, jacobian.T @ (force + felt))
+
+
+def freed(model: ArmModel, off: Vector) -> Vector:
+    """What frees the joints from dry friction where torques (n,) are not in balance, τ_f clip(r / ε, -1, 1), N·m."""
+    free: Vector = model.spec.actuation.frictionloss * np.minimum(np.maximum(off / _FINE, -1.0), 1.0)
+    return free
+
+
+def stuck(
+    model: ArmModel, position: Vector, stiffness: Stiffness, slack: tuple[float, float], *, felt: bool = False
+) -> None:
+    """Raise ConfigError when dry friction could hold the tool farther from its target than `slack`, m and rad; what is
+    left of it, where the flange is `felt`."""
+    band = _dead_band(model, position, felt)
+    for first, value, unit, most, name in (
+        (0, stiffness.linear, "N/m", slack[0], "linear"),
+        (3, stiffness.angular, "N·m/rad", slack[1], "angular"),
+    ):
+        axis = int(np.argmax(band[first : first + 3]))
+        force = float(band[first + axis])
+        if not value * most >= force:
+            far = f"{1e3 * force / value:.1f} mm" if first == 0 else f"{np.degrees(force / value):.1f}°"
+            raise ConfigError(
+                f"stiffness.{name} {value:g} {unit}: dry friction would keep {model.spec.name} up to {far} from its "
+                f"target along {_AXES[axis]}; take at least {force / most:.3g} {unit}"
+            )
+
+
+def _dead_band(model: ArmModel, position: Vector, felt: bool) -> Array:
+    """The largest force and torque along each axis that the joints' dry friction can hold, |J⁺ᵀ| τ, (6,), N and N·m."""
+    _, _, jacobian = model.motion(position)
+    friction = model.spec.actuation.frictionloss
+    if felt:
+        friction = friction / (1.0 + friction / _FINE)  # r + τ_f r / ε = τ_f.
+    return np.asarray(np.abs(np.linalg.pinv(jacobian.T)) @ friction)

@@ -1,0 +1,122 @@
+"""A depth camera in a scene of MuJoCo's, whatever the scene is of."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.intrinsics import D435I_COLOUR, D435I_COLOUR_AT, Image, Intrinsics
+from allegro_twin.cell.camera.mount import CameraPose
+from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.stereo import Stereo
+from allegro_twin.errors import ConfigError
+from allegro_twin.viewing.camera_model import Lens
+from allegro_twin.viewing.gl_context import Screen
+
+_HINT = (
+    "headless rendering needs EGL: apt-get install libegl1 libopengl0 libgl1-mesa-dri; "
+    "and MUJOCO_GL=egl where mujoco is imported before allegro_twin"
+)
+
+
+class Camera:
+    """Takes pictures of one model. For one thread; `close` it. Raises ConfigError where nothing can be rendered.
+
+    Its noise is drawn from `seed` and the number of the picture: the same run has the same pictures.
+    """
+
+    def __init__(self, model: mujoco.MjModel, settings: CameraSettings, seed: int = 0) -> None:
+        self.settings, self._model, self._seed = settings, model, seed
+        self._stereo = Stereo(settings.intrinsics, settings.baseline, settings.furthest)
+        settings.mount.pose(model, mujoco.MjData(model))  # Its body is there, or this raises.
+        self._number, self._frozen = 0, False
+        self._last: Frame | None = None
+        self._depth = _screen(model, settings.intrinsics)
+        self._colour = _screen(model, D435I_COLOUR) if settings.colour else None
+
+    @property
+    def stereo(self) -> Stereo:
+        """Its imagers: what it cannot see for nearness, and how far its depth scatters."""
+        return self._stereo
+
+    def capture(self, data: mujoco.MjData) -> Frame:
+        """A picture of the scene as it is now; of a frozen camera its last picture, stamp and all."""
+        if self._frozen and self._last is not None:
+            return self._last
+        pose = self.settings.mount.pose(self._model, data)
+        number, self._number = self._number, self._number + 1
+        exact = self.exact(data, pose)
+        told = self._stereo.measured(exact, self.settings.noise, np.random.default_rng((self._seed, number)))
+        ready = float(data.time) + self.settings.latency
+        frame = Frame(number, float(data.time), ready, told, self._picture(data, pose), self.settings.intrinsics, pose)
+        self._last = frame
+        return frame
+
+    def exact(self, data: mujoco.MjData, pose: CameraPose) -> Image:
+        """Depth without any error, (rows, columns), m along z."""
+        return self._depth.draw_depth(data, _lens(self.settings.intrinsics, pose))
+
+    def restart(self, seed: int) -> None:
+        """As new, with other noise: the next picture is the first."""
+        self._seed, self._number, self._last = seed, 0, None
+
+    def freeze(self) -> None:
+        """From now on it repeats its last picture, or takes one more and repeats that: a fault to inject."""
+        self._frozen = True
+
+    def thaw(self) -> None:
+        """The fault is over."""
+        self._frozen = False
+
+    def close(self) -> None:
+        """Idempotent."""
+        for screen in (self._depth, self._colour):
+            if screen is not None:
+                screen.close()
+
+    def _picture(self, data: mujoco.MjData, pose: CameraPose) -> NDArray[np.uint8] | None:
+        if self._colour is None:
+            return None
+        beside = pose._replace(position=pose.world(np.array(D435I_COLOUR_AT)))
+        return self._colour.draw(data, _lens(D435I_COLOUR, beside))
+
+
+class Stream:
+    """A camera that runs: pictures at its rate, each there after its latency.
+
+    `read` is called as often as anything else happens, with the scene as it is then.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera, self._count = camera, -1
+        self._begin: float | None = None
+        self._waiting: list[Frame] = []
+        self._newest: Frame | None = None
+
+    def read(self, data: mujoco.MjData) -> Frame | None:
+        """The newest picture that is there by now, or None before the first; takes one when one is due."""
+        now = float(data.time)
+        if self._begin is None or now < self._begin:  # A scene that was reset begins anew.
+            self._begin, self._count, self._waiting, self._newest = now, -1, [], None
+        due = int(np.floor((now - self._begin) * self._camera.settings.rate + 1e-6))
+        if due > self._count:
+            self._count = due
+            self._waiting.append(self._camera.capture(data))
+        while self._waiting and self._waiting[0].ready <= now + 1e-9:
+            self._newest = self._waiting.pop(0)
+        return self._newest
+
+
+def _lens(lens: Intrinsics, pose: CameraPose) -> Lens:
+    return Lens(pose.position, pose.rotation, *lens.edges())
+
+
+def _screen(model: mujoco.MjModel, lens: Intrinsics) -> Screen:
+    buffer = model.vis.global_
+    buffer.offwidth, buffer.offheight = max(buffer.offwidth, lens.width), max(buffer.offheight, lens.height)
+    try:
+        return Screen(model, lens.height, lens.width, sites=False)
+    except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
+        raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error

@@ -1,0 +1,61 @@
+"""What a camera's YAML says (conf/cameras/*.yaml)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from allegro_twin.cell.camera.intrinsics import D435I_BASELINE, D435I_DEPTH, Intrinsics
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.files.schema import Settings
+
+NotNegative = Annotated[float, Field(ge=0)]
+Part = Annotated[float, Field(ge=0, le=1)]
+
+
+class Noise(Settings):
+    """What is wrong with a stereo camera's depth. Everything at zero, and `shadow` off: exact depth."""
+
+    disparity: NotNegative = 0.08
+    """Standard deviation, pixels: typical of D400 cameras (librealsense #3904; the best is 0.032)."""
+    patch: Annotated[int, Field(ge=1, le=16)] = 4
+    """Edge of the squares over which it is smeared, pixels: neighbours share their matching windows (estimated)."""
+    subpixel: Annotated[int, Field(ge=0)] = 32
+    """Steps of a pixel in which disparity is told; 0: any. (D400: 1/32.)"""
+    unit: NotNegative = 0.001
+    """Steps in which depth is told, m; 0: any. (D400's default depth unit.)"""
+    shadow: bool = True
+    """What the right imager does not see is unknown: beside things, and in a band at the picture's left."""
+    edge: Part = 0.5
+    """The part of the pixels beside a jump in depth that is lost (estimated)."""
+    grazing: tuple[float, float] = (75.0, 85.0)
+    """Degrees between the ray and the surface's normal: fewer and fewer pixels from the first, none beyond the second
+    (estimated)."""
+
+
+class CameraSettings(Settings):
+    """A D435i: where it stands, what it tells and how late."""
+
+    kind: Literal["d435i"] = "d435i"
+    resolution: Literal["640x480", "848x480", "640x360", "480x270", "424x240"] = "640x480"
+    mount: Mount
+    rate: Literal[6, 15, 30, 60, 90] = 30
+    """Pictures a second."""
+    latency: NotNegative = 0.065
+    """From a picture's exposure until the program has it, s (librealsense #1242: 60 to 70 ms for depth)."""
+    colour: bool = False
+    """Take a colour picture with each."""
+    furthest: Annotated[float, Field(gt=0)] = 10.0
+    """Beyond it nothing is known, m (datasheet: about 10 m)."""
+    noise: Noise = Noise()
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Of the depth picture."""
+        return D435I_DEPTH[self.resolution]
+
+    @property
+    def baseline(self) -> float:
+        """m."""
+        return D435I_BASELINE

@@ -1,0 +1,1 @@
+"""Checks of a grasp and of the sensors that judge it."""

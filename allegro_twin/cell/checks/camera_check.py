@@ -1,0 +1,116 @@
+"""Camera check after the lift: is the object in the hand, or still on the table?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.motion.clutter import among
+from allegro_twin.cell.perception.cloud import finite, pass_through
+from allegro_twin.cell.perception.clusters import clusters
+from allegro_twin.cell.perception.errors import place
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.types import Array
+
+_SAME = 0.008
+"""m. A point that is this near to where it was has not moved."""
+_NEAR = 0.03
+"""m along the ray. So far an object shifts in the hand while the fingers close."""
+_FEW = 20
+"""Points that have to be seen before they say anything."""
+_CLEAR = 0.015
+"""m. Of an object on the table, what is lower than this cannot be told from the table behind it."""
+_PART = 0.3
+"""Of the points that stood there: so many that have not moved are the object."""
+_LOW = 0.5
+"""Times the lift: what is lower than this has not been lifted."""
+_BESIDE = 0.03
+"""m. What is this near to something that stood there before is that."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What one picture says of the object that was seen before."""
+
+    there: bool = False
+    """It is seen in the hand."""
+    gone: bool = False
+    """The place on the table where it stood is seen, and is empty."""
+    left: str = ""
+    """Why it is not in the hand: where something is on the table that should be in the air."""
+    fresh: bool = True
+    """The picture is a new one; of one that is not, nothing else is told."""
+
+    @property
+    def held(self) -> bool | None:
+        """The word of this check; None where the hand or the arm hides the object."""
+        if self.left:
+            return False
+        return True if self.there else None
+
+    @property
+    def hidden(self) -> str:
+        """Why it says nothing, for a sentence."""
+        return "the camera does not see it in the hand" if self.fresh else "the camera is frozen, or its cable is out"
+
+
+def sighted(
+    frame: Frame, cloud: Cloud, before: Found, others: Array, moved: tuple[Pose, Pose], lift: float,
+    settings: PerceptionSettings,
+) -> Sight:  # fmt: skip
+    """The verdict of a picture taken after the lift.
+
+    `cloud` is that of `frame` without arm and hand. `before` is what was found before the grasp, `others` are points of
+    other objects then, (k, 3), world, m. `moved`: the palm at the grasp and now. `lift`: by how much, m.
+    """
+    height = before.table.height(before.points)
+    stood = before.points[height > min(_CLEAR, 0.5 * float(height.max()))]
+    same, far, _ = _depths(frame, cloud, stood, _SAME)
+    seen = same + far
+    left = ""
+    if seen >= _FEW and same > _PART * seen:
+        left = f"the camera sees it where it stood, at {place(before.solid.position)}"
+    left = left or _on_table(frame, cloud, before, others, lift, settings)
+    grasped, now = moved
+    turn = now.rotation @ grasped.rotation.T
+    carried = (before.points - grasped.position) @ turn.T + now.position
+    near, beyond, _ = _depths(frame, cloud, carried, _NEAR)
+    return Sight(near >= _FEW and near > beyond, seen >= _FEW and far > (1.0 - _PART) * seen, left)
+
+
+def _depths(frame: Frame, cloud: Cloud, points: Array, near: float) -> tuple[int, int, int]:
+    """Of points of the world, (n, 3), m, how many the camera sees there, within `near` along the ray; behind how many
+    it sees something; and before how many. Where it knows nothing, or sees the robot, a point does not count."""
+    local = (points - frame.pose.position) @ frame.pose.rotation
+    local = local[local[:, 2] > 1e-3]
+    column, row = np.rint(frame.lens.pixel(local)).astype(np.int_).T
+    inside = (column >= 0) & (column < frame.lens.width) & (row >= 0) & (row < frame.lens.height)
+    off = cloud[row[inside], column[inside], 2] - local[inside, 2]
+    off = off[np.isfinite(off)]
+    return int((np.abs(off) <= near).sum()), int((off > near).sum()), int((off < -near).sum())
+
+
+def _on_table(
+    frame: Frame, cloud: Cloud, before: Found, others: Array, lift: float, settings: PerceptionSettings
+) -> str:
+    """Where an object is on the table that was not there before, as a sentence; or ""."""
+    thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
+    world = frame.pose.world(thin[finite(thin)].astype(np.float64))
+    height = before.table.height(world)
+    low = pass_through(world, np.array(settings.region.lower), np.array(settings.region.upper))
+    low &= (height > np.maximum(settings.object.above, 3.5 * before.sigma)) & (height < _LOW * lift)
+    world = world[low]
+    if len(others):
+        world = world[~among(world, others, _BESIDE)]
+    if len(world) < settings.object.least:
+        return ""
+    grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
+    if sizes.max() < settings.object.least:
+        return ""
+    middle = world[grid.of(world[:, :2]) == int(np.argmax(sizes)) + 1].mean(axis=0)
+    return f"the camera sees an object on the table at {place(middle)}"

@@ -1,0 +1,1 @@
+"""The journal of a run: what observers, recordings and reports are told of it."""

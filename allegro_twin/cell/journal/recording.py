@@ -1,0 +1,61 @@
+"""Everything of a run in one recording: arm and hand, states, what perception said, pictures, the config."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.journal.rows import EVENTS, PERCEPTION, PICTURES
+from allegro_twin.cell.journal.shapes import cell_look
+from allegro_twin.cell.settings import LabSettings
+from allegro_twin.recording.arrow_writer import SharedFile
+from allegro_twin.recording.events import Happening, Moved
+from allegro_twin.recording.journal import Journal
+from allegro_twin.recording.recorder import Recorder
+from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.version import __version__
+
+
+class Recorded:
+    """An onlooker that records one run into a file. Raises RecordingError for the file and the disk."""
+
+    def __init__(self, room: Room, path: Path) -> None:
+        things = tuple(thing.name for thing in room.settings.objects)
+        self._file = SharedFile(path, meta_of(room))
+        fields = {"states": EVENTS, "perception": PERCEPTION, "pictures": PICTURES}
+        self._journals = {name: Journal(self._file.track(name), each) for name, each in fields.items()}
+        self._recorders: dict[str, Recorder] = {}
+        for name, backend in (("arm", room.arm), ("hand", room.hand)):
+            meta = {"lab": name, "look": scene_look(room.cell.world.model, backend.spec, things)}
+            self._recorders[name] = Recorder(self._file.track(name), backend.spec, backend.period, meta)
+
+    def see(self, happening: Happening) -> None:
+        """Write it; samples by the hundred, everything else at once."""
+        if isinstance(happening, Moved):
+            self._recorders[happening.device].add(happening.sample, happening.beside)
+        else:
+            self._journals[happening.track].add(**happening.row)
+
+    def close(self) -> None:
+        """Write what is left. Idempotent. Raises RecordingError."""
+        for recorder in self._recorders.values():
+            recorder.close()
+        for journal in self._journals.values():
+            journal.close()
+        self._file.close()
+
+
+def meta_of(room: Room) -> dict[str, Any]:
+    """What is said of the whole run: who made it, of what, and from which config."""
+    config = room.settings.model_dump(mode="json")
+    kept = {"allegro_twin": __version__, "lab": True, "config": config, "config_hash": config_hash(room.settings)}
+    return kept | room.cell.arm_sim.meta() | {"look": cell_look(room)}
+
+
+def config_hash(settings: LabSettings) -> str:
+    """Of everything that the config says, with what it leaves to defaults."""
+    text = json.dumps(settings.model_dump(mode="json"), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,85 @@
+"""What happens in a run as rows of a journal: states, what perception found, pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.cell.actions import Work
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.perception.cloud import finite
+from allegro_twin.cell.perception.errors import Refused
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.perception.target import Target, target
+from allegro_twin.cell.states import Now
+from allegro_twin.kinematics.pose import Pose
+from allegro_twin.recording.journal import Kind
+from allegro_twin.types import Array
+
+EVENTS: dict[str, Kind] = {
+    "t": "number", "state": "word", "tries": "count", "grasp": "word", "palm": "numbers", "before": "numbers",
+    "weight": "number", "torque": "number", "end": "word", "reason": "word", "sentence": "word",
+}  # fmt: skip
+"""When each state began, s, at which try; from ToTargetPose on the grasp that was chosen, where the palm is to be for
+it and before it, (7,), world; what the check said, kg and N·m; and how it ended."""
+PERCEPTION: dict[str, Kind] = {
+    "t": "number", "number": "count", "known": "count", "verdict": "word", "sentence": "word", "others": "count",
+    "shape": "word", "pose": "numbers", "size": "numbers", "error": "number", "sigma": "number", "table": "numbers",
+    "target": "numbers", "width": "number", "points": "array",
+}  # fmt: skip
+"""Of the picture taken at `t`, s: how many of its points are known; `found`, or why not; of the thing the shape, pose
+(7,), size (3,), m, the fit's error and the camera's scatter, m; the table's normal and height, (4,); the target frame
+(7,) and its width, m; the thing's own points, (k, 3), float32, m. All in the world."""
+PICTURES: dict[str, Kind] = {
+    "t": "number", "number": "count", "camera": "numbers", "lens": "numbers", "colour": "array", "depth": "array",
+}  # fmt: skip
+"""Taken at `t`, s, from a pose (7,), world; fx, fy, cx, cy of the depth picture; colour (rows, columns, RGB); depth
+(rows, columns), mm as uint16, 0 unknown, as ROS has it."""
+
+
+def event(now: Now, work: Work) -> dict[str, Any]:
+    """A state begins."""
+    way, check, end = work.way, work.checked, now.end
+    row: dict[str, Any] = {"t": now.since, "state": now.state, "tries": now.tries}
+    if way is not None:
+        row |= {"grasp": way.card.name, "palm": _seven(way.palm), "before": _seven(way.before)}
+    if check is not None:
+        row |= {"weight": check.weight, "torque": check.torque}
+    if end is not None:
+        row |= {"end": end.word, "reason": end.reason, "sentence": end.sentence}
+    return row
+
+
+def perceived(frame: Frame, seen: Found | Refused, settings: PerceptionSettings) -> dict[str, Any]:
+    """A picture was looked at."""
+    known = int(np.count_nonzero(finite(frame.cloud)))
+    row: dict[str, Any] = {"t": frame.time, "number": frame.number, "known": known}
+    if not isinstance(seen, Found):
+        return row | {"verdict": seen.reason, "sentence": seen.sentence}
+    solid, table = seen.solid, seen.table
+    row |= {
+        "verdict": "found", "others": seen.others, "shape": solid.shape, "size": solid.size, "error": solid.error,
+        "pose": _seven(Pose(solid.position, solid.axes)), "sigma": seen.sigma,
+        "table": np.append(table.normal, table.offset), "points": seen.points.astype(np.float32),
+    }  # fmt: skip
+    frame_for = target(seen, settings.target)
+    if isinstance(frame_for, Target):
+        row |= {"target": _seven(Pose(frame_for.position, frame_for.rotation)), "width": frame_for.width}
+    return row
+
+
+def pictured(frame: Frame) -> dict[str, Any]:
+    """A picture was taken for whoever looks on."""
+    lens = frame.lens
+    return {
+        "t": frame.time, "number": frame.number, "camera": _seven(Pose(frame.pose.position, frame.pose.rotation)),
+        "lens": (lens.fx, lens.fy, lens.cx, lens.cy), "colour": frame.colour,
+        "depth": np.nan_to_num(np.round(1e3 * frame.depth)).astype(np.uint16),
+    }  # fmt: skip
+
+
+def _seven(pose: Pose) -> Array:
+    """Position, m, and quaternion w x y z."""
+    return np.concatenate([pose.position, pose.quaternion])

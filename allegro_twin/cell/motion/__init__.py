@@ -1,0 +1,1 @@
+"""Motion of arm and fingers: which grasp, which path, within which limits."""

@@ -1,0 +1,75 @@
+"""Other objects on the table: where they are, as boxes that arm and hand keep clear of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.intrinsics import Cloud
+from allegro_twin.cell.perception.cloud import Mask, finite
+from allegro_twin.cell.perception.clusters import clusters
+from allegro_twin.cell.perception.pipeline import Found
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.types import Array
+
+_REACH = 0.6
+"""m: further from the middle of the table than this nothing is looked at; the table reaches 0.45 m."""
+_TOP = 0.6
+"""m: what is higher hangs in the air."""
+_SURE = 5.0
+"""Standard deviations above the table from which a point is of an object."""
+_OWN = 0.012
+"""m. What is this near to the chosen object's points, seen from above, is its own."""
+_DEEP = 0.12
+"""m."""
+_FEW = 12
+"""Thinned points of an object; fewer are strays."""
+
+
+def beside(frame: Frame, cloud: Cloud, found: Found, settings: PerceptionSettings) -> tuple[Array, ...]:
+    """Points of each other object, (k, 3) in the world, m, also of those outside perception's region.
+
+    `cloud`: of `frame`, without arm and hand; `found`: the chosen object. Their far sides are not seen: each object is
+    taken to be as deep as it is wide, up to `_DEEP`.
+    """
+    thin = cloud[:: settings.stride, :: settings.stride].reshape(-1, 3)
+    known: Array = thin[finite(thin)].astype(np.float64)
+    world = frame.pose.world(known)
+    depth = float(np.median(((found.points - frame.pose.position) @ frame.pose.rotation)[:, 2]))
+    height = found.table.height(world)
+    mine = height > np.maximum(settings.object.above, _SURE * found.sigma * (known[:, 2] / depth) ** 2)
+    mine &= (height < _TOP) & (np.abs(world[:, :2]).max(axis=1) < _REACH)
+    world = world[mine]
+    world = world[~among(world, found.points, _OWN)]
+    if len(world) < _FEW:
+        return ()
+    grid, sizes = clusters(world[:, :2], 2.0 * settings.object.gap)
+    labels = grid.of(world[:, :2])
+    return tuple(_deepened(world[labels == label + 1], frame.pose.position) for label in np.flatnonzero(sizes >= _FEW))
+
+
+def box_of(points: Array) -> tuple[Array, Array]:
+    """The middle and the extents, (3,) each, m, of the upright box around points, (k, 3), down to the table."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    low[2] = 0.0
+    return (low + high) / 2.0, high - low
+
+
+def _deepened(points: Array, eye: Array) -> Array:
+    """The points, and some behind them where the object may reach."""
+    away = points[:, :2].mean(axis=0) - eye[:2]
+    away /= max(float(np.linalg.norm(away)), 1e-9)
+    deep, wide = np.ptp(points[:, :2] @ away), np.ptp(points[:, :2] @ [-away[1], away[0]])
+    more = min(float(wide), _DEEP) - float(deep)
+    if more <= 0.0:
+        return points
+    behind = points.copy()
+    behind[:, :2] += more * away
+    return np.concatenate([points, behind])
+
+
+def among(points: Array, others: Array, within: float) -> Mask:
+    """Which points, (n, 3), are seen from above within about so much, m, of one of the others, (k, 3)."""
+    cells = {(x + i, y + j) for x, y in {tuple(cell) for cell in np.floor(others[:, :2] / within).astype(int).tolist()}
+             for i in (-1, 0, 1) for j in (-1, 0, 1)}  # fmt: skip
+    return np.array([tuple(cell) in cells for cell in np.floor(points[:, :2] / within).astype(int).tolist()], bool)

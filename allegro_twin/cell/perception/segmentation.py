@@ -1,0 +1,176 @@
+"""From a view to the points of the largest thing on the table, or why there are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.cell.perception.cloud import Mask, Points, pass_through
+from allegro_twin.cell.perception.clusters import Grid, clusters
+from allegro_twin.cell.perception.errors import Refused, place
+from allegro_twin.cell.perception.plane import Plane, find_plane
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.cell.perception.view import View
+from allegro_twin.types import Array
+
+_ENOUGH = 200
+"""Thinned points in the region without which there is no use in looking for a plane."""
+_SHARE = 11
+"""Of the thinned points every so many is looked at for the plane."""
+_SCATTER = 3.5
+"""A point of the table is this many standard deviations above it so rarely that it makes no thing."""
+_MOST = 1800
+"""Points of a thing, about: a large thing is thinned to it."""
+_TOP = 0.9
+"""What is higher than this part of a thing is its top."""
+_SIDES = ("left", "upper", "right", "lower")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cluster:
+    """The points of one thing, with what is known of how they were seen."""
+
+    points: Array
+    """(n, 3), m, in `axes` from the world's origin, but heights above the table."""
+    axes: Array
+    """Rows of (3, 3) in the world: x away from the camera along the table, y, and z its normal."""
+    plane: Plane
+    """In the world."""
+    depth: float
+    """Of its points, the median, m."""
+    pixel: float
+    """How far two neighbours are apart across the ray, m."""
+    elevation: float
+    """By how much the camera looks down at its top, rad."""
+    others: int
+    """Things beside it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The points above the table, thinned."""
+
+    pixels: NDArray[np.int_]
+    """Row and column in the thinned picture, (2, n)."""
+    points: Points
+    """(n, 3), m, in the world."""
+    grid: Grid
+    label: int
+    members: Mask
+    others: int
+
+
+def scatter(view: View, settings: PerceptionSettings) -> float:
+    """Depth's standard deviation at 1 m, s/(f·B), m; at z it is z² as much."""
+    return settings.disparity / (view.focal * settings.baseline)
+
+
+def largest(view: View, settings: PerceptionSettings, draws: np.random.Generator) -> Cluster | Refused:
+    """The largest thing's points."""
+    thin = view.cloud[:: settings.stride, :: settings.stride]
+    flat = thin.reshape(-1, 3)
+    world = view.world(flat)
+    inside = np.flatnonzero(pass_through(world, *_bounds(settings)))
+    if len(inside) < _ENOUGH:
+        return _empty(flat, len(inside), settings)
+    world, depths = world[inside], flat[inside, 2]
+    table = settings.table
+    plane = find_plane(world[::_SHARE], np.array([0.0, 0.0, 1.0]), draws, near=table.near, tilt=table.tilt)
+    if plane is None or plane.part < table.part:
+        part = 0.0 if plane is None else plane.part
+        said = f"no table: the largest level plane has {part:.0%} of {len(world)} points, and {table.part:.0%} make one"
+        return Refused("no_plane", f"{said}; turn the camera towards the table, or set `region` around it")
+    axes = plane.axes(view.rotation[:, 2])
+    above = plane.height(world) > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * depths**2)
+    above[above] = view.foreign(world[above])
+    pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
+    found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
+    if isinstance(found, Refused):
+        return found
+    cut = _cut_off(found, thin.shape, settings)
+    return cut if cut is not None else _closely(view, found, plane, axes, settings)
+
+
+def _bounds(settings: PerceptionSettings) -> tuple[Array, Array]:
+    return np.array(settings.region.lower), np.array(settings.region.upper)
+
+
+def _empty(flat: Points, left: int, settings: PerceptionSettings) -> Refused:
+    seen = np.count_nonzero(np.isfinite(flat[:, 2]))
+    if seen < _ENOUGH:
+        said = f"the cloud is empty: {seen} of {len(flat)} points are known"
+        return Refused("empty", f"{said}; move the camera back from what it looks at, or uncover its lens")
+    said = f"no table: {left} of {seen} points are in the region {settings.region.lower} to {settings.region.upper}"
+    return Refused("no_plane", f"{said}; turn the camera towards it, or set `region` around the table")
+
+
+def _cell(view: View, depths: Points, plane: Plane, settings: PerceptionSettings) -> float:
+    """Edge of the grid's cells, m: no less than what lies on the table between one looked at pixel and the next."""
+    if len(depths) == 0:
+        return settings.object.gap
+    across = settings.stride * float(np.quantile(depths, 0.9)) / view.focal
+    return max(settings.object.gap, 1.1 * across / max(float(-view.rotation[:, 2] @ plane.normal), 0.3))
+
+
+def _gathered(
+    pixels: NDArray[np.int_], points: Points, axes: Array, cell: float, settings: PerceptionSettings
+) -> _Found | Refused:
+    nothing = f"nothing stands on the table that is higher than {settings.object.above} m and seen"
+    if len(points) == 0:
+        return Refused("no_object", f"{nothing}; put a thing into the region")
+    places = points @ axes[:2].T.astype(points.dtype)
+    grid, sizes = clusters(places, cell)
+    label = int(np.argmax(sizes)) + 1
+    if sizes[label - 1] < settings.object.least:
+        return Refused("no_object", f"{nothing}: {sizes[label - 1]} points at most; put a thing into the region")
+    others = int(np.count_nonzero(sizes >= settings.object.least)) - 1
+    return _Found(pixels, points, grid, label, grid.of(places) == label, others)
+
+
+def _cut_off(found: _Found, shape: tuple[int, ...], settings: PerceptionSettings) -> Refused | None:
+    """A thing of which a part may not have been seen has no middle."""
+    rows, columns = found.pixels[:, found.members]
+    ends = (columns.min() == 0, rows.min() == 0, columns.max() == shape[1] - 1, rows.max() == shape[0] - 1)
+    points = found.points[found.members]
+    middle = place(points.mean(axis=0))
+    if any(ends):
+        side = _SIDES[ends.index(True)]
+        said = f"the thing at {middle} reaches the picture's {side} edge"
+        return Refused("cut_off", f"{said}; turn the camera towards it, or move it back")
+    lower, upper = _bounds(settings)
+    gap = settings.object.gap
+    over = points.max(axis=0) > upper - gap
+    over[:2] |= points.min(axis=0)[:2] < lower[:2] + gap  # The table cuts off what is below.
+    if over.any():
+        axis = "xyz"[int(np.argmax(over))]
+        said = f"the thing at {middle} reaches the end of `region` along {axis}"
+        return Refused("cut_off", f"{said}; move it, or make `region` larger")
+    return None
+
+
+def _closely(view: View, found: _Found, plane: Plane, axes: Array, settings: PerceptionSettings) -> Cluster | Refused:
+    """All of its pixels, or as many as are enough."""
+    stride, (rows, columns) = settings.stride, found.pixels[:, found.members]
+    step = max(1, int(np.sqrt(len(rows) * stride**2 / _MOST)))
+    first = [max(int(ends.min() - 1) * stride, 0) for ends in (rows, columns)]
+    last = [int(ends.max() + 2) * stride for ends in (rows, columns)]
+    near = view.cloud[first[0] : last[0] : step, first[1] : last[1] : step].reshape(-1, 3)
+    near = near[pass_through(view.world(near), *_bounds(settings))]  # What is unknown is nowhere.
+    world = view.world(near)
+    points = world @ axes.T.astype(near.dtype)
+    points[:, 2] -= plane.offset
+    mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * scatter(view, settings) * near[:, 2] ** 2)
+    mine &= found.grid.spread().of(points[:, :2]) == found.label
+    mine[mine] = view.foreign(world[mine])
+    count = np.count_nonzero(mine)
+    if count < settings.object.least:
+        said = f"of the thing at {place(found.points[found.members].mean(axis=0))} {count} points are known, and "
+        return Refused("unclear", f"{said}{settings.object.least} are needed; light it evenly, or dull its surface")
+    depth = float(np.median(near[mine, 2]))
+    mine_points = points[mine].astype(np.float64)
+    top = mine_points[mine_points[:, 2] > _TOP * mine_points[:, 2].max()].mean(axis=0)
+    way = top @ axes + plane.offset * plane.normal - view.position
+    elevation = float(np.arcsin(np.clip(-way @ plane.normal / np.linalg.norm(way), 0.0, 1.0)))
+    return Cluster(mine_points, axes, plane, depth, step * depth / view.focal, elevation, found.others)

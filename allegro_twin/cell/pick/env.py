@@ -1,0 +1,139 @@
+"""Arm, hand and a thing on the table as a Gymnasium environment: take it, lift it by 0.1 m and hold it for a second."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from allegro_twin.cell.pick.episode import Episodes
+from allegro_twin.cell.pick.settings import PickOptions, PickSettings
+from allegro_twin.errors import CommandError, ConfigError, HandFault
+from allegro_twin.files.schema import parse
+from allegro_twin.kinematics.arm import turn
+from allegro_twin.types import Array, Vector
+from allegro_twin.viewing.camera import Camera
+from allegro_twin.viewing.views import View
+
+Floats = NDArray[np.float32]
+BOUND = 5.0
+"""Of every number in an observation."""
+_HIGH = 0.1
+"""m. A thing that is lifted by so much"""
+_LONG = 1.0
+"""and for so long, s, is picked."""
+_LOST = 0.2
+"""m. A thing that was shoved so far, or fell as far below the table, is lost."""
+_VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
+
+
+class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
+    """The keywords are those of `PickSettings`. Raises ConfigError. A pickle holds how it was made."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 26}  # noqa: RUF012  # As Gymnasium has it.
+
+    def __init__(self, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any) -> None:
+        EzPickle.__init__(self, render_mode=render_mode, width=width, height=height, **kwargs)
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f"render_mode {render_mode!r}: ArmPick has rgb_array")
+        self.settings = parse(PickSettings, kwargs, "environment")
+        self.render_mode, self._size = render_mode, (width, height)
+        self.episodes = Episodes(self.settings)
+        self._camera: Camera | None = None
+        joints = 1 if self.settings.control == "grasp" else self.episodes.spec.n_joints
+        self.action_space = spaces.Box(-1.0, 1.0, (6 + joints,), np.float32)
+        self.observation_space = spaces.Box(-BOUND, BOUND, (self.episodes.numbers,), np.float32)
+        self._over = True
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        super().reset(seed=seed)
+        asked = parse(PickOptions, options or {}, "options")
+        self.episodes.begin(self.np_random, asked)
+        self._over, self._high = False, 0.0
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+        now = self.episodes
+        info = {"object": now.stand.name, "at": now.at.tolist(), "yaw": now.yaw, "error": now.error}
+        return self._seen(), info
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        if self._over:
+            raise CommandError("this episode is over: reset before the next step")
+        now, taken = self.episodes, _placed(action, self.action_space.shape)
+        stopped = ""
+        try:
+            now.step(taken)
+        except HandFault as error:
+            stopped = str(error)
+        terms = self._terms(taken)
+        rise, away = now.moved()
+        self._high = self._high + now.seconds if rise >= _HIGH else 0.0
+        success = self._high >= _LONG - 1e-9
+        lost = rise < -_LOST or (away > _LOST and rise < _HIGH)
+        if now.stand.stuck() and not stopped:
+            stopped = "a joint of the arm is at its end"
+        over = now.count >= now.limit
+        self._over = over or lost or bool(stopped)
+        info: dict[str, Any] = {"is_success": success, "rise": rise} | terms
+        if stopped:
+            info["stopped"] = stopped
+        reward = float(sum(terms.values()))
+        return self._seen(), reward, lost or bool(stopped), over, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            width, height = self._size
+            self._camera = Camera(self.episodes.stand.cell.hand_sim, width=width, height=height, view=_VIEW)
+        return self._camera.take()
+
+    def close(self) -> None:
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+        self.episodes.close()
+
+    def _terms(self, action: Vector) -> dict[str, float]:
+        """What the reward is made of."""
+        now = self.episodes
+        one, both = now.stand.touched()
+        return {
+            "reach": 0.1 * float(np.exp(-now.apart() / 0.1)),
+            "contact": 0.05 * one + 0.15 * both,
+            "lift": float(np.clip(now.moved()[0] / _HIGH, 0.0, 1.0)) * (0.5 if both else 0.1),
+            "effort": -0.01 * float(np.mean(action**2)),
+        }
+
+    def _seen(self) -> Floats:
+        now, stand = self.episodes, self.episodes.stand
+        arm, hand, palm, spec = stand.arm, stand.hand, stand.palm, self.episodes.spec
+        thing, mine = now.track.pose, stand.cell.spec
+        parts: list[Array] = [
+            _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
+            _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (stand.path.goal - hand.position) / 0.3,
+            palm.position / 0.5, palm.quaternion, (stand.aim.position - palm.position) / 0.06,
+            turn(palm.rotation, stand.aim.rotation) / 0.3,
+            thing.position / 0.5, palm.rotation.T @ (thing.position - palm.position) / 0.2, thing.quaternion,
+            np.array(now.body.extents) / 0.2, np.array([now.closed - 1.0, now.count / now.limit]),
+        ]  # fmt: skip
+        return np.clip(np.concatenate(parts), -BOUND, BOUND).astype(np.float32)
+
+
+def _part(position: Vector, lower: Vector, upper: Vector) -> Vector:
+    """Of the way between limits, -1 to 1."""
+    return np.asarray((2.0 * position - lower - upper) / (upper - lower))
+
+
+def _placed(action: Floats, shape: tuple[int, ...] | None) -> Vector:
+    given = np.asarray(action, dtype=np.float64)
+    if given.shape != shape:
+        raise CommandError(f"ArmPick takes an action of shape {shape}, not {given.shape}")
+    if not np.isfinite(given).all():
+        raise CommandError(f"action {given.tolist()} is not finite")
+    return np.asarray(np.clip(given, -1.0, 1.0))

@@ -1,0 +1,67 @@
+"""What can be chosen of `ArmPick` when it is made, and of an episode when it is reset."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from allegro_twin.files.schema import Positive, Settings
+from allegro_twin.spec import Side
+
+NotNegative = Annotated[float, Field(ge=0)]
+OBJECTS = ("apple", "tomato_soup_can", "sugar_box", "tennis_ball", "mug", "pudding_box", "softball", "foam_brick")
+
+
+class PickSettings(Settings):
+    """The keyword arguments of `gymnasium.make`."""
+
+    arm: str | None = None
+    """None: that of conf/lab_allegro.yaml."""
+    hand: str = "allegro"
+    side: Side = "right"
+    control: Literal["joints", "grasp"] = "joints"
+    """What moves the fingers: every joint, or one number that closes the library's grasp."""
+    perception: bool = False
+    """The thing is where one picture of the camera at the episode's beginning says, and stays there in observations;
+    else it is known at every decision, as exactly and as late as the three `camera_…` say."""
+    objects: Annotated[tuple[str, ...], Field(min_length=1)] = OBJECTS
+    """Of the catalogue; each episode draws one."""
+    place: Annotated[float, Field(ge=0, le=0.12)] = 0.08
+    """A thing stands within so much of the table's middle along x and y, m, turned by any angle."""
+    off: Annotated[float, Field(ge=0, le=0.05)] = 0.03
+    """The palm begins within so much along each axis of where the approach of its grasp begins, m."""
+    friction: Annotated[float, Field(gt=0, le=1)] = 0.8
+    camera_shift: NotNegative = 0.0
+    """m an axis, anew in each picture."""
+    camera_turn: NotNegative = 0.0
+    """rad an axis."""
+    camera_delay: Annotated[int, Field(ge=0, le=20)] = 0
+    """Decisions."""
+    step: Positive = 0.02
+    """Of the palm in an action, m along each axis,"""
+    turn: Positive = 0.1
+    """and rad about each; of the finger joints in an action, too."""
+    close: Positive = 0.1
+    """Of the grasp in an action: it is open at 0, closed at 1, squeezed at 2."""
+    stiffness: Positive = 1000.0
+    """Of the spring between palm and set-point, N/m,"""
+    angular_stiffness: Positive = 50.0
+    """and N·m/rad."""
+    gains: str = "default"
+    period: Positive = 0.003
+    """Control period, s."""
+    decimation: Annotated[int, Field(ge=1)] = 13
+    """Control periods between two actions."""
+    seconds: Positive = 7.0
+    """Of an episode."""
+
+
+class PickOptions(Settings):
+    """The `options` of a reset: what this episode does not draw."""
+
+    object: str | None = None
+    at: tuple[float, float] | None = None
+    """World, m."""
+    yaw: float | None = None
+    """Degrees."""

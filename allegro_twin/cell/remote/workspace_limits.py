@@ -1,0 +1,111 @@
+"""What a cell that is led from outside may be asked for: every wish is looked at before anything moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from allegro_twin.cell.arm.target import Target
+from allegro_twin.cell.assembly import Room
+from allegro_twin.control.timed_path import Timed
+from allegro_twin.control.trajectory import FASTEST
+from allegro_twin.errors import CommandError, ConfigError
+from allegro_twin.kinematics.arm import turn, turned
+from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.types import Array, Vector
+
+_STEP, _TURN = 0.05, 0.3
+"""m and rad between two places of a way at which it is looked at."""
+_MOST = 40  # Such places.
+_NEAR = 5e-3  # m and rad: how exactly the arm has to reach them on paper.
+_ROOM = 0.05  # rad, to the end of every joint.
+_TICK, _LONGEST = 0.02, 4000
+"""s between two postures of the fingers that are looked at, and so many of them at most in a clearance."""
+_IN_A_LEG = 4  # Moments of every leg, however short: a fast one must not lie between two ticks.
+_GIVES = 0.002  # m. As `hand.ways`: so deep in each other fingers may be asked to be.
+
+
+class Fence:
+    """Refuses with CommandError, in a sentence; what it lets through the cell can do."""
+
+    def __init__(self, room: Room) -> None:
+        self._room, self._bounds = room, room.settings.follow
+        self._apart = Clearance(room.hand.spec)
+
+    def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
+        """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints
+        at first at `now` (n,), rad, and the hand, in a posture (n,), rad, is over the table then."""
+        cell, palm = self._room.cell, Target(palm).pose
+        low, high = np.array(self._bounds.lower), np.array(self._bounds.upper)
+        if (palm.position < low).any() or (palm.position > high).any():
+            raise CommandError(
+                f"target {_place(palm.position)} is outside {self._bounds.lower} to {self._bounds.upper} m: the arm "
+                "stays; ask for a place inside, or set `follow`"
+            )
+        self._over(palm, fingers, "target")
+        way, left, at = palm.position - here.position, turn(here.rotation, palm.rotation), now
+        parts = math.ceil(max(float(np.linalg.norm(way)) / _STEP, float(np.linalg.norm(left)) / _TURN, 1.0))
+        for part in np.linspace(0.0, 1.0, min(parts, _MOST) + 1)[1:]:
+            pose = Pose(here.position + part * way, turned(here.rotation, part * left))
+            try:
+                at = cell.model.reach(cell.flange_for(pose), at, _NEAR)
+            except ConfigError as error:
+                raise CommandError(f"target {_place(palm.position)}: the arm stays: {error}") from error
+            self._joints(at, palm)
+        return palm
+
+    def fingers(self, path: Timed, palm: Pose) -> None:
+        """Look at a path of the fingers, with the palm at a pose of the world."""
+        spec = self._room.hand.spec
+        legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()
+        count = min(max(int(path.seconds / _TICK), 2), _LONGEST)
+        times = np.unique(np.concatenate([legs, np.linspace(0.0, path.seconds, count)]))
+        points = [path(t) for t in times]
+        fastest = max(float(np.abs(point.velocity).max()) for point in points)
+        if fastest > FASTEST:
+            raise CommandError(f"fingers: {fastest:.1f} rad/s; {FASTEST:g} is where the guard stops: slow down")
+        rows = np.array([point.position for point in points])
+        least, most = np.minimum(spec.lower, rows[0]), np.maximum(spec.upper, rows[0])
+        for row in rows[1:]:  # A joint that rests beyond its limit comes back.
+            if said := spec.beyond(row, least, most, 1e-9):
+                raise CommandError(f"fingers: {said}")
+        thin = math.ceil(len(rows) / _LONGEST)
+        rows, times = rows[::-thin][::-1], times[::-thin][::-1]
+        apart = self._apart(rows[1:])
+        if apart.min() < -_GIVES:
+            moment, pair = np.unravel_index(int(apart.argmin()), apart.shape)
+            one, other = self._apart.pairs[pair]
+            said = f"{one} and {other} would meet after {times[1 + moment]:.2f} s"
+            raise CommandError(f"fingers: {said}; go round")
+        for row in rows[:: -max(len(rows) // 20, 1)]:
+            self._over(palm, row, "fingers")
+
+    def _joints(self, at: Vector, palm: Pose) -> None:
+        spec = self._room.cell.spec
+        room = np.minimum(at - spec.lower, spec.upper - at)
+        if room.min() < _ROOM:
+            joint = spec.joints[int(room.argmin())]
+            raise CommandError(
+                f"target {_place(palm.position)}: on the way {joint} would come to its end: the arm stays; ask for one "
+                "nearer, or turned less"
+            )
+
+    def _over(self, palm: Pose, fingers: Vector, what: str) -> None:
+        model = self._room.model
+        parts = {"the palm": Pose(np.zeros(3), np.eye(3)), **model.links(fingers)}
+        tips = {f"the tip of {name}": pose for name, pose in model.fingertips(fingers).items()}
+        heights = {name: float(placed(palm, pose).position[2]) for name, pose in (parts | tips).items()}
+        lowest = min(heights, key=lambda name: heights[name])
+        short = self._bounds.clearance - heights[lowest]
+        if short > 0.0:
+            where = "in" if heights[lowest] < 0.0 else "too near to"
+            raise CommandError(
+                f"{what}: {lowest} would be {where} the table, at {1e3 * heights[lowest]:.0f} mm: nothing moves; ask "
+                f"for {1e3 * short:.0f} mm more"
+            )
+
+
+def _place(position: Array) -> str:
+    return "(" + ", ".join(f"{x:.3f}" for x in position) + ") m"

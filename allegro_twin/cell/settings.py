@@ -1,0 +1,169 @@
+"""What the YAML of a whole cell says (conf/lab_*.yaml)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from allegro_twin.cell.camera.mount import Mount
+from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.perception.settings import PerceptionSettings
+from allegro_twin.files.schema import Positive, Settings, Vector3
+from allegro_twin.sim.model.arm_with_hand import CAMERA
+from allegro_twin.spec import Side
+
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class ArmSettings(Settings):
+    """The arm and how it moves."""
+
+    model: str
+    stiffness: Positive = 1000.0
+    """N/m."""
+    angular_stiffness: Positive = 50.0
+    """N·m/rad."""
+    speed: Positive = 0.4
+    """Of the set-point at most, m/s."""
+    turning: Positive = 1.6
+    """rad/s."""
+    approach: Positive = 1.2
+    """s that the approach takes, and"""
+    lift: Positive = 1.0
+    """s that the lift takes: as in conf/protocols/table_pick.yaml, by which the grasps were found."""
+    joint_speed: Positive = 1.5
+    """Of the fastest joint on far ways, at its peak, rad/s."""
+    period: Positive = 0.003
+    """s; the impedance is as stable as at 1 ms (docs/arm.md)."""
+
+
+class HandSettings(Settings):
+    """The hand on its flange."""
+
+    model: str = "allegro"
+    side: Side = "right"
+    gains: str = "default"
+    open: str | None = None
+    """Posture of the library in which it waits. None: as it is at rest."""
+
+
+class SecuritySettings(Settings):
+    """Where the arm waits: the palm, in the world, out of the camera's sight of the table."""
+
+    position: Vector3 = (-0.22, 0.0, 0.4)
+    """m."""
+    facing: Vector3 = (1.0, 0.0, 0.0)
+    """Where the palm looks."""
+    fingers: Vector3 = (0.0, 0.0, -1.0)
+    """Where stretched fingers point."""
+
+
+class ThingSettings(Settings):
+    """A thing of the catalogue that stands on the table."""
+
+    name: str
+    at: tuple[float, float] = (0.0, 0.0)
+    """World, m."""
+    yaw: float = 0.0
+    """Degrees."""
+
+
+class TimeoutSettings(Settings):
+    """How long a state may last, s."""
+
+    security: Positive = 6.0
+    look: Positive = 1.0
+    target: Positive = 9.0
+    approach: Positive = 4.0
+    close: Positive = 6.0
+    lift: Positive = 4.0
+    check: Positive = 6.0
+
+
+class DecideSettings(Settings):
+    """When the state machine looks at what has happened."""
+
+    by: Literal["clock", "event"] = "clock"
+    """`clock`: at `rate`, as in the report; `event`: at every state of the arm."""
+    rate: Positive = 10.0
+    """Hz."""
+    retries: Annotated[int, Field(ge=0)] = 1
+    """So many times it begins anew after a miss."""
+    near: Positive = 0.006
+    """The arm has arrived within this, m,"""
+    turned: Positive = 0.06
+    """and this, rad."""
+
+
+class ValidateSettings(Settings):
+    """When a thing counts as held."""
+
+    by: Literal["force", "torque", "fingers"] = "fingers"
+    """Which of the three decides; all are told. `fingers`: by where they are, compared with a close on nothing."""
+    samples: Annotated[int, Field(ge=1)] = 100
+    """Of the force, where the arm waits and after the lift."""
+    tare: Annotated[int, Field(ge=1)] = 1000
+    """Of the force before the approach to an object that may be too light for `samples`."""
+    long: Annotated[int, Field(ge=1)] = 1500
+    """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
+    least: Positive = 0.053
+    """kg: what weighs more is there. `samples` detect it (docs/lab.md)."""
+    noise: NotNegative = 1.3
+    """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
+    torque: Positive = 0.1
+    """N·m: something is there, when the torques that stop the fingers, or that keep them from where they would be
+    around nothing, sum up to more than this."""
+    most: Positive = 1.7
+    """kg: nothing heavier can hang on the hand. A Franka arm carries 3 kg, and the hand is 1.3 of them."""
+    drift: Positive = 0.5
+    """N. So much may the force sensor's zero differ between two rests, beyond its noise, before it is doubted."""
+
+
+def _at_the_wrist(value: Any) -> Any:
+    if value == "wrist":
+        return Mount(site=CAMERA, position=(0.0, 0.0, 0.0), quaternion=(1.0, 0.0, 0.0, 0.0))
+    return value
+
+
+class CellCameraSettings(CameraSettings):
+    """The camera of a cell."""
+
+    mount: Annotated[Mount, BeforeValidator(_at_the_wrist, json_schema_input_type=Mount | Literal["wrist"])]
+    """Where it stands; `wrist` is where the hand's mount has a place for one."""
+
+
+class FollowSettings(Settings):
+    """What a cell that is led from outside may be asked for."""
+
+    lower: Vector3 = (-0.35, -0.4, 0.03)
+    """Where the palm may be: a box along the world's axes, m."""
+    upper: Vector3 = (0.3, 0.4, 0.6)
+    clearance: NotNegative = 0.015
+    """Palm, links and fingertips stay this far above the table, m."""
+
+
+class LabSettings(Settings):
+    """The whole cell."""
+
+    arm: ArmSettings
+    hand: HandSettings = HandSettings()
+    camera: CellCameraSettings
+    perception: PerceptionSettings
+    objects: Annotated[tuple[ThingSettings, ...], Field(min_length=1)]
+    friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
+    """Of every contact."""
+    security: SecuritySettings = SecuritySettings()
+    lift: Positive = 0.15
+    """m."""
+    timeouts: TimeoutSettings = TimeoutSettings()
+    decide: DecideSettings = DecideSettings()
+    validation: ValidateSettings = ValidateSettings()
+    follow: FollowSettings = FollowSettings()
+    seed: int = 0
+    """Of the camera's and the force sensor's noise."""
+
+    @property
+    def at_the_wrist(self) -> bool:
+        """Whether the camera moves with the arm."""
+        return self.camera.mount.site is not None or self.camera.mount.body is not None

@@ -1,1 +1,0 @@
-"""From one table of facts to the MJCF, the URDF and the meshes of both hands."""

@@ -1,0 +1,154 @@
+"""What a hand and whoever drives it say, frame by frame, and the states that it comes to.
+
+The one interpreter of what is heard: of a session, of a checkup, of a log.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import FINGERS, Codec
+from allegro_twin.drivers.can.codec.detect import of_other_device
+from allegro_twin.drivers.can.codec.frames import LOST, Frame
+from allegro_twin.drivers.can.codec.imu import gravity_of
+from allegro_twin.drivers.can.codec.messages import Message
+from allegro_twin.drivers.can.driver.assembler import Assembler, Whole
+from allegro_twin.drivers.can.driver.clock import Continuity, HandClock
+from allegro_twin.drivers.can.driver.health import Health
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.velocity import VelocityFilter
+from allegro_twin.errors import ProtocolError
+from allegro_twin.types import HandState, Vector, frozen
+
+OTHERS = 400
+"""Frames that are not this hand's and are kept, to say whose they are."""
+
+
+class Interpreter:
+    """Takes frames in their order; `whole` is the newest hand that is not yet a state, and `state` makes it one."""
+
+    def __init__(self, codec: Codec, settings: HostSettings, health: Health | None = None) -> None:
+        self._codec, self._settings, self.health = codec, settings, health or Health()
+        self._fingers, self._read = codec.positions.fingers, codec.positions.values
+        self._assembler = Assembler(settings.period)
+        self._clock: HandClock | None = None
+        self._continuity: Continuity | None = None
+        self._filter: VelocityFilter
+        self._from = (0, 0)  # Epoch and period of the position that the filter has.
+        self.whole: Whole | None = None
+        self.others: deque[Frame] = deque(maxlen=OTHERS)
+        """The newest frames that are not this hand's."""
+        joints = 4 * len(FINGERS)
+        self.torque = [math.nan] * joints
+        """What the motors were told last, N·m; NaN for what was not heard."""
+        self.temperature: Vector = frozen(np.full(joints, math.nan))
+        """°C."""
+        self.gravity: Vector = frozen(np.full(3, math.nan) if settings.gravity is None else settings.gravity)
+        """In the palm frame, m/s²."""
+
+    @property
+    def heard(self) -> list[float]:
+        """When each finger reported last, s; -inf: never."""
+        return self._assembler.heard
+
+    @property
+    def incomplete(self) -> int:
+        """Times that a finger's report was lost, late or double."""
+        return self._assembler.incomplete
+
+    @property
+    def reports(self) -> int:
+        """Of fingers, taken in so far."""
+        return self._assembler.reports
+
+    def hear(self, frame: Frame, t: float) -> Message | None:
+        """Take one frame in, at `t` s, or LOST. What it said, but for
+        reports of joints, and for what is nobody's or cannot be read."""
+        if frame is LOST:
+            self._assembler.lost()
+            if self._continuity is not None:
+                self._continuity.lost()
+            self.health.note("overflows", "the receiver lost frames")
+            return None
+        finger = self._fingers.get(frame.id)
+        if finger is not None and len(frame.data) == 8 and not frame.remote:
+            whole = self._assembler.add((finger, frame.data), t)
+            if whole is not None:
+                self.whole = whole
+                if self._continuity is None:
+                    self._continuity = Continuity(self._settings.period, t, self._assembler.periods)
+                self._continuity.hear(t, self._assembler.periods)
+            return None
+        try:
+            message = self._codec.decode(frame)
+        except ProtocolError as error:
+            self.health.note("malformed", error)
+            return None
+        if message is None:
+            self.others.append(frame)
+            if not of_other_device(self._codec.version, frame.id):
+                self.health.note("unknown", f"frame {frame}")
+            return None
+        self._take(message, frame)
+        return message
+
+    def sent(self, torque: list[float]) -> None:
+        """The motors were told these torques, N·m, by whoever hears this."""
+        self.torque = torque
+
+    def position(self, whole: Whole) -> Vector:
+        """The joints of a whole hand, (n,), rad."""
+        return self._read(whole.position)
+
+    def state(self, torque: Vector, *, caught_up: bool = True) -> HandState:
+        """The newest whole hand as a state; `torque` was applied over the period that it ends, N·m. `caught_up`: there
+        was nothing left to read. Where it is not known how long ago the last one was, the velocity is the last that is
+        known."""
+        whole, self.whole, continuity = self.whole, None, self._continuity
+        assert whole is not None  # Callers look at `whole` first.
+        assert continuity is not None
+        position, periods, now = self._read(whole.position), continuity.periods, (continuity.epoch, continuity.periods)
+        if self._clock is None:
+            self._clock = HandClock(self._settings.period, whole.t, periods)
+            self._filter, self._from = VelocityFilter(self._settings.velocity_cutoff, position), now
+        else:
+            gone = self._clock.advance(whole.t, periods, caught_up=caught_up and not continuity.backlog)
+            self.health.missed += gone - 1
+            if continuity.certain:
+                if self._from[0] == now[0]:
+                    self._filter(position, (periods - self._from[1]) * self._settings.period)
+                else:
+                    self._filter.restart(position)
+                self._from = now
+        velocity = self._filter.velocity
+        self.health.states += 1
+        self.health.behind += not caught_up
+        self.health.incomplete, self.health.doubtful = self._assembler.incomplete, self._assembler.doubtful
+        return HandState(self._clock.t, self._clock.tick, position, velocity, torque, self.temperature, self.gravity)
+
+    def silent(self, timeout: float) -> str:
+        """Which fingers have fallen silent; empty when all have, or none has."""
+        heard = self._assembler.heard
+        names = [FINGERS[k] for k in range(len(FINGERS)) if heard[k] < max(heard) - timeout / 2]
+        return ", ".join(names)
+
+    def _take(self, message: Message, frame: Frame) -> None:
+        """Keep what it says."""
+        match message:
+            case m.FingerTemperature(finger=finger, temperature=celsius):
+                values = self.temperature.copy()
+                values[4 * finger : 4 * finger + 4] = celsius
+                self.temperature = frozen(values)
+            case m.Imu(orientation=orientation) if self._settings.gravity is None:
+                self.gravity = gravity_of(orientation)
+            case m.SetTorque(finger=finger, torque=torque):
+                self.torque = list(self.torque)
+                self.torque[4 * finger : 4 * finger + 4] = torque  # Latched, as in the hand.
+            case m.ServoOff():
+                self.torque = [0.0] * len(self.torque)
+            case _:
+                pass

@@ -1,0 +1,81 @@
+"""A session's ears: what a hand says is kept by an interpreter, and what is fatal is raised."""
+
+from __future__ import annotations
+
+import math
+
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.detect import reporting
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message, StatusBits
+from allegro_twin.drivers.can.driver.interpreter import Interpreter
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.errors import HandFault, LinkError, LinkTimeout
+
+_FATAL = {
+    StatusBits.JOINT_HOT: "a joint is too hot; let it cool down",
+    StatusBits.PALM_HOT: "the palm is too hot; let it cool down",
+    StatusBits.JOINT_TIMEOUT: "a joint no longer answers the palm; switch the hand off and on",
+}
+
+
+class Listener(Interpreter):
+    """An interpreter that raises HandFault for what stops a hand, and LinkError when somebody else commands it."""
+
+    def __init__(self, codec: Codec, settings: HostSettings) -> None:
+        super().__init__(codec, settings)
+        self.serving = False
+        """Whether the motors ought to be on."""
+        self._before = 0  # Reports when the wait began.
+
+    def _take(self, message: Message, frame: Frame) -> None:
+        super()._take(message, frame)
+        self._judge(message, frame)
+
+    def timeout(self, seconds: float, link: str) -> LinkTimeout:
+        """Why there was no state for so long, on which link."""
+        newest = max(self.heard)
+        if newest > -math.inf and (fingers := self.silent(seconds)):
+            return LinkTimeout(f"no report from {fingers} for {seconds:g} s on {link}; is it powered and plugged in?")
+        if self.reports > self._before:
+            return LinkTimeout(
+                f"no whole state for {seconds:g} s on {link}, though {self.reports - self._before} reports came: they "
+                "are lost or out of order; check cable, termination and `allegro-twin check`"
+            )
+        others = reporting(self.others)
+        version = self._codec.version
+        who = f"the hand, a {version} (but {others} reports: correct `version`)," if others else "the hand"
+        return LinkTimeout(f"no report from {who} for {seconds:g} s on {link}; is it powered and plugged in?")
+
+    def waiting(self) -> None:
+        """From now on a state is waited for."""
+        self._before = self.reports
+
+    def _judge(self, message: Message, frame: Frame) -> None:
+        match message:
+            case m.Status(bits=bits) | m.Information(bits=bits):
+                self._judge_status(bits)
+            case m.MotorError():
+                raise HandFault(f"motor {message.motor} reports {_complaint(message)}; reset to go on")
+            case m.SetTorque() | m.ServoOn() | m.ServoOff():
+                name = type(message).__name__
+                raise LinkError(f"another program commands this hand ({name}, frame {frame}); stop one of the two")
+            case _:
+                pass  # Answers to somebody else's question, and questions, do no harm.
+
+    def _judge_status(self, bits: StatusBits | None) -> None:
+        if bits is None:
+            return
+        for bit, why in _FATAL.items():
+            if bits & bit:
+                raise HandFault(f"the hand says {bit.name}: {why}, then reset")
+        if bits & StatusBits.THROTTLED:
+            self.health.note("throttled", "the hand says that a hot joint gets less torque")
+        if self.serving and not bits & StatusBits.SERVO_ON:
+            raise HandFault("the hand switched its motors off; reset to go on")
+
+
+def _complaint(error: m.MotorError) -> str:
+    said = [name for name in ("voltage", "overheat", "shock", "overload") if getattr(error, name)]
+    return " and ".join(said) or "an unknown error"

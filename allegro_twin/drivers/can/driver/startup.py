@@ -1,0 +1,123 @@
+"""How a session with a hand begins: silence it, ask who it is, tell it to report, switch its motors on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.detect import reporting
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Message, Topic
+from allegro_twin.drivers.can.codec.v5 import told_by_serial
+from allegro_twin.drivers.can.driver.link import Port, Stamped
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.errors import ConfigError, LinkError, LinkTimeout, ProtocolError
+from allegro_twin.spec import HandSpec, Side
+
+GAP = 0.001
+"""Between two frames of the sequence, s; the manufacturer's drivers leave 10 µs (v1–v3 L) to 10 ms (C)."""
+QUIET = 0.02
+"""A hand that was told to be silent is so after this long, s."""
+TRIES, ANSWER = 3, 0.1
+"""How often a hand is asked, and s that it has each time; more where the settings' `timeout` says that it is late."""
+_GENERATION = {"v4": 4, "v5": 5, "v5plus": 5}
+"""High byte of the hardware version. R4 AllegroHandDrv.cpp:278 asks for 4."""
+
+
+def begin(
+    port: Port,
+    codec: Codec,
+    settings: HostSettings,
+    spec: HandSpec,
+    limp: Sequence[Frame],
+    serving: Callable[[], None] = lambda: None,
+) -> list[Stamped]:
+    """Bring the hand from any state to reporting, limp, with its motors on; `serving` is called before they go on.
+
+    Returns the frames that came meanwhile and belong to the session. Raises LinkError, LinkTimeout or ConfigError.
+    """
+    if not port.send(limp):
+        raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
+    _drain(port)
+    if settings.identify and codec.identifies:
+        identify(port, codec, spec, settings.timeout)
+    serving()
+    words = codec.opening(settings.period, settings.imu_period, settings.temperature_period)
+    return _say(port, [*map(codec.encode, words), *codec.torques.zero, codec.encode(m.ServoOn())])
+
+
+def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:
+    """Ask a hand for something, which may be `timeout` s late; None when it does not answer."""
+    for _ in range(TRIES):
+        port.send([codec.encode(m.Request(topic))])
+        deadline = port.link.now() + max(timeout, ANSWER)
+        while port.link.now() < deadline:
+            stamped = port.receive(max(deadline - port.link.now(), 0.0))
+            if stamped is None:
+                break
+            try:
+                message = codec.decode(stamped.frame)
+            except ProtocolError:
+                continue  # Noise is no answer; the session counts it later.
+            if isinstance(message, kind):
+                return message
+    return None
+
+
+def _drain(port: Port) -> None:
+    """Let what is under way arrive, and forget it."""
+    deadline = port.link.now() + 5 * QUIET
+    seen: list[Frame] = []
+    while port.link.now() < deadline:
+        stamped = port.receive(QUIET)
+        if stamped is None:
+            return
+        seen.append(stamped.frame)
+
+
+def identify(port: Port, codec: Codec, spec: HandSpec, timeout: float) -> tuple[m.Information, Side | None]:
+    """Who the hand, which may be `timeout` s late, says it is, and its side where it tells.
+
+    Raises LinkTimeout when nobody answers, ConfigError when it is another hand than the config says.
+    """
+    found = ask(port, codec, Topic.INFORMATION, m.Information, timeout)
+    if found is None:
+        raise LinkTimeout(
+            f"no {codec.version} hand answers on {port.link.name}{_instead(port)}; check power, cable, bitrate, "
+            "version and device, or set `identify: false` for a hand that does not answer"
+        )
+    assert isinstance(found, m.Information)
+    generation = _GENERATION.get(codec.version)
+    if generation is not None and found.hardware >> 8 != generation:
+        raise ConfigError(
+            f"the hand says hardware {found.hardware:#06x}, which is no {codec.version} hand; correct `version`"
+        )
+    side = found.side
+    if side is None and isinstance(serial := ask(port, codec, Topic.SERIAL, m.Serial, timeout), m.Serial):
+        version, side = told_by_serial(serial.text)
+        if version is not None and version != codec.version:
+            raise ConfigError(f"serial {serial.text} is a {version} hand, not {codec.version}; correct `version`")
+    if side is not None and side != spec.side:
+        raise ConfigError(f"this is a {side} hand; the config says {spec.side}: correct `hand: {{side: …}}`")
+    return found, side
+
+
+def _instead(port: Port) -> str:
+    """Who else reports on this bus."""
+    frames: list[Frame] = []
+    while (stamped := port.receive(QUIET)) is not None and len(frames) < 100:
+        frames.append(stamped.frame)
+    others = reporting(frames)
+    return f" (but {others} reports)" if others else ""
+
+
+def _say(port: Port, frames: Iterable[Frame]) -> list[Stamped]:
+    """Send with gaps; what came in them."""
+    heard = []
+    for frame in frames:
+        if not port.send([frame]):
+            raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
+        if (stamped := port.receive(GAP)) is not None:
+            heard.append(stamped)
+    return heard

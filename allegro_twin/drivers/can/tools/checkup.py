@@ -1,0 +1,184 @@
+"""A link walked step by step with a limp hand: the first thing that is broken is the one to mend."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Generator
+from contextlib import suppress
+from dataclasses import replace
+
+import can
+import numpy as np
+
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.detect import reporting
+from allegro_twin.drivers.can.codec.frames import Frame, bits
+from allegro_twin.drivers.can.codec.messages import Topic
+from allegro_twin.drivers.can.driver.assembler import Whole
+from allegro_twin.drivers.can.driver.interpreter import OTHERS
+from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.load import share
+from allegro_twin.drivers.can.driver.receiver import Listener
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.driver.shutdown import ShutdownSequence
+from allegro_twin.drivers.can.driver.startup import ask, begin, identify
+from allegro_twin.drivers.can.tools import findings
+from allegro_twin.drivers.can.tools.findings import Finding
+from allegro_twin.errors import HandError, LinkError, ProtocolError
+from allegro_twin.spec import HandSpec
+
+LISTEN, WATCH, FIRST = 0.3, 2.0, 0.5
+"""s of silence before the first word; of reports that are judged; that a hand may take to its first report."""
+_POLL = 1.0  # s between two questions for the status, as in the backend.
+
+
+class Checkup:
+    """One walk. The hand gets zero torque and nothing else, and is limp and silent afterwards, whatever happens."""
+
+    def __init__(self, spec: HandSpec, codec: Codec, open_port: Callable[[], Port], settings: HostSettings) -> None:
+        self._spec, self._codec, self._open, self._settings = spec, codec, open_port, settings
+        self._zero = codec.torques.zero
+        self._shutdown = ShutdownSequence(codec, asks=codec.identifies and settings.identify, period=settings.period)
+        self._listener = Listener(codec, settings)
+        self._side: str | None = None
+        self._frames = self._bits = 0
+        self._wholes: list[Whole] = []
+        self._measured = 0.0
+        self._port: Port
+
+    def walk(self) -> Generator[Finding]:
+        """Finding after finding; the last is the first that is broken, or that the hand was left limp."""
+        try:
+            self._port = self._open()
+        except HandError as error:
+            yield Finding.of("interface", error)
+            return
+        try:
+            yield Finding("interface", f"{self._port.link.name} is open, {self._port.link.bitrate} bit/s")
+            for name, step in self._steps():
+                try:
+                    finding = step()
+                except HandError as error:
+                    finding = Finding.of(name, error)
+                yield finding
+                if not finding.ok:
+                    return
+            yield findings.side(self._side, self._spec)
+        finally:
+            self._leave()
+
+    def _steps(self) -> tuple[tuple[str, Callable[[], Finding]], ...]:
+        return (
+            ("bus", self._listen),
+            ("identity", self._identify),
+            ("fingers", self._serve),
+            ("reports", self._watch),
+            ("temperature", lambda: findings.temperature(self._listener.temperature, self._codec.version)),
+            ("joints", self._joints),
+            ("load", self._load),
+        )
+
+    def _listen(self) -> Finding:
+        """Say nothing yet."""
+        port, link, commands = self._port, self._port.link, ""
+        seen: deque[Frame] = deque(maxlen=OTHERS)
+        link.listen(self._count)
+        began = link.now()
+        while (left := began + LISTEN - link.now()) > 0.0:
+            if (stamped := port.receive(left)) is None:
+                continue
+            message = self._decoded(stamped.frame)
+            seen.append(stamped.frame)
+            if isinstance(message, m.SetTorque | m.ServoOn | m.ServoOff):
+                commands = f"{type(message).__name__}, frame {stamped.frame}"
+        return findings.bus(self._frames, LISTEN, link.error_frames, link.bitrate, commands, reporting(seen))
+
+    def _identify(self) -> Finding:
+        port, codec = self._port, self._codec
+        if not port.send(self._shutdown.frames):
+            raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
+        if not codec.identifies:
+            return findings.identity(codec, None, "")
+        if self._settings.identify:
+            found, self._side = identify(port, codec, self._spec, self._settings.timeout)
+        else:
+            found = ask(port, codec, Topic.INFORMATION, m.Information, self._settings.timeout)  # type: ignore[assignment]  # Its kind.
+            self._side = None if found is None else found.side
+        return findings.identity(codec, found, self._serial() if found is not None else "")
+
+    def _serial(self) -> str:
+        try:
+            serial = ask(self._port, self._codec, Topic.SERIAL, m.Serial, self._settings.timeout)
+        except ProtocolError:
+            return ""  # This version has none.
+        return serial.text if isinstance(serial, m.Serial) else ""
+
+    def _serve(self) -> Finding:
+        """Motors on, at zero torque."""
+        port, settings = self._port, replace(self._settings, identify=False)
+        for stamped in begin(port, self._codec, settings, self._spec, self._shutdown.frames):
+            self._hear(stamped.frame, stamped.t)
+        deadline = port.link.now() + FIRST
+        while not all(self._heard()) and port.link.now() < deadline:
+            self._next(deadline)
+        return findings.fingers(self._heard(), reporting(self._listener.others))
+
+    def _watch(self) -> Finding:
+        link, self._listener.serving = self._port.link, True
+        self._frames = self._bits = 0
+        began = link.now()
+        end, ask_at = began + WATCH, began if self._codec.identifies else math.inf
+        while link.now() < end:
+            if (whole := self._next(min(end, ask_at))) is not None:
+                self._wholes.append(whole)
+                self._port.send(self._zero)
+            if link.now() >= ask_at:
+                ask_at += _POLL
+                self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
+        self._measured = self._bits / (link.bitrate * (link.now() - began))
+        stamps = [whole.t for whole in self._wholes]
+        return findings.timing(stamps, WATCH, self._settings.period, self._listener.incomplete, self._settings.timeout)
+
+    def _joints(self) -> Finding:
+        positions = np.array([self._listener.position(whole) for whole in self._wholes])
+        return findings.joints(positions, self._spec, self._codec.version)
+
+    def _load(self) -> Finding:
+        link = self._port.link
+        alone = share((self._codec, self._settings.period), link.bitrate)
+        others = reporting(self._listener.others)
+        return findings.load(alone, self._measured, link.bitrate, self._listener.health.unknown, others)
+
+    def _next(self, deadline: float) -> Whole | None:
+        """Hear the next frame; the whole hand that it completes."""
+        stamped = self._port.receive(max(deadline - self._port.link.now(), 0.0))
+        return None if stamped is None else self._hear(stamped.frame, stamped.t)
+
+    def _hear(self, frame: Frame, t: float) -> Whole | None:
+        self._listener.hear(frame, t)
+        whole, self._listener.whole = self._listener.whole, None
+        return whole
+
+    def _heard(self) -> list[bool]:
+        return [t > -math.inf for t in self._listener.heard]
+
+    def _decoded(self, frame: Frame) -> m.Message | None:
+        try:
+            return self._codec.decode(frame)
+        except ProtocolError:
+            return None
+
+    def _count(self, message: can.Message) -> None:
+        self._frames += 1
+        self._bits += bits(message.dlc if not message.is_remote_frame else 0)
+
+    def _leave(self) -> None:
+        """Limp, whatever was found; a hand that never answered is not waited for."""
+        if self._listener.reports:
+            self._shutdown.run(self._port, reported=True)
+        else:
+            with suppress(LinkError):  # Nothing left to say it with.
+                self._port.send(self._shutdown.frames)
+        self._port.close()

@@ -1,0 +1,156 @@
+"""Bus logs: every frame of a link on disk, and from the frames of a log the samples that they were."""
+
+from __future__ import annotations
+
+import copy
+import struct
+import threading
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+from can.io.blf import BLFParseError
+
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.driver.link import Stamped
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.tools.samples import Found, Samples
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.types import Sample
+
+SUFFIXES = (".blf", ".log", ".asc")
+"""Vector's binary logs, those of `candump -l`, and Vector's text logs."""
+_READERS: dict[str, Any] = {".blf": can.BLFReader, ".log": can.CanutilsLogReader, ".asc": can.ASCReader}
+_BROKEN = (ValueError, IndexError, KeyError, struct.error, zlib.error, can.CanError, BLFParseError, EOFError)
+
+
+def check_suffix(path: Path) -> None:
+    """Raises ConfigError for a file name that no bus log has."""
+    if path.suffix not in SUFFIXES:
+        raise ConfigError(f"{path}: a bus log ends in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+
+
+class WireLog:
+    """A bus log in the format of its suffix; a listener for `Link.listen`, from any thread.
+
+    Raises ConfigError for an unknown suffix, RecordingError where the file cannot be made. A disk that fails later
+    does not stop the hand: `close` raises RecordingError then, and what was written is readable.
+    """
+
+    def __init__(self, path: Path, bus: str = "can0") -> None:
+        check_suffix(path)
+        self._path = path
+        self._failed: OSError | None = None
+        self._lock = threading.Lock()  # The deadman sends from its own thread.
+        # Only candump's logs name the bus, by one word.
+        named: dict[str, Any] = {"channel": "_".join(bus.split())} if path.suffix == ".log" else {}
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer: Any = can.Logger(str(path), **named)
+        except OSError as error:
+            raise RecordingError(f"cannot log the bus to {path}: {error.strerror}") from error
+
+    def __call__(self, message: can.Message) -> None:
+        with self._lock:
+            if self._writer is None or self._failed is not None:
+                return
+            own = copy.copy(message)
+            own.channel = None  # One bus a log, by one name.
+            try:
+                self._writer.on_message_received(own)
+            except OSError as error:
+                self._failed = error
+
+    def close(self) -> None:
+        """Write what is left. Idempotent."""
+        with self._lock:
+            writer, self._writer = self._writer, None
+            if writer is None:
+                return
+            try:
+                writer.stop()
+            except OSError as error:
+                self._failed = self._failed or error
+        if self._failed is not None:
+            raise RecordingError(
+                f"cannot go on logging the bus to {self._path}: {self._failed.strerror}; what was written is readable"
+            ) from self._failed
+
+
+class LoggedBus(can.BusABC):
+    """A bus that tells a log of every frame: for the end of a bus that has no link."""
+
+    def __init__(self, bus: can.BusABC, log: WireLog) -> None:
+        self._inner, self._log = bus, log
+        self.channel_info = bus.channel_info
+        super().__init__(str(bus.channel_info))
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._inner.send(msg, timeout)
+        msg.is_rx = False
+        self._tell(msg)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message = self._inner.recv(timeout)
+        if message is not None:
+            self._tell(message)
+        return message
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self._inner.shutdown()
+
+    def _tell(self, message: can.Message) -> None:
+        if not message.timestamp:
+            message.timestamp = time.time()
+        self._log(message)
+
+
+def frames_of_log(path: Path, bus: str | None = None) -> Iterator[tuple[Stamped, str]]:
+    """Every classic frame of a log with its time, s, and the bus it was on; of one bus alone, if `bus` names it.
+
+    Raises ConfigError or RecordingError.
+    """
+    check_suffix(path)
+    try:
+        # Opened here, for a reader that does not like what it finds leaves its file open.
+        with path.open("rb" if path.suffix == ".blf" else "r") as file:
+            for message in _READERS[path.suffix](file):
+                where = str(message.channel)
+                if message.is_error_frame or message.is_extended_id or message.is_fd or bus not in (None, where):
+                    continue
+                data = b"" if message.is_remote_frame else bytes(message.data)
+                frame = Frame(message.arbitration_id, data, message.is_remote_frame)
+                yield Stamped(frame, message.timestamp), where
+    except _BROKEN as error:
+        hint = "; make it with `candump -l` or -L" if path.suffix == ".log" else ""
+        raise RecordingError(f"{path} is no bus log that python-can can read: {error}{hint}") from error
+    except FileNotFoundError as error:
+        raise RecordingError(f"no bus log at {path}") from error
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+
+
+def samples_of_log(
+    path: Path, codec: Codec, settings: HostSettings, found: Found | None = None, bus: str | None = None
+) -> Iterator[Sample]:
+    """What a hand's session was, from a log of its bus: every whole hand with the torques that were sent next.
+
+    Time is the log's, from the first whole hand. What was sent is known by its identifier, so a log without directions
+    will do. `found` counts what there was. Raises RecordingError or ConfigError.
+    """
+    found = found if found is not None else Found()
+    heard = Samples(codec, settings, found)
+    for (frame, t), where in frames_of_log(path, bus):
+        sample = heard.hear(frame, t, where)
+        if sample is not None:
+            yield sample
+    last = heard.end()
+    if last is None:
+        but = f"; but {heard.instead} reports: correct `backend.version` or `device`" if heard.instead else ""
+        raise RecordingError(f"{path} holds no whole {codec.version} hand in {found.frames} frames{but}")
+    yield last

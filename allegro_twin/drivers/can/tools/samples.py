@@ -1,0 +1,129 @@
+"""What a third party that only listens makes of a hand and its driver: states, and the torques that followed them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.drivers.can.codec import messages as m
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.detect import reporting
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.messages import Four
+from allegro_twin.drivers.can.driver.interpreter import Interpreter
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.errors import ConfigError
+from allegro_twin.types import HandState, Sample, TorqueCommand, frozen
+
+_ENOUGH = 50  # Intervals from which a hand's period is clear.
+_OFF = 0.2  # Of the period: further off, the config's period is not the hand's.
+
+
+@dataclass(slots=True)
+class Found:
+    """What there was in what was heard."""
+
+    frames: int = 0
+    states: int = 0
+    missed: int = 0
+    """Periods without a state."""
+    incomplete: int = 0
+    """Times that a finger's report was lost, late or double."""
+    malformed: int = 0
+    uncommanded: int = 0
+    """States before the first torques: their torque is NaN, and their command zero, for a command cannot be NaN."""
+
+    def summary(self) -> str:
+        """What is not as it should be, in words."""
+        parts = {
+            "periods without a state": self.missed,
+            "times that a finger's report was lost": self.incomplete,
+            "malformed frames": self.malformed,
+            "rows before the first torque frame, whose command is written as 0": self.uncommanded,
+        }
+        return ", ".join(f"{count} {what}" for what, count in parts.items() if count)
+
+
+def regular(intervals: Iterable[float]) -> float:
+    """The period of something periodic, s; NaN where the intervals differ, as on a busy computer that reads in
+    bursts."""
+    tenth, middle, ninth = np.percentile(list(intervals), (10, 50, 90))
+    return float(middle) if ninth - tenth < _OFF * middle else math.nan
+
+
+class Samples:
+    """Takes frames of one hand and its driver, in their order; gives a sample when the next state is whole."""
+
+    def __init__(self, codec: Codec, settings: HostSettings, found: Found) -> None:
+        self._codec, self._settings, self.found, self._bus = codec, settings, found, ""
+        self._interpreter = Interpreter(codec, settings)
+        self._latched = frozen(self._interpreter.torque)
+        self._state: HandState | None = None
+        self._sent: dict[int, Four] = {}
+        self._before, self._intervals = math.nan, deque[float](maxlen=_ENOUGH)
+
+    def hear(self, frame: Frame, t: float, bus: str = "") -> Sample | None:
+        """One frame at `t` s; the sample that it completes. Raises ConfigError when it cannot be this config's."""
+        self.found.frames += 1
+        reports = frame.id in self._codec.positions.fingers and not frame.remote
+        if reports:
+            self._stay(bus)
+        if reports or frame.id in self._codec.torques.fingers:
+            self._settle()
+        message = self._interpreter.hear(frame, t)
+        self.found.malformed = self._interpreter.health.malformed
+        if isinstance(message, m.SetTorque):
+            self._sent.setdefault(message.finger, message.torque)
+        if not reports or self._interpreter.whole is None:
+            return None
+        done = self._sample()
+        self._latched, self._sent = frozen(self._interpreter.torque), {}
+        return done
+
+    def end(self) -> Sample | None:
+        """The last sample; None when there was no whole hand at all."""
+        self._settle()
+        return self._sample()
+
+    @property
+    def instead(self) -> str:
+        """Which other hands report, in words."""
+        return reporting(self._interpreter.others)
+
+    def _stay(self, bus: str) -> None:
+        if bus != (self._bus or bus):
+            raise ConfigError(f"hands report on {self._bus} and on {bus}: say which with --bus")
+        self._bus = bus
+
+    def _settle(self) -> None:
+        """The state is over when the next thing happens: what a hand reports with its joints comes after them."""
+        if self._interpreter.whole is None:
+            return
+        self._state = state = self._interpreter.state(self._latched)
+        health = self._interpreter.health
+        self.found.states, self.found.missed, self.found.incomplete = health.states, health.missed, health.incomplete
+        if not math.isnan(self._before):
+            self._check_period(state.t - self._before)
+        self._before = state.t
+
+    def _sample(self) -> Sample | None:
+        state, self._state = self._state, None
+        if state is None:
+            return None
+        torque = self._latched.tolist()
+        for finger, sent in self._sent.items():
+            torque[4 * finger : 4 * finger + 4] = sent
+        self.found.uncommanded += any(map(math.isnan, torque))
+        return Sample(state, TorqueCommand(np.nan_to_num(torque, nan=0.0)))
+
+    def _check_period(self, interval: float) -> None:
+        self._intervals.append(interval)
+        found = regular(self._intervals) if self.found.states == _ENOUGH else math.nan
+        if abs(found / self._settings.period - 1.0) > _OFF:
+            raise ConfigError(
+                f"this hand reports every {found * 1000:.1f} ms; the config says period: {self._settings.period:g} s"
+            )

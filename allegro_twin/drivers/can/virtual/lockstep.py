@@ -1,0 +1,137 @@
+"""A virtual hand in the program that drives it: waiting for a frame is what lets its time pass."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import can
+
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.driver.adapter import BUS_OFF, bus_off
+from allegro_twin.drivers.can.driver.link import Link, Stamped
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.errors import LinkError
+
+_EPSILON = 1e-9  # Of a step: sums of waiting times are rounded.
+
+
+class Lockstep:
+    """Hands and their time. Deterministic: the same frames sent at the same moments bring the same frames back, however
+    slow the host is."""
+
+    def __init__(self, hands: VirtualHands) -> None:
+        self.hands, self._idle = hands, 0.0
+
+    @property
+    def now(self) -> float:
+        """Seconds that have passed for the hands, and that the host has waited since their last step."""
+        return self.hands.now + self._idle
+
+    def wait(self, timeout: float) -> list[Frame]:
+        """Let at most `timeout` seconds pass, until frames come."""
+        left, hands = timeout, self.hands
+        while True:
+            to_step, due = hands.step - self._idle, hands.due
+            if due - self.now < min(to_step, left):
+                to_late = max(due - self.now, 0.0)
+                left -= to_late
+                self._idle += to_late
+                frames = hands.late(due)
+            elif left >= to_step - _EPSILON * hands.step:
+                left -= to_step
+                self._idle = 0.0
+                frames = hands.tick()
+            else:
+                self._idle += max(left, 0.0)
+                return []
+            if frames or hands.bus_off:
+                return frames
+
+
+class LockstepLink(Link):
+    """The way to such hands without an adapter: frames go over as they are."""
+
+    lockstep = True
+
+    def __init__(self, hands: VirtualHands, name: str = "virtual", bitrate: int = 1_000_000) -> None:
+        super().__init__(f"allegro-virtual {name}", bitrate)
+        self._time, self._answers = Lockstep(hands), list[Frame]()
+
+    @property
+    def way(self) -> str:
+        return "it is inside this program"
+
+    def now(self) -> float:
+        return self._time.now
+
+    def _send(self, frames: Iterable[Frame]) -> bool:
+        receive = self._time.hands.receive
+        for frame in frames:
+            if self._listeners:
+                self._log([frame], sent=True)
+            if answers := receive(frame):
+                self._answers += answers
+        return True
+
+    def _receive(self, timeout: float) -> Sequence[Stamped]:
+        frames, self._answers = self._answers, []
+        if not frames:
+            frames = self._time.wait(timeout)
+            if self._time.hands.bus_off:
+                self.error_frames += 1
+                raise LinkError(bus_off(self.name))
+        if self._listeners:
+            self._log(frames, sent=False)
+        now = self._time.now
+        return [Stamped(frame, now) for frame in frames]
+
+    def _close(self) -> None:
+        pass
+
+    def _log(self, frames: list[Frame], *, sent: bool) -> None:
+        for listener in self._listeners:
+            for frame in frames:
+                listener(_message(frame, self._time.now, sent=sent))
+
+
+class LockstepBus(can.BusABC):
+    """The same as a python-can bus, for programs that speak CAN themselves."""
+
+    lockstep = True
+
+    def __init__(self, hands: VirtualHands, channel: Any = "virtual") -> None:
+        self._time = Lockstep(hands)
+        self._queue: deque[can.Message] = deque()
+        self.channel_info = f"allegro-virtual {channel}"
+        super().__init__(channel)
+
+    @property
+    def now(self) -> float:
+        """Seconds on the hands' clock."""
+        return self._time.now
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._enqueue(self._time.hands.receive(Frame(msg.arbitration_id, bytes(msg.data), msg.is_remote_frame)))
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if not self._queue:
+            self._enqueue(self._time.wait(float("inf") if timeout is None else timeout))
+            if self._time.hands.bus_off:
+                return can.Message(timestamp=self.now, arbitration_id=BUS_OFF, is_error_frame=True)
+        return self._queue.popleft() if self._queue else None
+
+    def _enqueue(self, frames: Iterable[Frame]) -> None:
+        self._queue.extend(_message(frame, self.now, sent=False) for frame in frames)
+
+
+def _message(frame: Frame, t: float, *, sent: bool) -> can.Message:
+    return can.Message(
+        timestamp=t,
+        arbitration_id=frame.id,
+        is_extended_id=False,
+        is_remote_frame=frame.remote,
+        data=frame.data,
+        is_rx=not sent,
+    )

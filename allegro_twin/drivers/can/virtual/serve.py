@@ -1,0 +1,110 @@
+"""A virtual hand in real time on any bus: for a driver in another program, ours or somebody else's."""
+
+from __future__ import annotations
+
+import errno
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import can
+
+from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.driver.adapter import full, number, received
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+
+BEHIND = 1.0
+"""s of lateness at which the hands give up catching up: a real hand's clock does not wait either."""
+
+_DOWN = {errno.ENETDOWN, errno.ENETUNREACH}
+_FLOOD = 1000
+"""Frames in one step after which time goes on: far more than a bus can carry."""
+
+
+@dataclass(slots=True)
+class Served:
+    """What has happened so far."""
+
+    ticks: int = 0
+    heard: int = 0
+    """Frames from the host."""
+    said: int = 0
+    """Frames to the host."""
+    unsaid: int = 0
+    """Frames that the full transmit queue did not take."""
+    late: int = 0
+    """Steps that ended more than a step late."""
+    lost: int = 0
+    """Steps that were left out to catch up."""
+
+    def summary(self) -> str:
+        """All of it in one line."""
+        steps = f"{self.ticks} steps, {self.late} late, {self.lost} left out"
+        return f"{steps}; {self.heard} frames heard, {self.said} said"
+
+
+def serve(
+    hands: VirtualHands, bus: can.BusABC, clock: Callable[[], float] = time.monotonic, *, local: bool = False
+) -> Iterator[Served]:
+    """Be these hands on this bus; yields after every step, until nobody consumes.
+
+    Deadlines are absolute, so that lateness does not add up. While the bus is down the hands go on, as a real one does.
+    `local`: frames of this computer's other programs count (SocketCAN; see AdapterLink). Raises can.CanError or OSError
+    when the bus is gone for good.
+    """
+    served, begin, skipped = Served(), clock(), 0
+    while True:
+        due = begin + (served.ticks + skipped + 1) * hands.step
+        _listen(hands, bus, due, served, clock, local=local)
+        late = clock() - due
+        if late > BEHIND:
+            lost = int(late / hands.step)
+            skipped += lost
+            served.lost += lost
+        served.late += late > hands.step
+        served.ticks += 1
+        _say(bus, [*hands.late(hands.now + hands.step), *hands.tick()], served)
+        yield served
+
+
+def _listen(
+    hands: VirtualHands, bus: can.BusABC, due: float, served: Served, clock: Callable[[], float], *, local: bool
+) -> None:
+    """Take what comes until the step is over; on a late one, what is there, or a busy machine never hears the host."""
+    for _ in range(_FLOOD):
+        left = due - clock()
+        message = _received(bus, max(left, 0.0))
+        if message is None:
+            if due - clock() <= 0.0:
+                return
+            continue
+        if message.is_error_frame or message.is_extended_id or not (message.is_rx or local):
+            continue
+        served.heard += 1
+        _say(bus, hands.receive(Frame(message.arbitration_id, bytes(message.data), message.is_remote_frame)), served)
+
+
+def _received(bus: can.BusABC, timeout: float) -> can.Message | None:
+    try:
+        return received(bus, timeout)
+    except (can.CanError, OSError) as error:
+        if number(error) not in _DOWN:
+            raise
+        threading.Event().wait(timeout)
+        return None
+
+
+def _say(bus: can.BusABC, frames: list[Frame], served: Served) -> None:
+    for frame in frames:
+        message = can.Message(
+            arbitration_id=frame.id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
+        )
+        try:
+            bus.send(message)
+        except (can.CanError, OSError) as error:
+            if not full(error) and number(error) not in _DOWN:
+                raise
+            served.unsaid += 1  # Nobody takes them: a hand goes on without its listener.
+        else:
+            served.said += 1

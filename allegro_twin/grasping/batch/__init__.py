@@ -1,0 +1,1 @@
+"""Many grasp trials in one batch."""

@@ -1,0 +1,230 @@
+"""Trials by the hundred, described by plain data: what sweeps, comparisons and searches are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allegro_twin.control.controllers import PD, Follow, Gravity
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
+from allegro_twin.grasping.controller import Timed, performer
+from allegro_twin.grasping.interchange.to_trial import foreign
+from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario, object_of
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.verdict import Report
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.limits import LimitSettings, check_period, hand_limits
+from allegro_twin.sim.model.fingerprint import hand_fingerprint
+from allegro_twin.sim.model.statics import hand_model
+
+if TYPE_CHECKING:
+    from allegro_twin.spec import HandSpec, Side
+
+AXES = {f"{sign}{axis}": (k, value) for k, axis in enumerate("xyz") for sign, value in (("+", 1.0), ("-", -1.0))}
+PERIOD = 0.003
+"""s, the hand's."""
+WIDTH = 64
+"""Trials side by side: more gain nothing, and cost memory (2 MB each)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One trial that is to be made."""
+
+    scenario: Scenario
+    grasp: Grasp
+    draw: Draw | None = None
+    protocol: Protocol | None = None
+    """None: the scenario's."""
+    folder: Path = Path()
+    """Where the scenario's own files are looked for."""
+    rules: str | None = None
+    """The protocol's name, where it is not the scenario's."""
+
+    @property
+    def ruled(self) -> Protocol:
+        """The protocol that it is tried under."""
+        return load_protocol(self.scenario.protocol) if self.protocol is None else self.protocol
+
+    def directions(self) -> list[Case]:
+        """The trials that it takes: one, or one for each axis and sign."""
+        protocol = self.ruled
+        if protocol.directions == 1:
+            return [self]
+        return [replace(self, protocol=in_direction(protocol, *way)) for way in AXES.values()]
+
+
+class Bench:
+    """Makes trials of one hand: under PD at one set of gains, as their grasp controls force, or in its own loop."""
+
+    def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
+        check_period(period, spec)
+        self.spec, self.period, self._threads = spec, period, threads
+        self._model = hand_model(spec)
+        self.gains = load_gains(gains, spec)
+        self._gravity = Gravity(self._model.gravity_torque)
+        self.limits = hand_limits(LimitSettings(), spec)
+
+    def verdicts(
+        self, cases: Sequence[Case], measure: Measure | None = None, *, hasty: bool = False
+    ) -> Iterator[Verdict]:
+        """One a case, in order. `hasty`: what is lost has no report. Raises ConfigError for a scene that cannot be
+        built."""
+        for first in range(0, len(cases), WIDTH):
+            trials = [self.trial(case) for case in cases[first : first + WIDTH]]
+            controllers = [self.controller(trial) for trial in trials]
+            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure, hasty=hasty)
+
+    def trial(self, case: Case) -> Trial:
+        """Its scene, its clock and what it is judged by. Raises ConfigError."""
+        return Trial(
+            case.scenario, self.spec, case.grasp, folder=case.folder, period=self.period, protocol=case.protocol,
+            draw=case.draw,
+        )  # fmt: skip
+
+    def controller(self, trial: Trial) -> Any:
+        """What performs a trial's grasp. Raises ConfigError for one that this hand cannot perform."""
+        if "torque" not in self.spec.commands:
+            if trial.grasp.grip is not None:
+                raise ConfigError(f"grasp {trial.grasp.name} controls force by torques; {self.spec.name} takes none")
+            return Follow(trial.reference)
+        if trial.grasp.grip is None:
+            return PD(trial.reference, self.gains, self._gravity)
+        timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))
+        return performer(trial.grasp, timed, self.spec, self.gains, self._gravity, self._model)
+
+
+_BENCHES: dict[tuple[object, ...], Bench] = {}
+_KEPT = 8
+
+
+def _bench(spec: HandSpec, gains: str, period: float, threads: int) -> Bench:
+    """A process has many units of a hand. One whose files have changed since is another."""
+    key = hand_fingerprint(spec), fingerprint(load_gains(gains, spec)), gains, period, threads
+    if key not in _BENCHES:
+        while len(_BENCHES) >= _KEPT:
+            del _BENCHES[next(iter(_BENCHES))]
+        _BENCHES[key] = Bench(spec, gains, period, threads)
+    return _BENCHES[key]
+
+
+def hand_of(item: Mapping[str, Any]) -> str:
+    """The model of hand that an item is of: its `hand`, its scenario's, or, of a file, that of such files."""
+    if "hand" in item:
+        return str(item["hand"])
+    return HAND if "file" in item else load_scenario(item["scenario"])[0].hand
+
+
+def judged(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """A unit of a sweep. `shared`: `serial`, `gains`, `threads`, `metrics` (true: those of the contacts at the end of
+    the first phase that checks; NaN where there is a draw). An item: `scenario` (a name or a path), and where they
+    differ from its own `hand`, `grasp`, `object`, `protocol`, `side`; or `file`, with grasps as others write them,
+    `row`, `object` and `protocol`; `draw`, the fields of a `Draw`. A flat row for each."""
+    rows: dict[int, dict[str, Any]] = {}
+    groups: dict[tuple[str, Side, str, float], list[tuple[int, Case]]] = {}
+    specs: dict[tuple[str, Side], HandSpec] = {}
+    serial = shared.get("serial", "")
+    for index, item in enumerate(items):
+        hand, side = hand_of(item), item.get("side", "right")
+        spec = specs.setdefault((hand, side), load_spec(hand, side, serial))
+        case = case_of(item, spec)
+        gains = ruled(case.ruled.gains or shared.get("gains"), spec)
+        groups.setdefault((hand, side, gains, case.ruled.period or PERIOD), []).append((index, case))
+    for (hand, side, gains, period), members in groups.items():
+        bench = _bench(specs[hand, side], gains, period, shared.get("threads", 0))
+        split = [case.directions() for _, case in members]
+        measure = _nominal if shared.get("metrics") else None
+        verdicts = bench.verdicts([case for cases in split for case in cases], measure)
+        for (index, case), cases in zip(members, split, strict=True):
+            rows[index] = row_of(case, side, [next(verdicts) for _ in cases], metrics=measure is not None)
+    return [rows[index] for index in range(len(items))]
+
+
+def case_of(item: Mapping[str, Any], spec: HandSpec) -> Case:
+    """From plain data. Raises ConfigError."""
+    protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
+    draw = None if item.get("draw") is None else Draw(**item["draw"])
+    if "file" in item:
+        made = foreign(Path(item["file"]), item["row"], spec, item.get("object"))
+        return Case(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
+    scenario, path = load_scenario(item["scenario"])
+    if item.get("object") is not None:
+        scenario = scenario.model_copy(update={"objects": (object_of(item["object"]), *scenario.objects[1:])})
+    grasp = load_grasp(item.get("grasp") or scenario.grasp, spec)
+    return Case(scenario, grasp, draw, protocol, path.parent, item.get("protocol"))
+
+
+def row_of(case: Case, side: str, verdicts: Sequence[Verdict], *, metrics: bool = False) -> dict[str, Any]:
+    """The verdicts of one case, one a direction, as one flat row: the worst of them; NaN for what a trial that was
+    stopped has not shown. `type` is the one that its contacts show, `claimed` the grasp's own.
+    `metrics`: with those of the contacts, of the first direction that has them."""
+    worst = min(verdicts, key=lambda v: (v.held, -np.inf if v.report is None else v.report.margin))
+    seen = None if worst.report is None else worst.report.observed
+    named = Path(case.scenario.protocol if case.rules is None else case.rules).stem
+    row: dict[str, Any] = {
+        "object": case.scenario.objects[0].name, "grasp": case.grasp.name,
+        "type": "not seen" if seen is None else seen.name, "claimed": case.grasp.taxonomy.name,
+        "virtual_fingers": "" if seen is None else seen.virtual_fingers,
+        "carries": "" if seen is None else seen.carries,
+        "hand": case.scenario.model, "side": side, "protocol": f"{named} {case.ruled.version}",
+        "held": all(verdict.held for verdict in verdicts),
+        "reason": worst.stopped if worst.report is None else worst.report.reason,
+    } | _numbers(worst.report)  # fmt: skip
+    if len(verdicts) == len(AXES):
+        for name, verdict in zip(AXES, verdicts, strict=True):
+            row[f"margin_{name}"] = float("nan") if verdict.report is None else verdict.report.margin
+            row[f"strength_{name}"] = _strength(case, verdict)
+        row["strength_n"] = min(row[f"strength_{name}"] for name in AXES)
+    if metrics:
+        measured = next((verdict.measured for verdict in verdicts if verdict.measured), {})
+        row |= {name: measured.get(name, float("nan")) for name in NAMES}
+    return row
+
+
+def _nominal(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Metrics cost up to 0.4 s a grasp, so those of draws are left out."""
+    return {} if trial.draw is not None else metrics_of(trial, data)
+
+
+def _strength(case: Case, verdict: Verdict) -> float:
+    """The largest push that it held, N: that of the last phase before the first one in which it did not."""
+    mass = case.ruled.mass
+    held = 0.0
+    if verdict.report is None:
+        return held
+    pushes = {phase.name: float(np.abs(phase.push).max()) for phase in case.ruled.phases}
+    for phase in verdict.report.phases:
+        if phase.check and not phase.held:
+            break
+        held = max(held, pushes[phase.name])
+    return held * (verdict.mass if mass is None else mass)
+
+
+def _numbers(report: Report | None) -> dict[str, float]:
+    nan = float("nan")
+    if report is None:
+        names = ("drift_mm", "rotation_deg", "margin", "lift_mm", "penetration_mm", "contacts", "torque_share", "stall")
+        return dict.fromkeys(names, nan)
+    checks = [phase for phase in report.phases if phase.check]
+    return {
+        "drift_mm": 1000.0 * max((phase.drift for phase in checks), default=nan),
+        "rotation_deg": max((phase.rotation for phase in checks), default=nan),
+        "margin": report.margin,
+        "lift_mm": 1000.0 * report.lift,
+        "penetration_mm": 1000.0 * report.penetration,
+        "contacts": float(np.mean([phase.contacts for phase in checks])) if checks else nan,
+        "torque_share": report.peak_torque,
+        "stall": max(report.at_limit.values()),
+    }

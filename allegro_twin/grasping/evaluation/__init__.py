@@ -1,0 +1,1 @@
+"""Evaluation campaigns: their trials, tables and reports."""

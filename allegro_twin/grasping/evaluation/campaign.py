@@ -1,0 +1,157 @@
+"""Many trials for one question: what is asked of which grasps, as the plain data of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import read_yaml
+from allegro_twin.files.fingerprint import fingerprint
+from allegro_twin.grasping.batch.trials import Case, case_of, hand_of
+from allegro_twin.grasping.evaluation.inputs import InputsOf
+from allegro_twin.grasping.interchange.to_trial import grasps_in
+from allegro_twin.grasping.scenario import load_protocol, load_scenario
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.spec import HandSpec, Side
+
+JUDGE = "allegro_twin.grasping.batch.trials:judged"
+FLOATING = "fc"
+"""What grasps of a file are tried under unless something else is said: they know of no table."""
+_NAMED = 30
+"""Targets that a folder names; of more it says how many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What holds for all targets; None: as each target says."""
+
+    protocol: str | None = None
+    sides: tuple[Side, ...] | None = None
+    grasp: str | None = None
+    object: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Draws for every target, the same for all."""
+
+    n: int = 0
+    seed: int = 0
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """One grasp on one object with one hand."""
+
+    name: str
+    item: dict[str, Any]
+    """Of `build.trials.judged`, without a draw."""
+    case: Case
+    spec: HandSpec
+
+    @property
+    def side(self) -> Side:
+        return self.spec.side
+
+
+class Campaign(NamedTuple):
+    """What a sweep of `JUDGE` is made of."""
+
+    items: list[dict[str, Any]]
+    shared: dict[str, Any]
+    stamps: dict[str, str]
+    """What is asked: of which targets, under which rules, with which draws."""
+    inputs: list[Mapping[str, str]]
+    """Of each item: all that its trial reads, by name and fingerprint."""
+
+
+def targets_of(paths: Iterable[Path], asked: Asked = Asked()) -> list[Target]:
+    """A target for every scenario and every grasp of a file, and each side. Raises ConfigError, also for targets that
+    are under different protocols: their results do not compare."""
+    found = [target for path in paths for target in _targets(path.resolve(), asked)]
+    one_protocol(found)
+    places = [(str(target.item.get("scenario")), target.item.get("row"), target.side) for target in found]
+    twice = next((t.name for t, place in zip(found, places, strict=True)
+                  if "scenario" in t.item and places.count(place) > 1), None)  # fmt: skip
+    if twice is not None:
+        raise ConfigError(f"{twice}: asked for twice")
+    return found
+
+
+def one_protocol(targets: Iterable[Target]) -> None:
+    """Raises ConfigError for targets under different ones."""
+    rules = {target.case.rules or target.case.scenario.protocol: target.name for target in targets}
+    if len(rules) > 1:
+        said = ", ".join(f"{protocol} ({name})" for protocol, name in rules.items())
+        raise ConfigError(f"results under different protocols do not compare: {said}; say --protocol")
+
+
+def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = False) -> Campaign:
+    """A trial without a draw of every target and one for each draw, in that order. Other targets, another protocol,
+    seed or uncertainty make another sweep; more draws go on with the same one; changed inputs are tried again. Raises
+    ConfigError."""
+    each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
+    items = [target.item | {"draw": draw} for target in targets for draw in each]
+    inputs_of, inputs = InputsOf(), list[Mapping[str, str]]()
+    for target in targets:
+        file = Path(target.item["file"]) if "file" in target.item else None
+        inputs += [inputs_of(target.case, target.spec, target.name, file)] * len(each)
+    return Campaign(items, {"threads": 1, "metrics": metrics}, _stamps(targets, noise), inputs)
+
+
+def _targets(path: Path, asked: Asked) -> Iterator[Target]:
+    if path.suffix == ".npy" or "grasps" in read_yaml(path):
+        yield from _of_file(path, asked)
+        return
+    scenario, _ = load_scenario(path)
+    named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
+    for side in asked.sides or (scenario.side,):
+        item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
+        spec = load_spec(hand_of(item), side)
+        yield Target(path.stem, item, case_of(item, spec), spec)
+
+
+def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
+    if asked.sides is not None and len(asked.sides) > 1:
+        raise ConfigError(f"{path}: its grasps are of one hand; say --side right or --side left")
+    if asked.grasp is not None:
+        raise ConfigError(f"{path}: holds its own grasps; --grasp is for scenarios")
+    protocol = asked.protocol or FLOATING
+    if not load_protocol(protocol).floating:
+        raise ConfigError(f"{path}: its grasps know of no table, which {protocol} has: say --protocol fc or strength")
+    side = asked.sides[0] if asked.sides else "right"
+    spec = load_spec(side=side)
+    for row in range(len(grasps_in(path, spec))):
+        item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
+        item |= {} if asked.object is None else {"object": asked.object}
+        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), spec)
+
+
+def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:
+    rules = targets[0].case
+    return {
+        "targets": _named(targets),
+        "protocol": f"{Path(rules.rules or rules.scenario.protocol).stem} {rules.ruled.version}",
+        "seed": str(noise.seed),
+        "uncertainty": _said(noise.uncertainty),
+    }
+
+
+def _named(targets: Sequence[Target]) -> str:
+    """Each as it was asked for; of many, how many and their fingerprint."""
+    names = []
+    for target in targets:
+        item = target.item
+        other = " ".join(f"{key}={item[key]}" for key in ("grasp", "object") if item.get(key) is not None)
+        names.append(f"{target.name} {target.side}{' ' if other else ''}{other}")
+    return ", ".join(names) if len(names) <= _NAMED else f"{len(names)} of {fingerprint(names)}"
+
+
+def _said(uncertainty: Uncertainty) -> str:
+    """Every digit, since it is compared: m, degrees, fractions."""
+    return ", ".join(f"{name} {value}" for name, value in uncertainty.model_dump().items())

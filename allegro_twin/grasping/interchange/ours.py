@@ -1,0 +1,92 @@
+"""Grasps as YAML that people read: poses of the palm in the object's frame, angles by finger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.files.schema import Settings, load
+from allegro_twin.files.yaml_edit import with_document
+from allegro_twin.grasping.interchange.grasps import FRAMES, PALM, STAGES, Grasps, checked
+from allegro_twin.hands.library.entries import Angles, joint_vector
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.types import Array
+
+Pose = Annotated[list[float], Field(min_length=7, max_length=7)]
+
+
+class Stage(Settings):
+    """One posture and where the hand then is."""
+
+    pose: Pose
+    """Of `frame` in the world of `object_pose`: position, m; w, x, y, z."""
+    angles: Angles
+
+
+class Entry(Settings):
+    """One grasp."""
+
+    object_pose: Pose
+    scale: Annotated[float, Field(gt=0)] = 1.0
+    approach: tuple[Stage, ...] = ()
+    preshape: Stage
+    close: Stage
+    squeeze: Stage
+
+
+class File(Settings):
+    """Grasps of one hand on one object."""
+
+    object: str
+    """A name or a file; a relative path is the file's own."""
+    side: Side = "right"
+    frame: str = PALM.name
+    """Of the hand: `palm`, ours, or `menagerie`."""
+    grasps: tuple[Entry, ...]
+
+
+def read_yaml_grasps(path: Path, spec: HandSpec) -> Grasps:
+    """The grasps of a file. Raises ConfigError."""
+    file, where = load(File, path), str(path)
+    if file.frame not in FRAMES:
+        raise ConfigError(f"{where}: frame is one of {', '.join(FRAMES)}, not {file.frame!r}")
+    if file.side != spec.side:
+        raise ConfigError(f"{where}: is of a {file.side} hand; this one is a {spec.side} hand")
+    stages = [[*entry.approach, entry.preshape, entry.close, entry.squeeze] for entry in file.grasps]
+    if len({len(row) for row in stages}) > 1:
+        raise ConfigError(f"{where}: every grasp of a file has an approach of the same number of stages")
+    poses = [[stage.pose for stage in row] for row in stages]
+    joints = [[joint_vector(s.angles, spec, f"{where}: grasp {k}") for s in row] for k, row in enumerate(stages)]
+    return checked(
+        spec, poses, joints, [entry.object_pose for entry in file.grasps] or np.zeros((0, 7)),
+        [entry.scale for entry in file.grasps], thing=file.object, frame=FRAMES[file.frame], source=where,
+    )  # fmt: skip
+
+
+def write_yaml_grasps(path: Path, grasps: Grasps, spec: HandSpec) -> None:
+    """The same to the last bit when it is read again. Raises RecordingError."""
+    content = {
+        "object": grasps.object,
+        "side": grasps.side,
+        "frame": grasps.frame.name,
+        "grasps": [_entry(grasps, row, spec) for row in range(len(grasps))],
+    }
+    with whole_file(path) as temporary:
+        temporary.write_text(with_document("", content, str(path)), encoding="utf-8")
+
+
+def _entry(grasps: Grasps, row: int, spec: HandSpec) -> dict[str, Any]:
+    stages = [_stage(pose, joints, spec) for pose, joints in zip(grasps.hand[row], grasps.joints[row], strict=True)]
+    entry = {"object_pose": grasps.object_pose[row].tolist(), "scale": float(grasps.scale[row])}
+    way = {"approach": stages[:-3]} if len(stages) > 3 else {}
+    return entry | way | dict(zip(STAGES, stages[-3:], strict=True))
+
+
+def _stage(pose: Array, joints: Array, spec: HandSpec) -> dict[str, Any]:
+    angles = {finger.name: joints[list(finger.joints)].tolist() for finger in spec.fingers}
+    return {"pose": pose.tolist(), "angles": angles}

@@ -1,0 +1,53 @@
+"""Fingers that close until they meet something: each link stops where it touches, what is beyond it goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.sim.contact.grasp_scene import Indices, Meetings, Workbench
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector
+
+COARSE, FINE = 0.17, 0.04
+"""rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
+FURTHEST = 1.6
+"""rad that a joint closes."""
+
+
+def units(spec: HandSpec) -> Vector:
+    """How far each motor goes while what it moves turns by a radian, (n,): 1 where it turns joints itself; less where a
+    tendon or a linkage moves its fastest follower by more, and where its whole way is short, on a slide say."""
+    found = np.ones(spec.n_joints)
+    span = spec.upper - spec.lower
+    for each in spec.followers:
+        steepest = np.abs(np.diff(each.positions)).max() * (len(each.positions) - 1) / span[each.driven]
+        found[each.driven] = min(found[each.driven], 1.0 / max(steepest, 1e-9), span[each.driven] / FURTHEST)
+    return found
+
+
+def closed(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, Meetings]:
+    """The candidate with its fingers closed, each motor where the last joint that it moves has stopped, and where the
+    hand touches the object."""
+    spec, of = bench.spec, bench.motors
+    by, lower, upper = units(spec)[of], spec.lower[of], spec.upper[of]
+    at, moving = candidate.preshape[of].copy(), candidate.closing[of].copy()
+    furthest = np.where(np.isin(of, [each.driven for each in spec.followers]), (upper - lower) / by, FURTHEST)
+    for _ in range(round(float(furthest.max()) / step)):
+        at = np.clip(at + step * by * moving, lower, upper)
+        bench.place_each(candidate.position, candidate.rotation, at)
+        moving[bench.stopped() | (at <= lower) | (at >= upper)] = 0.0
+        if not moving.any():
+            break
+    return replace(candidate, close=_last(candidate, of, at)), bench.touch()
+
+
+def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
+    """Where the motors are whose joints are `at`, (joints,): with that joint which has gone furthest."""
+    close = candidate.preshape.copy()
+    for motor in np.unique(of):
+        mine = at[of == motor]
+        close[motor] = mine[np.argmax(candidate.closing[motor] * mine)]
+    return close

@@ -1,0 +1,108 @@
+"""Searches with a seed each, side by side: in processes of this computer or on a Ray cluster."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.errors import HandError
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.grasping.plan.region import Region
+from allegro_twin.grasping.plan.search import Budget, Effort, Search, symmetry_of
+from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.validate import Planned, best_of
+from allegro_twin.grasping.scenario import Scenario
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.sweep.jobs import Sweep
+from allegro_twin.sweep.local import Engine
+from allegro_twin.sweep.runner import run
+
+SEARCH = "allegro_twin.grasping.plan.parallel:searched"
+
+
+def side_by_side(
+    search: Search,
+    n: int,
+    budget: Budget,
+    seeds: int,
+    engine: Engine,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Planned]:
+    """The best `n` of searches like `search` with so many seeds from its own on, each with the whole budget and on
+    one processor. `progress`: how many have ended. Raises HandError when one of them fails."""
+    shared = {
+        "scenario": search.scenario.model_dump(mode="json"), "folder": str(search.folder.resolve()),
+        "hand": search.spec.called, "side": search.spec.side, "kind": search.kind, "n": n,
+        "budget": {key: value for key, value in asdict(budget).items() if math.isfinite(value)},
+        "effort": asdict(search.effort), "region": None if search.region is None else asdict(search.region),
+    }  # fmt: skip
+    items = [{"seed": search.seed + number} for number in range(seeds)]
+    table = run(Sweep(SEARCH, items, shared, unit=1), engine=engine, progress=progress).to_pylist()
+    failed = next((row["error"] for row in table if row["error"]), None)
+    if failed is not None:
+        raise HandError(failed)
+    for number, row in enumerate(table):
+        search.counts[search.seed + number] = row["closed"]
+        search.ends.update(json.loads(row["ends"]))
+        search.closed, search.cpu = search.closed + row["closed"], search.cpu + row["cpu"]
+    found = [planned_of(data, search.templates) for row in table for data in json.loads(row["found"])]
+    return best_of(found, n, symmetry_of(search))
+
+
+def searched(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Units of a sweep: one search for each item's `seed`. A row has `found` and `ends`, as JSON, how many candidates
+    were `closed`, and the `cpu` seconds that it took."""
+    spec, asked = load_spec(shared["hand"], shared["side"]), shared["region"]
+    rows = []
+    for item in items:
+        search = Search(
+            Scenario.model_validate(shared["scenario"]), spec, templates(spec, shared["kind"]), Path(shared["folder"]),
+            seed=item["seed"], effort=Effort(**shared["effort"]), region=None if asked is None else Region(**asked),
+            kind=shared["kind"], threads=1,
+        )  # fmt: skip
+        found = search.run(shared["n"], Budget(**shared["budget"]))
+        rows.append(
+            {
+                "found": json.dumps([plain(each) for each in found]), "ends": json.dumps(search.ends),
+                "closed": search.closed, "cpu": search.cpu,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def plain(planned: Planned) -> dict[str, Any]:
+    """As JSON has it."""
+    fields = {key: getattr(planned, key) for key in _FIELDS}
+    observed = planned.grasp.observed
+    candidate = {key: np.asarray(getattr(planned.candidate, key)).tolist() for key in Candidate.__slots__}
+    grasp = {key: getattr(planned.grasp, key).tolist() for key in _POSTURES}
+    return fields | {"observed": None if observed is None else observed.model_dump(), "candidate": candidate,
+                     "grasp": grasp, "scenario": planned.scenario.model_dump(mode="json")}  # fmt: skip
+
+
+def planned_of(data: Any, known: Sequence[Grasp]) -> Planned:
+    """What `plain` has made plain; `known`: the templates of the search."""
+    values: Any = {
+        key: np.array(value) if isinstance(value, list) else value for key, value in data["candidate"].items()
+    }
+    candidate = Candidate(**values)
+    template = next(grasp for grasp in known if grasp.name == candidate.template)
+    preshape, close, squeeze = (np.array(data["grasp"][key]) for key in _POSTURES)
+    grasp = replace(template, grip=None, observed=None, preshape=preshape, close=close, squeeze=squeeze)
+    planned = Planned(
+        candidate, Scenario.model_validate(data["scenario"]), grasp, **{key: data[key] for key in _FIELDS}
+    )
+    planned.show(None if data["observed"] is None else Observed(**data["observed"]))
+    return planned
+
+
+_FIELDS = ("tried", "held", "judged", "judged_held", "seed", "candidates", "confirmed", "sure", "margin", "stall")
+_POSTURES = ("preshape", "close", "squeeze")

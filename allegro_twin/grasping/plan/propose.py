@@ -1,0 +1,171 @@
+"""Geometry proposes: palms that fit, closed on the object, in contacts that could hold it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.metrics.carrying import least_normal_force
+from allegro_twin.grasping.plan.candidate import Candidate
+from allegro_twin.grasping.plan.close_in_geometry import COARSE, closed, units
+from allegro_twin.grasping.plan.force_closure import UNBALANCED, gripped, imbalance, torsion_of
+from allegro_twin.grasping.plan.poses import NOISE, Guesses, guesses
+from allegro_twin.grasping.plan.region import SHARE, Region, in_frame_of
+from allegro_twin.grasping.plan.surface import Random, Surface, placed_surface
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
+from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+LOWEST, HIGHER = 0.002, 0.008
+"""m, between a hand and the table."""
+LOWERED, NEAR = 0.5, 0.03
+"""The share of palms that come down to the table where they are not further above it, m."""
+RETREAT = (0.025, 0.05, 0.10)
+"""m along the way out, where the hand must be free."""
+BATCH = 256
+METRES, TURN = 0.007, np.radians(6.0)
+"""By how much a variation of a candidate differs (standard deviations), m and rad."""
+
+
+@dataclass(slots=True)
+class Proposer:
+    """Candidates that nothing speaks against, for one object on its workbench."""
+
+    bench: Workbench
+    templates: Sequence[Grasp]
+    friction: float
+    turns: Sequence[float]
+    """Angles about the palm's z by which the trial will turn it, rad."""
+    random: Random
+    step: float = COARSE
+    """Of the closing fingers, rad."""
+    region: Region | None = None
+    """By which it is to be held."""
+    centre: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bench.place(np.array([0.0, 0.0, 1.0]), np.eye(3), self.templates[0].preshape)
+        self.centre = self.bench.centre
+
+    def fresh(self, tries: int = 2_000_000) -> Iterator[Candidate | None]:
+        """Of so many guesses; None after every batch of them, for whoever counts them."""
+        axes = matrix_from_quaternion(np.array(self.bench.placed.quaternion))
+        for _ in range(0, tries, BATCH):
+            on = self._looked_at()
+            guessed = guesses(on, axes, self.templates, self.bench.spec, self.random)
+            for row in range(len(on.points)):
+                candidate = self._grown(guessed, row)
+                if candidate is not None:
+                    yield candidate
+            yield None
+
+    def _looked_at(self) -> Surface:
+        """Points of the surface, in the region where there is one. Raises ConfigError where it is empty."""
+        placed = self.bench.placed
+        if self.region is None:
+            return placed_surface(placed, BATCH, self.random)
+        on = placed_surface(placed, 40 * BATCH, self.random)
+        inside = np.flatnonzero(self.region.contains(in_frame_of(placed, on.points)))[:BATCH]
+        if not len(inside):
+            raise ConfigError(f"object {placed.thing.name}: nothing of its surface is in the region {self.region}")
+        return Surface(on.points[inside], on.normals[inside])
+
+    def near(self, elite: Sequence[Candidate], count: int) -> list[Candidate]:
+        """So many variations of candidates that came far, in turn; fewer where few of them fit."""
+        found: list[Candidate] = []
+        for k in range(8 * count if elite else 0):
+            candidate = self._grown(_jittered(elite[k % len(elite)], self.bench.spec, self.random), 0)
+            if candidate is not None:
+                found.append(candidate)
+            if len(found) == count:
+                break
+        return found
+
+    def _grown(self, guessed: Guesses, row: int) -> Candidate | None:
+        """A guess with its fingers closed, and its score; None for what cannot be, or cannot hold."""
+        candidate = fitting(self.bench, guessed, row, self.random)
+        if candidate is None:
+            return None
+        candidate, touch = closed(self.bench, candidate, self.step)
+        if self.region is not None and len(touch.points):
+            inside = self.region.contains(in_frame_of(self.bench.placed, touch.points))
+            if not inside.mean() > SHARE:
+                return None
+        score = promise(self.bench, candidate, touch, self.centre, self.friction, self.turns)
+        return None if score is None else replace(candidate, score=score)
+
+
+def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> Guesses:
+    turn = matrix_from_quaternion(quaternion_from_vector(TURN * random.normal(size=3)))
+    noise = NOISE * random.normal(size=spec.n_joints) * units(spec)
+    preshape = np.clip(candidate.preshape + noise, spec.lower, spec.upper)
+    position = candidate.position + METRES * random.normal(size=3)
+    return Guesses(
+        position[None], (turn @ candidate.rotation)[None], preshape[None], candidate.closing[None], [candidate.template]
+    )
+
+
+def fitting(bench: Workbench, guessed: Guesses, row: int, random: Random) -> Candidate | None:
+    """A guess that is free where it is and on its way there, lifted off the table if it must be; or None."""
+    position, rotation, preshape = guessed.position[row], guessed.rotation[row], guessed.preshape[row]
+    lowest = bench.lowest(position, rotation, preshape)
+    gap = random.uniform(LOWEST, HIGHER)
+    if lowest < gap or (lowest < NEAR and random.random() < LOWERED):
+        position = position + np.array([0.0, 0.0, gap - lowest])
+    if position[2] > 0.5 or np.linalg.norm(position - guessed.position[row]) > 0.06:
+        return None
+    bench.place(position, rotation, preshape)
+    if bench.meets_anything():
+        return None
+    for way in (-rotation[:, 0], np.array([0.0, 0.0, 1.0])):
+        if all(_free(bench, position + far * way, rotation, preshape) for far in RETREAT):
+            closing = guessed.closing[row]
+            return Candidate(
+                position,
+                rotation,
+                RETREAT[-1] * way,
+                preshape,
+                closing,
+                preshape,
+                preshape,
+                preshape,
+                guessed.template[row],
+            )
+    return None
+
+
+def _free(bench: Workbench, position: Array, rotation: Array, posture: Array) -> bool:
+    bench.place(position, rotation, posture)
+    return not bench.meets_anything()
+
+
+def promise(
+    bench: Workbench, candidate: Candidate, touch: Meetings, centre: Array, friction: float, turns: Sequence[float]
+) -> float | None:
+    """How little force would do, as a score; None for contacts that cannot hold."""
+    palm = len(bench.spec.fingers)
+    fingers = set(touch.part.tolist())
+    if len(fingers) < 2 or bench.meets_table() or not fingers & {palm, palm - 1}:
+        return None  # A finger alone, or fingers without anything against them.
+    held = gripped(touch, centre, friction, torsion_of(bench))
+    if imbalance(held) > UNBALANCED:
+        return None
+    force = float(least_normal_force(held, loads(candidate.rotation, bench.mass, turns)).max())
+    return -force if np.isfinite(force) else None
+
+
+def loads(rotation: Array, mass: float, turns: Sequence[float]) -> Array:
+    """The weight as the contacts feel it when the palm has turned about its z axis, (k, 6), N, in the world's axes of
+    the unturned palm."""
+    weight = np.array([0.0, 0.0, -9.81 * mass])
+    found = np.zeros((len(turns), 6))
+    for row, angle in enumerate(turns):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        found[row, :3] = rotation @ turn.T @ rotation.T @ weight
+    return found

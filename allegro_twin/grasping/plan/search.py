@@ -1,0 +1,195 @@
+"""From proposals to grasps that hold: rounds of guessing, of closing in physics, of draws, and of whole trials."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from allegro_twin.grasping.plan.candidate import Candidate, different
+from allegro_twin.grasping.plan.close_in_geometry import COARSE, FINE
+from allegro_twin.grasping.plan.close_in_simulation import Outcome, squeezed, tried
+from allegro_twin.grasping.plan.fingers import Performer
+from allegro_twin.grasping.plan.propose import Proposer
+from allegro_twin.grasping.plan.region import Region
+from allegro_twin.grasping.plan.surface import Random
+from allegro_twin.grasping.plan.symmetry import symmetry
+from allegro_twin.grasping.plan.validate import SEARCHED, Planned, Prover, pushed
+from allegro_twin.grasping.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import Uncertainty
+from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+FEW, ELITE = 4, 10
+"""Where fewer than the first pass in a round, half of the next one are variations of those that came furthest."""
+TIMESTEP = 0.002
+"""s, the physics step of what is only a search."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How much a round looks at."""
+
+    guessed: int = 192
+    """Proposals."""
+    closed: int = 48
+    """The best of them, which physics closes."""
+    drawn: int = 10
+    """The best of those that hold, which are tried under draws."""
+
+
+TRIES = 400
+"""Batches of guesses for a round at most, of `poses.BATCH` each: where the object leaves the hand little room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How much a search may cost. It is looked at between rounds and decides nothing within one, so that a search that
+    ended after so many candidates finds the same as one that is told their number."""
+
+    candidates: float = math.inf
+    """That physics closes."""
+    cpu: float = math.inf
+    """s of all processors together, without what judging costs afterwards."""
+
+
+@dataclass(slots=True)
+class Search:
+    """Looks for grasps of one object with one hand. Raises ConfigError for one that has no surface."""
+
+    scenario: Scenario
+    spec: HandSpec
+    templates: Sequence[Grasp]
+    folder: Path = Path()
+    seed: int = 0
+    uncertainty: Uncertainty = SEARCHED
+    effort: Effort = Effort()
+    region: Region | None = None
+    """The part of the object by which it is to be held."""
+    kind: int | str | None = None
+    """The type of the taxonomy that its contacts have to show; None: any."""
+    threads: int = 0
+    ends: Counter[str] = field(default_factory=Counter)
+    """Where candidates ended."""
+    closed: int = 0
+    """How many candidates physics has closed."""
+    counts: dict[int, int] = field(default_factory=dict)
+    """The same by seed, where several searches ran side by side."""
+    cpu: float = 0.0
+    """s that it took, of all processors together."""
+
+    def run(
+        self, n: int, budget: Budget, tell: Callable[[list[Planned], float], None] = lambda found, share: None
+    ) -> list[Planned]:
+        """The best `n` that are apart from each other. It ends when they are good, or when the budget is spent, with
+        fewer where there are fewer. `tell`: what is good so far, and how much of the budget is spent."""
+        began = time.process_time()
+        protocol = load_protocol(self.scenario.protocol)
+        bench, random = self._bench(protocol), np.random.default_rng(self.seed)
+        prover = self._prover(bench)
+        friction = protocol.friction or self.scenario.friction
+        step = FINE if protocol.floating else COARSE
+        proposer = Proposer(bench, self.templates, friction, _turns(protocol), random, step, self.region)
+        proposed, elite = proposer.fresh(), list[Candidate]()
+        while sum(each.good for each in prover.best(n)) < n:
+            self.cpu = time.process_time() - began
+            if self.closed and (self.cpu >= budget.cpu or self.closed >= budget.candidates):
+                break
+            guessed = sorted(_next(proposed, self.effort.guessed), key=lambda c: -c.score)
+            if not guessed:
+                break
+            varied = proposer.near(elite, self.effort.closed // 2)
+            closed = [*varied, *guessed[: self.effort.closed - len(varied)]]
+            closed = closed[: int(min(len(closed), budget.candidates - self.closed))]
+            self.closed += len(closed)
+            if protocol.floating:
+                pushed(prover, self._apart(self._squeezed(closed, protocol, random), prover))
+            else:
+                outcomes = tried(bench, closed, self._performer(protocol), friction, random)
+                self.ends.update(outcome.where for outcome in outcomes)
+                passed = [outcome.candidate for outcome in outcomes if outcome.passed]
+                prover.add(self._apart(passed, prover)[: self.effort.drawn], n)
+                elite = [*prover.unsure(), *(_furthest(outcomes) if len(passed) < FEW else [])]
+            spent = max((time.process_time() - began) / budget.cpu, self.closed / budget.candidates)
+            tell([each for each in prover.ranked(prover.options, n) if each.good], spent)
+        prover.settle(n)
+        self.cpu = time.process_time() - began
+        best = prover.best(n)
+        for each in best:
+            each.seed, each.candidates = self.seed, self.closed
+        return best
+
+    def _prover(self, bench: Workbench) -> Prover:
+        return Prover(
+            bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
+            symmetry_of(self), self.region, self.kind, self.threads, ends=self.ends,
+        )  # fmt: skip
+
+    def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
+        """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
+        gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
+        further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
+        return [
+            replace(c, squeeze=np.clip(c.close + more, self.spec.lower, self.spec.upper))
+            for c, more in zip(candidates, further, strict=True)
+        ]
+
+    def _bench(self, protocol: Protocol) -> Workbench:
+        physics = protocol.physics if protocol.floating else PhysicsSettings()
+        coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
+        return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
+
+    def _performer(self, protocol: Protocol) -> Performer:
+        return Performer(load_gains(ruled(protocol.gains, self.spec), self.spec), hand_model(self.spec).gravity_torque)
+
+    def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:
+        """The best of each place, none of which is where something good was found."""
+        kept = list[Candidate]()
+        taken = [option.candidate for option in prover.options if option.confirmed and option.good]
+        for candidate in sorted(passed, key=lambda c: -c.score):
+            if different(candidate, [*taken, *kept], prover.turns):
+                kept.append(candidate)
+        return kept
+
+
+def symmetry_of(search: Search) -> Array | None:
+    """Turns that make a grasp no other one; in the air every pose of the palm is its own."""
+    protocol = load_protocol(search.scenario.protocol)
+    if protocol.floating:
+        return None
+    return symmetry(stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+
+
+def _furthest(outcomes: list[Outcome]) -> list[Candidate]:
+    """Those that came furthest."""
+    order = sorted(outcomes, key=lambda o: (-o.reached, -o.candidate.score))[:ELITE]
+    return [outcome.candidate for outcome in order]
+
+
+def _turns(protocol: Protocol) -> list[float]:
+    """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
+    most = sum(phase.turn[2] for phase in protocol.phases)
+    return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]
+
+
+def _next(proposed: Iterator[Candidate | None], count: int) -> list[Candidate]:
+    """The next candidates, so many or as many as come in so many tries."""
+    found, tries = list[Candidate](), 0
+    for candidate in proposed:
+        if candidate is None:
+            tries += 1
+        else:
+            found.append(candidate)
+        if len(found) == count or tries == TRIES:
+            break
+    return found

@@ -1,0 +1,241 @@
+"""What a candidate is worth: draws of what the hand is not told, and the whole trial; or pushes in the air."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from allegro_twin.grasping.batch.batched_trials import Measure, Verdict
+from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
+from allegro_twin.grasping.plan.as_scenario import grasp_of, scenario_of
+from allegro_twin.grasping.plan.candidate import Candidate, different
+from allegro_twin.grasping.plan.reduce_squeeze import SHARE, eased
+from allegro_twin.grasping.plan.region import Region, there
+from allegro_twin.grasping.scenario import Scenario, load_protocol
+from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.hands.library.gains import load_gains, ruled
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.select import is_of_type
+from allegro_twin.hands.library.taxonomy import Observed, as_claimed
+from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+FIRST, MORE, MOST = 2, 6, 20
+"""Draws that everybody gets, that the best get after them at a time, and that anybody gets at most."""
+GOOD = 0.85
+"""An expected share of draws with which a grasp is good enough."""
+
+
+class Squeeze(NamedTuple):
+    """How far the fingers of a candidate are told to go."""
+
+    factor: float = 1.0
+    """On what the quick test had."""
+    share: float = math.inf
+    """Of its torque limit that a joint holds with, at most."""
+
+
+AS_IT_IS = Squeeze()
+SQUEEZES = (Squeeze(1.2, SHARE), Squeeze(1.7))
+"""Among which draws choose: little slips, much rolls the object out of the fingers."""
+SPARE = 3
+"""How many more than are asked for are looked at closely."""
+SEARCHED = Uncertainty(position=0.005, torque=0.0)
+"""What draws of a search vary unless something else is said."""
+JUDGED = 20
+"""Draws on which what was chosen is judged afterwards: none of them was chosen on."""
+WHOLE_TRIALS = 2
+"""For each grasp that is asked for, when the search is over: what holds in draws but not here gives way to others."""
+
+
+@dataclass(slots=True, eq=False)
+class Planned:
+    """A grasp, and what has become of it so far."""
+
+    candidate: Candidate
+    scenario: Scenario
+    grasp: Grasp
+    tried: int = 0
+    held: int = 0
+    """Draws of the search."""
+    judged: int = 0
+    judged_held: int = 0
+    """Draws that it was not chosen on, in the whole trial."""
+    seed: int = 0
+    candidates: int = 0
+    """Of the search that found it, and how many candidates physics closed there."""
+    confirmed: bool | None = None
+    """Whether the whole trial held; None: not tried."""
+    sure: bool = False
+    """Whether it needs no draws."""
+    margin: float = float("nan")
+    stall: float = float("nan")
+    """Of the whole trial: what was left of its limits, and the share of its time that the most loaded joint spent at
+    its torque limit."""
+
+    def show(self, observed: Observed | None) -> None:
+        """Its grasp is of the type that its contacts show, and claims no other."""
+        if observed is not None:
+            self.grasp = replace(self.grasp, observed=observed, taxonomy=as_claimed(observed))
+
+    @property
+    def expected(self) -> float:
+        """The share to expect of others: the mean of the posterior after a uniform prior."""
+        return 1.0 if self.sure else (self.held + 1) / (self.tried + 2)
+
+    @property
+    def good(self) -> bool:
+        return self.expected >= GOOD
+
+
+@dataclass(slots=True)
+class Prover:
+    """Options for one object, with what is known of each."""
+
+    bench: Workbench
+    scenario: Scenario
+    spec: HandSpec
+    templates: Sequence[Grasp]
+    folder: Path
+    seed: int
+    uncertainty: Uncertainty
+    turns: Array | None
+    """Rotations that leave the object as it is; None where every pose counts as its own."""
+    region: Region | None = None
+    """Where more than half of the contact force has to be."""
+    kind: int | str | None = None
+    """The type that the contacts have to show; None: any."""
+    threads: int = 0
+    options: list[Planned] = field(default_factory=list)
+    ends: Counter[str] = field(default_factory=Counter)
+
+    def add(self, candidates: Sequence[Candidate], n: int) -> None:
+        """Learn about some more, and about the best of all; `n`: how many are wanted in the end."""
+        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
+        self._draw(new, FIRST)
+        self.options += new
+        self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
+        self._confirm([o for o in self.ranked(self.options, n) if o.good and o.confirmed is None])
+
+    def settle(self, n: int) -> None:
+        """Try the best in the whole trial, and others for those that do not hold there."""
+        left = WHOLE_TRIALS * n
+        while unknown := [o for o in self.ranked(self.options, n) if o.confirmed is None][:left]:
+            self._confirm(unknown)
+            left -= len(unknown)
+
+    def best(self, n: int) -> list[Planned]:
+        """Those that hold in the whole trial, apart from each other, best first."""
+        return best_of([option for option in self.options if option.confirmed], n, self.turns)
+
+    def ranked(self, options: Sequence[Planned], n: int) -> list[Planned]:
+        """The best of each place, of those that have not failed."""
+        return best_of([option for option in options if option.confirmed is not False], n, self.turns)
+
+    def unsure(self) -> list[Candidate]:
+        """Those of the best whose variations may be better."""
+        return [option.candidate for option in self.ranked(self.options, 2 * SPARE) if not option.good]
+
+    def as_files(self, candidate: Candidate, squeeze: Squeeze) -> tuple[Scenario, Grasp]:
+        """What is played of a candidate."""
+        template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
+        grasp = grasp_of(candidate, template, self.spec, squeeze.factor)
+        grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
+        return scenario_of(candidate, self.bench, self.scenario), grasp
+
+    def _draw(self, options: Sequence[Planned], count: int) -> None:
+        """Try each under the next draws that it has not seen."""
+        protocol = load_protocol("quick")
+        bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
+        trials = [
+            Case(option.scenario, option.grasp, draw, protocol, self.folder)
+            for option in options
+            for draw in draws(self.uncertainty, count, self.seed, option.tried, stream="search")
+        ]
+        verdicts = bench.verdicts(trials, hasty=True)
+        for option in options:
+            option.held += sum(next(verdicts).held for _ in range(count))
+            option.tried += count
+
+    @property
+    def measure(self) -> Measure | None:
+        """What tells whether an object is held where it is to be."""
+        return None if self.region is None else self.region.share
+
+    def _confirm(self, options: Sequence[Planned]) -> None:
+        """Try each in the whole trial."""
+        cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
+        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, self.measure)
+        for option, verdict in zip(options, verdicts, strict=True):
+            where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
+            option.confirmed = where == "held"
+            self.ends[where] += 1
+            if verdict.report is not None:
+                option.show(verdict.report.observed)
+                option.margin, option.stall = verdict.report.margin, max(verdict.report.at_limit.values())
+
+    def amiss(self, verdicts: Sequence[Verdict]) -> str:
+        """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
+        if not all(there(verdict) for verdict in verdicts):
+            return "elsewhere"
+        seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
+        if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
+            return "other type"
+        return ""
+
+
+def judge(
+    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0,
+    count: int = JUDGED,
+) -> None:  # fmt: skip
+    """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
+    drawn = draws(uncertainty, count, seed, stream="judge")
+    for each in planned:
+        protocol = load_protocol(each.scenario.protocol)
+        bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
+        split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
+        verdicts = bench.verdicts([case for cases in split for case in cases], hasty=True)
+        each.judged, each.judged_held = len(split), 0
+        for cases in split:
+            found = [next(verdicts).held for _ in cases]
+            each.judged_held += all(found)
+
+
+def best_of(options: Sequence[Planned], n: int, turns: Array | None) -> list[Planned]:
+    """So many, best first, each apart from those before it. `turns`: rotations that leave the object as it is."""
+    kept: list[Planned] = []
+    for option in sorted(options, key=lambda o: (-o.expected, -o.candidate.score)):
+        if len(kept) < n and different(option.candidate, [k.candidate for k in kept], turns):
+            kept.append(option)
+    return kept
+
+
+def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
+    """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
+    the others."""
+    protocol = load_protocol(prover.scenario.protocol)
+    gains = ruled(protocol.gains, prover.spec)
+    runner = Bench(prover.spec, gains, protocol.period or PERIOD, prover.threads)
+    options = [
+        Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
+    ]
+    for ways in (slice(0, 2), slice(2, None)):
+        cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
+        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, hasty=True)
+        for option, each in zip(options, cases, strict=True):
+            found = [next(verdicts) for _ in each]
+            held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]
+            option.confirmed = len(held) == len(each) and not prover.amiss(found)
+            if held:
+                option.show(held[0].observed)
+            option.margin = min([option.margin, *(report.margin for report in held)])
+            option.stall = max([option.stall, *(max(report.at_limit.values()) for report in held)])
+        prover.ends["pushed out"] += sum(not option.confirmed for option in options)
+        options = [option for option in options if option.confirmed]
+    prover.ends["held"] += len(options)
+    prover.options += options

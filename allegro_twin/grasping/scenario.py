@@ -1,0 +1,233 @@
+"""A scenario: what lies on the table, how the wrist moves, which grasp, and what counts as success."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from allegro_twin.files.assets import find
+from allegro_twin.files.schema import Positive, Settings, Vector3, load
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.sim.model.physics import Cone, Integrator, Physics, Solver
+from allegro_twin.spec import Side
+
+
+class Shake(Settings):
+    """A sine along the world's x, then y, then z."""
+
+    acceleration: Positive
+    """Peak, m/s²."""
+    frequency: Positive = 2.0
+    """Hz."""
+
+
+class Phase(Settings):
+    """A stretch of the timeline. The wrist and the hand both act, or either, or none."""
+
+    name: str
+    seconds: Positive | None = None
+    """Only a phase that closes the hand may leave it out: it then lasts as long as the grasp's speed says."""
+    hand: Literal["preshape", "close", "squeeze"] | None = None
+    wrist: Literal["approach"] | None = None
+    """`approach`: from the retreat to the grasp pose."""
+    move: Vector3 = (0.0, 0.0, 0.0)
+    """m, world axes."""
+    turn: Vector3 = (0.0, 0.0, 0.0)
+    """Degrees about the palm's own x, y, z."""
+    shake: Shake | None = None
+    push: Vector3 = (0.0, 0.0, 0.0)
+    """Throughout the phase on the object's centre of mass, as the acceleration that it would give it, m/s², world."""
+    check: bool = False
+    """The object must be held at the end of this phase."""
+
+    @model_validator(mode="after")
+    def _lasts(self) -> Phase:
+        if self.seconds is None and self.hand is None:
+            raise ValueError("a phase without a hand motion needs `seconds`")
+        return self
+
+
+class Success(Settings):
+    """How far the object may have moved in the palm's frame."""
+
+    drift: Positive = 0.010
+    """m."""
+    rotation: Positive = 15.0
+    """Degrees."""
+    throughout: bool = False
+    """During the whole of every phase that checks, not only at its end."""
+
+
+class PhysicsSettings(Settings):
+    """What differs from the physics of every scene (sim.physics)."""
+
+    timestep: Positive | None = None
+    """s."""
+    softness: Positive | None = None
+    """Time constant of contacts, s."""
+    impratio: Positive | None = None
+    noslip: Annotated[int, Field(ge=0)] | None = None
+    torsional: Positive | None = None
+    """m."""
+    rolling: Positive | None = None
+    """m."""
+    cone: Cone | None = None
+    integrator: Integrator | None = None
+    solver: Solver | None = None
+    gravity: Vector3 | None = None
+    """World, m/s²."""
+    friction: Positive = 1.0
+    """Factor on the scenario's sliding friction."""
+
+    def physics(self) -> Physics:
+        """Those of a scene."""
+        return Physics(**self.model_dump(exclude_none=True, exclude={"friction"}))
+
+
+class Protocol(Settings):
+    """The timeline and the verdict, shared by scenarios so that their results compare."""
+
+    version: int
+    physics: PhysicsSettings = PhysicsSettings()
+    floating: bool = False
+    """There is no table: the object hangs where the grasp meets it."""
+    mass: Positive | None = None
+    """Of the object, kg; None: its own."""
+    friction: Annotated[float, Field(gt=0, le=2.0)] | None = None
+    """Sliding friction of every contact; None: the scenario's."""
+    gains: str | None = None
+    """Of the hand's position controller; None: those of whoever runs it."""
+    period: Positive | None = None
+    """Of control, s; None: the hand's."""
+    directions: Literal[1, 6] = 1
+    """6: a trial for each of ±x, ±y, ±z, to which the pushes along x are turned."""
+    phases: Annotated[tuple[Phase, ...], Field(min_length=1)]
+    reference: str
+    success: Success = Success()
+
+    @model_validator(mode="after")
+    def _names(self) -> Protocol:
+        names = [phase.name for phase in self.phases]
+        if len(set(names)) < len(names):
+            raise ValueError(f"phases must have different names: {', '.join(names)}")
+        if self.reference not in names:
+            raise ValueError(f"reference {self.reference!r} names no phase; there are: {', '.join(names)}")
+        return self
+
+
+class ObjectSettings(Settings):
+    """One object: from the catalogue by name, or given here."""
+
+    name: str
+    shape: Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"] | None = None
+    """None: look the name up in the catalogue."""
+    size: tuple[Positive, ...] | None = None
+    """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short, long diameter."""
+    mass: Positive | None = None
+    """kg; of a mesh by default 500 kg/m³ times its volume."""
+    file: Path | None = None
+    """Of a mesh (.obj, .stl) or an MJCF; a relative path is the scenario's own."""
+    scale: Positive = 1.0
+    """Of a mesh: file units to m."""
+    collision: Literal["pieces", "hull"] = "pieces"
+    """How a mesh collides: as what it is, in convex pieces, or as its hull."""
+    up: Literal["x", "y", "z"] = "z"
+    """Which of the object's own axes points at the sky."""
+    yaw: float = 0.0
+    """Turn about the vertical, degrees."""
+    at: tuple[float, float] | Vector3 = (0.0, 0.0)
+    """Middle of the object on the table, m; with a third value its height, else it stands on the table."""
+
+
+class Stand(Settings):
+    """A fixed block on the table, on which the first object lies: room for fingers below and around it."""
+
+    height: Positive
+    """m."""
+    size: tuple[Positive, Positive] = (0.04, 0.04)
+    """Edges along the world's x and y, m."""
+
+
+class Over(Settings):
+    """How high the palm is: for objects that are taken from above, whatever their size."""
+
+    table: Positive
+    """At least so far above what the object stands on, m."""
+    top: Positive
+    """And at least so far above the object's top, m."""
+
+
+class Wrist(Settings):
+    """Where the palm is when the fingers close, from the middle of the first object, world axes."""
+
+    position: Vector3
+    """m, of the palm's origin."""
+    over: Over | None = None
+    """Replaces the third number of `position`."""
+    facing: Vector3
+    """Where the palm looks: the direction of its x axis."""
+    fingers: Vector3
+    """Where stretched fingers point: the direction of its z axis, made square to `facing`."""
+    retreat: Vector3
+    """From the grasp pose to where the approach begins, m."""
+
+
+class Scenario(Settings):
+    """One trial, written for the right hand; the left hand performs its mirror image."""
+
+    description: str = ""
+    objects: Annotated[tuple[ObjectSettings, ...], Field(min_length=1)]
+    """The first is the one to grasp."""
+    friction: Annotated[float, Field(gt=0, le=1.0)] = 0.8
+    """Sliding friction of every contact."""
+    stand: Stand | None = None
+    """None: the objects lie on the table."""
+    grasp: str
+    """Name in the grasp library, or a file; a relative path is the scenario's own."""
+    hand: str = HAND
+    """The model of hand whose grasp and palm these are, or its card; a relative path is the scenario's own."""
+    side: Side = "right"
+    wrist: Wrist
+    protocol: str = "table_pick"
+
+    @property
+    def model(self) -> str:
+        """The name of that model."""
+        return Path(self.hand).stem
+
+
+def load_scenario(name: str | Path) -> tuple[Scenario, Path]:
+    """A scenario by path or name, and the file it came from."""
+    path = find(name, "scenario", "scenarios", below=True)
+    scenario = load(Scenario, path)
+    named = {"grasp": scenario.grasp, "hand": scenario.hand}
+    own = {key: str(path.parent / value) for key, value in named.items() if value.endswith(".yaml")}
+    return scenario.model_copy(update=own), path
+
+
+def in_direction(protocol: Protocol, axis: int, sign: float) -> Protocol:
+    """The protocol with its pushes along x turned to one of the six axes."""
+
+    def turned(push: Vector3) -> Vector3:
+        x, y, z = (sign * push[0] if k == axis else 0.0 for k in range(3))
+        return x, y, z
+
+    phases = tuple(p.model_copy(update={"push": turned(p.push)}) if any(p.push) else p for p in protocol.phases)
+    return protocol.model_copy(update={"phases": phases, "directions": 1})
+
+
+def load_protocol(name: str) -> Protocol:
+    """A protocol by path or name."""
+    return load(Protocol, find(name, "protocol", "conf/protocols"))
+
+
+def object_of(name: str) -> ObjectSettings:
+    """An object of the catalogue, or a mesh by its path: in m, standing as its file has it, 500 kg/m³."""
+    from allegro_twin.sim.objects.meshes import SUFFIXES
+
+    path = Path(name)
+    if path.suffix.lower() not in SUFFIXES:
+        return ObjectSettings(name=name)
+    return ObjectSettings(name=path.stem, shape="mesh", file=path.resolve())

@@ -1,0 +1,248 @@
+"""One trial: a scenario made ready for the loop, watched, and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves
+from allegro_twin.errors import ConfigError, HandError
+from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
+from allegro_twin.grasping.scenario import Protocol, Scenario, load_protocol, load_scenario, object_of
+from allegro_twin.grasping.timeline import plan, stage
+from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.verdict import FULL, Observations, Report, Rule, Window, judge
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges
+from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.engine.backend import Push, SimBackend
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.scene import compile_scene
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, HandState, Sample, Vector
+
+
+class Trial:
+    """A simulated hand at a scenario, and what is seen of it.
+
+    `start` are the joint positions at reset, (n,), rad; by default the grasp's pre-shape. `protocol` takes the place of
+    the scenario's; `draw` is what the hand is not told.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        spec: HandSpec,
+        grasp: Grasp,
+        *,
+        folder: Path = Path(),
+        period: float = 0.003,
+        start: Vector | None = None,
+        protocol: Protocol | None = None,
+        draw: Draw | None = None,
+    ) -> None:
+        self.scenario, self.grasp, self.draw = scenario, grasp, draw
+        self.protocol = load_protocol(scenario.protocol) if protocol is None else protocol
+        scene = stage(scenario, self.protocol, spec.side, folder)
+        if draw is not None:
+            scene = draw.on(scene, self.protocol.physics.friction)
+        self.things: tuple[Placement, ...] = tuple(scene.things)
+        posture = grasp.preshape if start is None else start
+        timeline = plan(self.protocol, grasp, scenario, posture, spec.side, period)
+        self.windows: tuple[Window, ...] = timeline.windows
+        self.reference: Moves = timeline.reference
+        self.seconds = timeline.seconds
+        model = compile_scene(spec, scene)
+        if draw is not None:
+            motors = [model.actuator(joint).id for joint in spec.joints]
+            if "torque" in spec.commands:
+                model.actuator_gear[motors, 0] *= draw.torque
+            else:
+                model.actuator_forcerange[motors] *= draw.torque
+        physics, name = scene.physics, scenario.objects[0].name
+        drive = wrist.commands(timeline.segments, physics.timestep, wrist.load(model), -physics.gravity[2])
+        push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
+        self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
+        self._probe = Probe(model, self.backend.data, spec, name)
+        self._surfaces, self._borne = Surfaces(model, spec, name), list[tuple[Borne, Stance]]()
+        self._holding = next((window for window in self.windows if window.check), None)
+        limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
+        self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
+        self._weight, self._push = self.mass * float(np.linalg.norm(physics.gravity)), float(np.abs(push.force).max())
+        self._too_heavy = too_heavy(self._weight, grasp, spec, scenario.friction * self.protocol.physics.friction)
+        self._rows: list[tuple[float, Vector, Mapping[str, Array]]] = []
+
+    @property
+    def mass(self) -> float:
+        """Of the object to grasp, kg."""
+        return self.backend.mass_of(self.scenario.objects[0].name)
+
+    def warnings(self) -> list[str]:
+        """What speaks against a success, with its numbers."""
+        return [] if self._too_heavy is None else [self._too_heavy]
+
+    @property
+    def begin(self) -> float:
+        """From when on motion in the hand counts, s."""
+        return next(window.end for window in self.windows if window.name == self.protocol.reference)
+
+    def begin_of(self, stage: str) -> float:
+        """When the hand begins to `close` or to `squeeze`, s. Raises ConfigError when the protocol never does."""
+        for phase, window in zip(self.protocol.phases, self.windows, strict=True):
+            if phase.hand == stage:
+                return window.begin
+        raise ConfigError(f"protocol {self.scenario.protocol}: no phase lets the hand {stage}")
+
+    def latest(self) -> Mapping[str, Array]:
+        """What the probe saw with the last sample that was watched."""
+        return self._rows[-1][2]
+
+    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """A stage that keeps what the verdict needs."""
+        for sample in samples:
+            self.see(sample.state)
+            yield sample
+
+    def see(self, state: HandState) -> None:
+        """Keep what the verdict needs of one moment; a session's first state begins anew."""
+        if state.tick == 0:
+            self._rows.clear()
+            self._borne.clear()
+        self.feel(state.t, self.backend.data)
+        self._rows.append((state.t, state.torque, self._probe()))
+
+    def feel(self, t: float, data: Any) -> None:
+        """Keep what carries, in the first phase that checks; `data`: MuJoCo's of this trial at `t` s."""
+        if self._holding is not None and self._holding.begin < t <= self._holding.end + 1e-9:
+            self._borne.append((self._surfaces(data), self._surfaces.stance(data)))
+
+    def observed(self) -> Observed | None:
+        """The type of grasp that its contacts showed on average over that phase; None before it."""
+        if not self._borne or not self.backend.spec.fingers:
+            return None
+        force, normal, _ = (np.mean([each[k] for each, _ in self._borne], axis=0) for k in range(3))
+        stance = self._borne[-1][1]
+        names = [finger.name for finger in self.backend.spec.fingers]
+        thumb = next((name for name in names if "thumb" in name.lower() or name.lower() == "th"), None)
+        up = (
+            0.0
+            if thumb is None
+            else float(np.degrees(np.arcsin(np.clip(stance.direction[names.index(thumb), 0], -1, 1))))
+        )
+        bearings = [
+            Bearing(part, surface, float(force[p, k]), tuple((normal[p, k] / force[p, k]).tolist()))
+            for p, part in enumerate(self._surfaces.parts)
+            for k, surface in enumerate(SURFACES)
+            if force[p, k] > 0.0
+        ]
+        fingers = tuple(name for name in names if name != thumb)
+        reach = max((float(stance.length[k]) for k, name in enumerate(names) if name != thumb), default=1.0)
+        straight = dict(zip(names, stance.straight.tolist(), strict=True))
+        return observed(Seen(bearings, fingers, self._shape(), thumb, 90.0 if thumb is None else up, straight, reach))
+
+    def _shape(self) -> Shape:
+        thing = self.things[0].thing
+        box = edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
+        short, middle, long = sorted(box.tolist())
+        fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(thing.shape, 1.0)
+        if thing.shape == "mesh":
+            fill = thing.mesh().volume / float(np.prod(box))
+        return Shape(short, middle, long, float(fill))
+
+    def report(self) -> Report:
+        """The verdict. Raises HandError when the trial was not run to its end."""
+        if not self._rows or self._rows[-1][0] < self.seconds - 1e-9:
+            raise HandError(f"the trial ended before its {self.seconds:.1f} s: there is no verdict")
+        t, torque, seen = zip(*self._rows, strict=True)
+        columns = {key: np.array([row[key] for row in seen]) for key in seen[0]}
+        return self.judged(
+            Observations(
+                np.array(t),
+                columns["palm"],
+                columns["object"],
+                columns["contact_force"],
+                columns["on_table"][:, 0],
+                columns["contacts"][:, 0],
+                columns["penetration"][:, 0],
+                np.array(torque),
+            )
+        )
+
+    def judged(self, seen: Observations) -> Report:
+        """The verdict on what was observed of this trial."""
+        spec = self.backend.spec
+        report = judge(
+            seen, self.windows, self.rule,
+            parts=self._probe.parts, joints=spec.readable, torque_limit=spec.actuation.torque_limit,
+        )  # fmt: skip
+        report = replace(report, observed=self.observed())
+        return report if report.held else replace(report, reason="; ".join([report.reason, *self._loads(seen)]))
+
+    def _loads(self, seen: Observations) -> list[str]:
+        """What the hand had to carry, and which joints had no more to give up to the first check."""
+        limit = self.backend.spec.actuation.torque_limit
+        begin = self.begin
+        end = next((w.end for w in self.windows if w.check), self.seconds)
+        share = (np.abs(seen.torque[(seen.t > begin) & (seen.t <= end)]) >= FULL * limit).mean(axis=0)
+        full = [name for name, part in zip(self.backend.spec.readable, share, strict=True) if part > 0.5]
+        loads = [("it weighs", self._weight), ("it is pushed with", self._push)]
+        said = [f"{what} {newtons:.1f} N" for what, newtons in loads if newtons > 0.0]
+        return [*said, f"{', '.join(full)} at their torque limit"] if full else said
+
+    def meta(self) -> dict[str, object]:
+        """What a recording should say of the scene."""
+        things = [
+            {"name": p.thing.name, "shape": p.thing.shape, "size": list(p.thing.size), "mass": p.thing.mass}
+            for p in self.things
+        ]
+        return {
+            "protocol": f"{self.scenario.protocol} {self.protocol.version}",
+            "grasp": self.grasp.name,
+            "objects": things,
+            "phases": [[w.name, w.begin, w.end] for w in self.windows],
+            "judged": {"windows": [[w.name, w.begin, w.end, w.check] for w in self.windows]} | asdict(self.rule),
+            "look": scene_look(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
+        }
+
+
+def too_heavy(weight: float, grasp: Grasp, spec: HandSpec, friction: float) -> str | None:
+    """A warning for an object whose weight, N, friction cannot carry: every finger presses it against the palm or
+    another finger, so that at most 2 µ Σ F holds it up, with F what each fingertip can press at the closed posture."""
+    forces = hand_model(spec).fingertip_force(grasp.close, spec.actuation.torque_limit)
+    bound = 2.0 * friction * sum(forces.values())
+    if weight <= bound:
+        return None
+    return (
+        f"the object weighs {weight:.1f} N; friction {friction:g} and the torque limits hold at most "
+        f"{bound:.1f} N with {grasp.name} (fingertips press {', '.join(f'{n} {f:.1f} N' for n, f in forces.items())})"
+    )
+
+
+def make_trial(
+    scenario: str,
+    spec: HandSpec,
+    period: float = 0.003,
+    start: Vector | None = None,
+    *,
+    grasp: str | None = None,
+    thing: str | None = None,
+) -> Trial:
+    """A scenario by name or path, ready to run with this hand; with another grasp, or another object of the catalogue
+    in place of its first, if they are named. Raises ConfigError."""
+    settings, path = load_scenario(scenario)
+    if settings.model != spec.model and grasp is None:
+        raise ConfigError(f"{path} is for the hand {settings.model}; this one is {spec.model}: name another grasp, too")
+    if thing is not None:
+        others = settings.objects[1:]
+        settings = settings.model_copy(update={"objects": (object_of(thing), *others)})
+    chosen = load_grasp(grasp or settings.grasp, spec)
+    return Trial(settings, spec, chosen, folder=path.parent, period=period, start=start)

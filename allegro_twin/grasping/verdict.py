@@ -1,0 +1,211 @@
+"""Held or not: the verdict on a trial, from what was observed and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from allegro_twin.hands.library.taxonomy import Observed
+from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
+from allegro_twin.types import Array, Vector
+
+FULL = 0.99
+"""Of its torque limit: a joint that pushes so hard has no more to give."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """One phase of a trial on the clock of the hand."""
+
+    name: str
+    begin: float
+    end: float
+    """s."""
+    check: bool
+    """The object must be held at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What counts as held."""
+
+    reference: str
+    """Motion of the object is counted from the end of this phase."""
+    drift: float
+    """How far it may have moved in the palm's frame, m."""
+    rotation: float
+    """Likewise, degrees."""
+    lift: float = 0.0
+    """How high the wrist lifts it, m: it must rise with it, but for `drift`."""
+    throughout: bool = False
+    """The limits hold during the whole of a phase that checks, not only at its end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """One row a period, of a whole trial."""
+
+    t: Array
+    """(k,), s."""
+    palm: Array
+    """Position and quaternion in the world, (k, 7), m."""
+    thing: Array
+    """Of the object, (k, 7), m."""
+    contact_force: Array
+    """Sum of normal forces on the object by each part of the hand, (k, p), N."""
+    on_table: Array
+    """1 where the object touches the table, (k,)."""
+    contacts: Array
+    """How many points of the hand touch the object, (k,)."""
+    penetration: Array
+    """How deep object and hand are in each other, (k,), m."""
+    torque: Array
+    """Applied joint torques, (k, n), N·m."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseReport:
+    """What happened in one phase."""
+
+    name: str
+    drift: float
+    """Of the object in the palm's frame at the end, since the reference, m."""
+    rotation: float
+    """Likewise, degrees."""
+    largest_drift: float
+    """During the phase, m."""
+    contact_force: Mapping[str, float]
+    """Mean over the phase by part of the hand, N."""
+    contacts: float
+    """Points of the hand that touch the object, mean over the phase."""
+    penetration: float
+    """The deepest during the phase, m."""
+    margin: float
+    """What is left of the limits on drift and rotation, as a fraction of them; negative: so much too far."""
+    check: bool
+    held: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The verdict on a trial, with the margins that led to it."""
+
+    held: bool
+    reason: str
+    """Empty when held; else the first phase that failed, with its numbers."""
+    phases: tuple[PhaseReport, ...]
+    """From the reference on."""
+    peak_torque: float
+    """The largest fraction of its limit that any joint used."""
+    lift: float
+    """How far the object rose between the reference and the first check, m."""
+    penetration: float
+    """The deepest that object and hand are in each other from the reference on, m."""
+    at_limit: Mapping[str, float]
+    """For every joint the share of the time from the reference on in which it pushes at 99 % of its limit or more."""
+    observed: Observed | None = field(default=None, compare=False)
+    """The type of grasp that its contacts show while it holds; None: nobody looked at every contact."""
+
+    @property
+    def margin(self) -> float:
+        """The smallest of the phases that check; NaN where none does."""
+        return min((phase.margin for phase in self.phases if phase.check), default=float("nan"))
+
+
+def judge(
+    seen: Observations,
+    windows: Sequence[Window],
+    rule: Rule,
+    *,
+    parts: Sequence[str],
+    joints: Sequence[str],
+    torque_limit: Vector,
+) -> Report:
+    """Held means: at the end of every phase that checks, the object has moved no more than the rule's `drift` and
+    `rotation` in the palm's frame since the end of the reference phase, is off the table and touches the hand; and it
+    rose as the wrist did."""
+    start = _last(seen.t, next(w.end for w in windows if w.name == rule.reference))
+    position, angle = relative_motion(seen.palm, seen.thing, start)
+    phases = []
+    begun = False
+    for window in windows:
+        if begun:
+            phases.append(_phase(seen, window, parts, position, angle, rule))
+        begun = begun or window.name == rule.reference
+    checks = [window for window in windows if window.check]
+    rise = float(seen.thing[_last(seen.t, checks[0].end), 2] - seen.thing[start, 2]) if checks else 0.0
+    reason = next(
+        (_why(p, seen, w) for p in phases for w in windows if w.name == p.name and p.check and not p.held), ""
+    )
+    if not reason and rise < rule.lift - rule.drift:
+        reason = f"rose {rise * 1000:.0f} mm of {rule.lift * 1000:.0f} mm"
+    used = np.abs(seen.torque) / torque_limit
+    share = (used[start + 1 :] >= FULL).mean(axis=0) if start + 1 < len(used) else np.zeros(len(joints))
+    return Report(
+        not reason, reason, tuple(phases), float(used.max()), rise, _deepest(seen.penetration[start:]),
+        dict(zip(joints, map(float, share), strict=True)),
+    )  # fmt: skip
+
+
+def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array]:
+    """Distance (k,) in m and angle (k,) in degrees of an object in the palm's frame, from row `start`. Both are poses
+    in the world, (k, 7)."""
+    return moved(palm[start], thing[start], palm, thing)
+
+
+def moved(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
+    """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
+    the world, (..., 7)."""
+    (first, turn), (then, turned) = _in_palm(palm, thing), _in_palm(palm_then, thing_then)
+    return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
+
+
+def _in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+    """Position (..., 3) and rotation (..., 3, 3)."""
+    turned = matrix_from_quaternion(palm[..., 3:])
+    position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
+    return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))
+
+
+def _phase(
+    seen: Observations, window: Window, parts: Sequence[str], position: Array, angle: Array, rule: Rule
+) -> PhaseReport:
+    rows = slice(_last(seen.t, window.begin) + 1, _last(seen.t, window.end) + 1)
+    end = rows.stop - 1
+    judged = rows if rule.throughout else slice(end, end + 1)
+    moved, turned = float(position[judged].max()), float(angle[judged].max())
+    margin = 1.0 - max(moved / rule.drift, turned / rule.rotation)
+    force = seen.contact_force[rows].mean(axis=0)
+    return PhaseReport(
+        window.name,
+        float(position[end]),
+        float(angle[end]),
+        float(position[rows].max()),
+        dict(zip(parts, map(float, force), strict=True)),
+        float(seen.contacts[rows].mean()),
+        _deepest(seen.penetration[rows]),
+        margin,
+        window.check,
+        bool(margin >= 0.0 and not seen.on_table[end] and seen.contact_force[end].any()),
+    )
+
+
+def _deepest(penetration: Array) -> float:
+    """NaN where nobody looked, as in recordings of older versions."""
+    return float(penetration.max()) if len(penetration) else 0.0
+
+
+def _why(phase: PhaseReport, seen: Observations, window: Window) -> str:
+    end = _last(seen.t, window.end)
+    if not seen.contact_force[end].any():
+        return f"dropped by the end of {phase.name}"
+    if seen.on_table[end]:
+        return f"still on the table at the end of {phase.name}"
+    return f"moved {phase.drift * 1000:.1f} mm and {phase.rotation:.1f}° in the hand by the end of {phase.name}"
+
+
+def _last(t: Array, moment: float) -> int:
+    """The last row at or before a moment."""
+    return int(np.searchsorted(t, moment + 1e-9, side="right")) - 1

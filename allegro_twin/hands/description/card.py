@@ -1,0 +1,164 @@
+"""A hand by its card: somebody's MJCF, and what the file does not say. `allegro-twin hand new` writes one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.schema import Settings, load
+from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_facing
+from allegro_twin.spec import Actuation, CommandKind, Finger, ForeignModel, HandSpec, Side, aliases
+from allegro_twin.spec.coupled_joints import Follower
+from allegro_twin.types import frozen
+
+Triple = tuple[float, float, float]
+Amount = Annotated[float, Field(ge=0.0)]
+
+
+class DrivenCard(Settings):
+    """What one motor moves: a joint, or whatever hangs on its tendon."""
+
+    name: str
+    """What commands, states and files call it."""
+    actuator: str
+    """In the MJCF."""
+    lower: float
+    """Lowest position, in the units of what the actuator is told."""
+    upper: float
+    effort: Annotated[float, Field(gt=0.0)]
+    """The most that the motor gives, N·m; N on a slide or a tendon."""
+    stiffness: Annotated[float, Field(gt=0.0)] | None = None
+    """Of the loop that it closes, effort per unit of position; None: not said, or it takes torques."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> DrivenCard:
+        if not self.lower < self.upper:
+            raise ValueError(f"{self.name}: lower {self.lower} is not below upper {self.upper}")
+        return self
+
+
+class FollowerCard(Settings):
+    """A joint that a driven one takes along."""
+
+    name: str
+    """In the MJCF."""
+    follows: str
+    positions: Annotated[tuple[float, ...], Field(min_length=2)]
+    """Free, for positions of the driven one evenly from its lowest to its highest, rad or m."""
+
+
+class FingerCard(Settings):
+    joints: tuple[str, ...]
+    """Those that are driven, from the palm outward; a finger may share one with others."""
+    tip: tuple[str, Triple]
+    """The body that ends it, and the fingertip's centre in that body's frame, m."""
+
+
+class PalmCard(Settings):
+    """Axes in the frame of the root body."""
+
+    facing: Triple = (1.0, 0.0, 0.0)
+    """Out of the palm."""
+    fingers: Triple = (0.0, 0.0, 1.0)
+    """Along stretched fingers."""
+
+
+class HandCard(Settings):
+    """One hand: which file simulates it, and what is commanded and reported, in the order of every array."""
+
+    mjcf: Path
+    """A relative path is the card's own."""
+    root: str
+    """The body that is the palm."""
+    side: Side = "right"
+    commands: Annotated[tuple[CommandKind, ...], Field(min_length=1)]
+    driven: Annotated[tuple[DrivenCard, ...], Field(min_length=1)]
+    fingers: dict[str, FingerCard] = {}  # noqa: RUF012  # Pydantic copies it.
+    followers: tuple[FollowerCard, ...] = ()
+    palm: PalmCard = PalmCard()
+    apart: tuple[tuple[str, str], ...] = ()
+    """Pairs of fingers that could hook into each other: no command may lead them there."""
+    servos: dict[str, Any] | None = None
+    """Of a hand of servos on a serial line; docs/dynamixel.md."""
+    line: dict[str, Any] | None = None
+    """Of a hand that answers when it is asked; docs/hands.md#wires."""
+
+    @model_validator(mode="after")
+    def _known_names(self) -> HandCard:
+        names = [each.name for each in self.driven]
+        followers = [each.name for each in self.followers]
+        for taken in (names, followers, [each.actuator for each in self.driven]):
+            if twice := next((name for name in taken if taken.count(name) > 1), None):
+                raise ValueError(f"{twice} is named twice")
+        asked = [(name, f"fingers.{finger}") for finger, each in self.fingers.items() for name in each.joints]
+        asked += [(each.follows, f"followers: {each.name}") for each in self.followers]
+        for name, where in asked:
+            if name not in names:
+                raise ValueError(f"{where}: {name!r} is none of what is driven: {', '.join(names)}")
+        for finger in (finger for pair in self.apart for finger in pair):
+            if finger not in self.fingers:
+                raise ValueError(f"apart: {finger!r} is none of the fingers: {', '.join(self.fingers)}")
+        if "torque" in self.commands and len(self.commands) > 1:
+            raise ValueError(f"commands: a hand that takes torques takes nothing else, not {', '.join(self.commands)}")
+        return self
+
+
+def spec_of(path: Path, model: str, side: Side) -> HandSpec:
+    """The spec of the hand that a card describes. Raises ConfigError."""
+    card = load(HandCard, path)
+    if card.side != side:
+        raise ConfigError(f"{path} is a {card.side} hand; hand.side is {side}")
+    names = tuple(each.name for each in card.driven)
+    fingers = tuple(
+        Finger(name, tuple(names.index(joint) for joint in each.joints), f"{name}_tip")
+        for name, each in card.fingers.items()
+    )
+    mjcf = card.mjcf if card.mjcf.is_absolute() else path.parent / card.mjcf
+    return HandSpec(
+        model=model,
+        side=side,
+        joints=names,
+        fingers=fingers,
+        lower=frozen([each.lower for each in card.driven]),
+        upper=frozen([each.upper for each in card.driven]),
+        actuation=_actuation(card),
+        mirror_flips=(),
+        aliases=aliases(fingers, len(names)) if _apart(card) else (),
+        foreign=ForeignModel(
+            str(mjcf), card.root, tuple(each.actuator for each in card.driven),
+            {name: each.tip for name, each in card.fingers.items()}, _turn(card.palm, path), keeps=True,
+        ),
+        commands=card.commands,
+        apart=card.apart,
+        followers=tuple(
+            Follower(each.name, names.index(each.follows), frozen(each.positions)) for each in card.followers
+        ),
+    )  # fmt: skip
+
+
+def _actuation(card: HandCard) -> Actuation:
+    """What the MJCF has of friction and inertia stays there: nobody asks the spec for it."""
+    nothing = frozen(np.zeros(len(card.driven)))
+    stiff = [each.stiffness for each in card.driven if each.stiffness is not None]
+    effort = frozen([each.effort for each in card.driven])
+    return Actuation(effort, nothing, nothing, nothing, frozen(stiff) if len(stiff) == len(card.driven) else None)
+
+
+def _apart(card: HandCard) -> bool:
+    """Whether every joint is in one finger, so that a finger and a place name it."""
+    joints = [joint for finger in card.fingers.values() for joint in finger.joints]
+    return sorted(joints) == sorted(each.name for each in card.driven)
+
+
+def _turn(palm: PalmCard, path: Path) -> Any:
+    length = np.linalg.norm(np.cross(palm.facing, palm.fingers))
+    if length < 1e-6:
+        raise ConfigError(f"{path}: palm: facing {palm.facing} and fingers {palm.fingers} must not be parallel or zero")
+    quaternion = quaternion_facing(palm.facing, palm.fingers)
+    if np.allclose(matrix_from_quaternion(quaternion), np.eye(3)):
+        return None
+    return tuple(float(value) for value in quaternion)

@@ -1,0 +1,1 @@
+"""Generates MJCF, URDF and meshes from a table of facts."""

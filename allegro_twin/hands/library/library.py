@@ -1,0 +1,221 @@
+"""The library: postures, grasps and trajectories by name, for either hand, from files and from memory.
+
+Each is stored once, for one side; the other side is its mirror image, made when it is asked for. To store one for the
+left hand whose file is written for the right changes that same entry, converted: the sides agree bit for bit, always.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from allegro_twin.control.motion import Motion
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files import yaml_edit
+from allegro_twin.files.assets import data_root, parse_yaml, refuse_shipped
+from allegro_twin.hands.library import select
+from allegro_twin.hands.library.entries import (
+    Entry,
+    GraspFile,
+    Kind,
+    PostureFile,
+    TrajectoryFile,
+    joint_values,
+    on_side,
+    parse_entry,
+)
+from allegro_twin.hands.library.grasps import Grasp, build_grasp
+from allegro_twin.hands.library.sources import Listed, check_name, one, read_all, read_file, read_shipped, shipped
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Vector, frozen
+
+
+class _Added(NamedTuple):
+    entry: Entry
+    spec: HandSpec
+
+
+class Library:
+    """Everything that ships, the user's own folders and files, and what was added for now.
+
+    `sources` are folders or files; without any, the folder `library` where the process runs, if there is one. Files are
+    read each time, so what another process stores is there at once. Raises ConfigError for a source that is missing.
+    """
+
+    def __init__(self, *sources: str | Path) -> None:
+        for source in sources:
+            if not Path(source).exists():
+                raise ConfigError(f"library: there is no file or folder {source}")
+        self._sources = [Path(source) for source in sources] or [Path("library")]
+        self._added: dict[str, _Added] = {}
+
+    def get(self, name: str, spec: HandSpec) -> Vector | Grasp | Motion:
+        """What a name stands for, on the spec's hand. Raises ConfigError: the nearest names, or the joint outside."""
+        return _built(self._found(name, spec), spec)
+
+    def posture(self, name: str | Path, spec: HandSpec) -> Vector:
+        """Joint positions by name or path, shape (n,), rad."""
+        listed = self._found(name, spec, "posture")
+        return frozen(joint_values(listed.entry, spec, listed.where)["angles"])
+
+    def grasp(self, name: str | Path, spec: HandSpec) -> Grasp:
+        """A grasp by name or path."""
+        listed = self._found(name, spec, "grasp")
+        assert isinstance(listed.entry, GraspFile)
+        return build_grasp(listed.name, listed.entry, spec, listed.where)
+
+    def trajectory(self, name: str | Path, spec: HandSpec) -> Motion:
+        """A motion by name or path; its `reference()` plays it."""
+        listed = self._found(name, spec, "trajectory")
+        assert isinstance(listed.entry, TrajectoryFile)
+        return _motion(listed, listed.entry, spec)
+
+    def list(
+        self,
+        kind: Kind | None = None,
+        *,
+        hand: HandSpec | None = None,
+        taxonomy: int | str | None = None,
+        fingers: int | None = None,
+        object_size: float | tuple[float, float] | None = None,
+    ) -> tuple[Listed, ...]:
+        """All entries by name that pass every filter. Raises ConfigError for a taxonomy that no entry has.
+
+        `hand`: those that this very hand can do; every entry is there for both sides, so it drops only what is outside
+        its limits. `taxonomy`: the type's number (1 to 33) or name, or `power`, `intermediate`, `precision`. `fingers`:
+        how many press, the thumb included. `object_size`: the width between the fingers, m, or the smallest and
+        largest that will do. The last three are questions to grasps; one that says no size fits none.
+        """
+        user = read_all(self._sources)
+        added = {name: Listed(name, item.entry, None) for name, item in self._added.items()}
+        everything = {name: read_shipped(name) for name in shipped(kind)} | user | added
+        found = [everything[name] for name in sorted(everything)]
+        return tuple(select.matching(found, kind, hand, taxonomy, fingers, object_size))
+
+    def add(self, name: str, entry: Entry, spec: HandSpec) -> None:
+        """Have an entry under a name in this process only, in place of one in the user's files if there is one.
+
+        Raises ConfigError unless the name is free for the user and the spec's hand can do it.
+        """
+        _ours(check_name(name, "library"))
+        joint_values(entry, spec, name)
+        self._added[name] = _Added(entry, spec)
+
+    def delete(self, name: str, *, from_file: bool = False) -> None:
+        """Forget what was added; with `from_file` also the entry in the user's file. What ships stays.
+
+        Raises ConfigError for a name that is not there to be deleted.
+        """
+        _ours(name)
+        added = self._added.pop(name, None)
+        stored = read_all(self._sources).get(name) if from_file or added is None else None
+        if stored is None:
+            if added is None:
+                raise ConfigError(unknown("entry", name, self._names(None)))
+            return
+        if not from_file:
+            raise ConfigError(f"{name!r} is stored in {stored.path}; to delete it there, say so: from_file=True")
+        assert stored.path is not None
+        _remove(stored.path, name)
+
+    def store(self, name: str, path: str | Path) -> None:
+        """Write what was added to a YAML file, new or old, and keep everything else in the file as it is.
+
+        An entry of that name in the file is replaced, on the side that the file has it for, and keeps its description
+        unless a new one is given. Raises ConfigError and leaves the file as it was when anything is wrong; raises
+        RecordingError when the disk does not let it.
+        """
+        if name not in self._added:
+            raise ConfigError(f"nothing to store: {unknown('added entry', name, self._added)}")
+        file = Path(path).resolve()
+        if file.suffix != ".yaml":
+            raise ConfigError(f"{path}: a library file ends in .yaml")
+        refuse_shipped(path)
+        with yaml_edit.locked(file):
+            others = read_all(self._sources).get(name)
+            if others is not None and others.path != file:
+                raise ConfigError(f"{name!r} is in {others.path} already; store it there or delete it first")
+            yaml_edit.write_text(file, _with(file, name, self._added[name]))
+        if not any(file.is_relative_to(source.resolve()) for source in self._sources):
+            self._sources.append(file)
+        del self._added[name]
+
+    def _found(self, name: str | Path, spec: HandSpec, kind: Kind | None = None) -> Listed:
+        """By path, else from memory, from what ships, from the user's files. What ships cannot be replaced, so a
+        mistake in a user's file does not keep a hand from going home. What ships for one model of hand has its name in
+        front: `home` of a LEAP Hand is `leap_home`."""
+        if f"{spec.model}_{name}" in shipped():
+            name = f"{spec.model}_{name}"
+        given = Path(name)
+        if given.suffix == ".yaml" or len(given.parts) > 1:
+            listed = _at(given, kind)
+        elif (key := str(name)) in self._added:
+            listed = Listed(key, self._added[key].entry, None)
+        elif key in shipped():
+            listed = read_shipped(key)
+        elif (user := read_all(self._sources).get(key)) is not None:
+            listed = user
+        else:
+            raise ConfigError(unknown(kind or "entry", key, self._names(kind)))
+        if kind is not None and listed.kind != kind:
+            raise ConfigError(f"{listed.name!r} is a {listed.kind}, not a {kind}")
+        return listed
+
+    def _names(self, kind: Kind | None) -> set[str]:
+        return {listed.name for listed in self.list(kind)}
+
+
+def _at(path: Path, kind: Kind | None) -> Listed:
+    file = path if path.is_file() else data_root() / path
+    if not file.is_file():
+        raise ConfigError(f"{path}: no such {kind or 'library'} file")
+    return one(file)
+
+
+def _ours(name: str) -> None:
+    if name in shipped():
+        raise ConfigError(f"{name!r} ships with the package and stays as it is; choose another name")
+
+
+def _built(listed: Listed, spec: HandSpec) -> Vector | Grasp | Motion:
+    match listed.entry:
+        case PostureFile() as posture:
+            return frozen(joint_values(posture, spec, listed.where)["angles"])
+        case GraspFile() as grasp:
+            return build_grasp(listed.name, grasp, spec, listed.where)
+        case TrajectoryFile() as trajectory:
+            return _motion(listed, trajectory, spec)
+
+
+def _motion(listed: Listed, entry: TrajectoryFile, spec: HandSpec) -> Motion:
+    positions = joint_values(entry, spec, listed.where)["positions"]
+    return Motion(frozen(entry.times), frozen(positions), listed.name)
+
+
+def _with(file: Path, name: str, added: _Added) -> str:
+    """The file's text with the entry. Raises ConfigError."""
+    text = yaml_edit.read_text(file)
+    before = {listed.name: listed.entry for listed in read_file(file)}
+    old = before.get(name)
+    entry = added.entry if old is None else on_side(added.entry, added.spec, old.side, name)
+    content = {"kind": entry.kind} | entry.model_dump(exclude_unset=True)
+    content["side"] = entry.side
+    if not entry.description:
+        content.pop("description", None)
+        if old is not None and old.kind == entry.kind and old.description:
+            content["description"] = old.description
+    joint_values(parse_entry(content, name), added.spec, name)
+    if before and yaml_edit.ENTRIES not in parse_yaml(text, str(file)):
+        if old is None:
+            raise ConfigError(f"{file} holds one entry, {file.stem!r}; store {name!r} in another file")
+        return yaml_edit.with_document(text, content, str(file))
+    return yaml_edit.with_entry(text, name, content, str(file))
+
+
+def _remove(file: Path, name: str) -> None:
+    with yaml_edit.locked(file):
+        text = yaml_edit.read_text(file)
+        if yaml_edit.ENTRIES in parse_yaml(text, str(file)):
+            yaml_edit.write_text(file, yaml_edit.with_entry(text, name, None, str(file)))
+        else:
+            file.unlink()

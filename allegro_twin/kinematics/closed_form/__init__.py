@@ -1,0 +1,1 @@
+"""Closed-form kinematics of the Allegro Hand's fingers."""

@@ -1,0 +1,1 @@
+"""Learning: tasks, Gymnasium environments, policies and their training."""

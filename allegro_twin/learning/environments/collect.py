@@ -1,0 +1,60 @@
+"""Episodes of an environment, kept: side by side, every one to its end, the same ones for every policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.recording.exchange.environment_episodes import OBSERVATION, Episode
+
+
+def collected(
+    policy: Callable[[Observation], Floats],
+    task: str,
+    keywords: dict[str, Any],
+    episodes: int,
+    *,
+    seed: int = 0,
+    threads: int = 0,
+) -> list[Episode]:
+    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+    if episodes < 1:
+        raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
+    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords)
+    observation, report = env.reset(seed=seed)
+    seen, rows, going = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
+    length, failed = np.zeros(episodes, np.int64), np.zeros(episodes, bool)
+    while going.any():
+        action = np.asarray(policy(observation), np.float32)
+        observation, reward, terminated, truncated, info = env.step(action)
+        seen.append(_parts(observation))
+        rows.append((np.clip(action, -1.0, 1.0), reward, info["is_success"]))
+        length += going
+        failed |= going & terminated
+        going &= ~(terminated | truncated)
+    env.close()
+    things = report.get("object", [""] * episodes)
+    actions, rewards, successes = (np.stack(each) for each in zip(*rows, strict=True))
+    whole = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
+    purpose = env.engine.task.purpose
+    return [
+        Episode(
+            env.engine.task.id,
+            f"{purpose} ({things[row]})" if things[row] else purpose,
+            {name: values[: count + 1, row] for name, values in whole.items()},
+            actions[:count, row],
+            rewards[:count, row],
+            successes[:count, row],
+            bool(failed[row]),
+        )
+        for row, count in enumerate(length.tolist())
+    ]
+
+
+def _parts(observation: Observation) -> dict[str, Floats]:
+    return observation if isinstance(observation, dict) else {OBSERVATION: observation}

@@ -1,0 +1,128 @@
+"""One hand at one task as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import ArrayLike, NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.settings import read_settings
+from allegro_twin.learning.environments.spaces import action_space, observation_space
+from allegro_twin.learning.policy.interface import Floats, Observation
+from allegro_twin.learning.tasks.base import Goals
+from allegro_twin.viewing.batch import Pictures, has_screen
+
+_ONE = np.zeros(1, np.int64)
+
+
+class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
+    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError.
+
+    A pickle holds how it was made, not what it is doing.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
+        "render_modes": ["rgb_array", "depth_array", *(["human"] if has_screen() else [])],
+        "render_fps": 26,  # 1 / 39 ms, rounded.
+    }
+
+    def __init__(
+        self, task: str, *, render_mode: str | None = None, width: int = 480, height: int = 480, **kwargs: Any
+    ) -> None:
+        EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
+        self.engine = Engine(task, read_settings(kwargs), 1, threads=1)
+        self.action_space = action_space(self.engine.task)
+        self.observation_space = observation_space(self.engine.task, self.engine.n_state)
+        self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
+        self.render_mode, self._size = render_mode, (width, height)
+        self._pictures: Pictures | None = None
+        if isinstance(self.engine.task, Goals):
+            # Stable-Baselines3 takes everything that has these for a goal environment.
+            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
+            self.compute_terminated = self.compute_truncated = _never
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        super().reset(seed=seed)
+        report = self.engine.reset(_ONE, [self.np_random], options)
+        if self.render_mode == "human":
+            self.render()
+        return self._seen(), _of_one(report)
+
+    def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        engine = self.engine
+        actions = engine.placed(np.asarray(action)[None])
+        engine.step(actions)
+        seen = engine.observe()
+        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(actions, seen), engine.count))
+        info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
+        if diverged[0]:
+            info["diverged"] = True
+        if self.render_mode == "human":
+            self.render()
+        over = bool(count[0] >= engine.limit)
+        return _first(observation), float(outcome.reward[0]), bool(outcome.failed[0]), over, info
+
+    def render(self) -> NDArray[Any] | None:
+        if self.render_mode is None:
+            return None
+        if self._pictures is None:
+            self._pictures = Pictures(self.engine.worlds, *self._size, mode=self.render_mode)
+        return self._pictures.take(0, self.engine.task.marks(0))
+
+    def close(self) -> None:
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
+
+    def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each.
+
+        Of the goals as they are given: those of an observation are what encoders or a camera tell, so with noise or
+        delay this is not what the step has paid, which follows from what is truly achieved."""
+        task = self.engine.task
+        assert isinstance(task, Goals)
+        return task.reward(achieved_goal, desired_goal, _dropped(info))
+
+    def _seen(self) -> Observation:
+        return _first(self.engine.fetched(self.engine.observe()))
+
+
+def _first(observation: Observation) -> Observation:
+    """The only row; nobody else has the array."""
+    if isinstance(observation, dict):
+        return {name: rows[0] for name, rows in observation.items()}
+    return observation[0]  # type: ignore[no-any-return]  # A row of an array.
+
+
+def _of_one(report: dict[str, Any]) -> dict[str, Any]:
+    """The only row of what a reset reports."""
+    return {name: _of_one(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
+
+
+def _plain(value: Any) -> Any:
+    return (
+        value.item() if isinstance(value, np.generic) else np.array(value) if isinstance(value, np.ndarray) else value
+    )
+
+
+def _dropped(info: object) -> Any:
+    """What a loss cost, by one step's info or by those of many."""
+    if isinstance(info, dict):
+        return info.get("dropped", 0.0)
+    return np.array([each.get("dropped", 0.0) for each in info]) if isinstance(info, Iterable) else 0.0
+
+
+def _never(achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+    """Time truncates an episode and a loss terminates it; a goal does neither: the hand should stay there."""
+    shape = np.shape(achieved_goal)[:-1]
+    return np.zeros(shape, bool) if shape else False

@@ -1,0 +1,241 @@
+"""What differs from episode to episode: ranges as typed settings, drawn anew at every reset for every simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import AfterValidator
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Settings
+from allegro_twin.kinematics.orientation import product, quaternion_from_vector
+from allegro_twin.learning.environments.random_streams import Draws
+from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+
+def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if not 0.0 <= value[0] <= value[1]:
+        raise ValueError("the smallest comes first, and none is negative")
+    return value
+
+
+def _positive(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] <= 0.0:
+        raise ValueError("both must be greater than 0: a factor")
+    return value
+
+
+def _short(value: tuple[int, int]) -> tuple[int, int]:
+    if value[1] > LONGEST_DELAY:
+        raise ValueError(f"at most {LONGEST_DELAY}")
+    return value
+
+
+LONGEST_DELAY = 4  # Periods: 12 ms, twice what the default draws. Nobody has published a measured one.
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Factor = Annotated[tuple[float, float], AfterValidator(_ordered), AfterValidator(_positive)]
+Periods = Annotated[tuple[int, int], AfterValidator(_ordered), AfterValidator(_short)]
+
+
+class Randomise(Settings):
+    """Smallest and largest of each; None: as in the model. `Randomise.default()` has a sane range for all."""
+
+    mass: Factor | None = None
+    """Factor on the object's mass."""
+    size: Factor | None = None
+    """Factor on the object's size."""
+    friction: Range | None = None
+    """Sliding friction of every contact."""
+    gains: Range | None = None
+    """Factor on kp and kd, one draw each: of the law, or of the loop that the hand closes itself."""
+    strength: Range | None = None
+    """Factor on what the motors give: of a commanded torque, or at most where the hand closes the loop."""
+    armature: Range | None = None
+    """kg·m², all joints."""
+    damping: Range | None = None
+    """Factor on the joints' damping."""
+    frictionloss: Range | None = None
+    """Dry friction of all joints, N·m."""
+    encoder_noise: Range | None = None
+    """Half-width of the noise on measured joint positions, rad."""
+    velocity_noise: Range | None = None
+    """Half-width of the noise on measured joint speeds, rad/s."""
+    quantisation: Range | None = None
+    """Step of measured joint positions, rad."""
+    actuator_delay: Periods | None = None
+    """Whole control periods until a torque acts."""
+    sensor_delay: Periods | None = None
+    """Whole control periods until a measurement arrives."""
+    wrist_tilt: Range | None = None
+    """The palm leans by up to so much about each of its axes, rad."""
+
+    touch_noise: Range | None = None
+    """Half-width of the noise on the external torque of joints, N·m."""
+    camera_shift: Range | None = None
+    """Half-width of the noise on where a privileged task sees its object, m."""
+    camera_turn: Range | None = None
+    """Half-width of the noise on how it sees it turned, about each axis, rad."""
+    camera_delay: Periods | None = None
+    """Whole decisions until it sees it."""
+
+    @classmethod
+    def default(cls, spec: HandSpec | None = None) -> Randomise:
+        """Around the nominal hand, which by default takes torques: for any other what is known of the first's own
+        motors is left out. Sources: docs/rl.md#randomisation."""
+        everything = cls(
+            mass=(0.7, 1.3),
+            size=(0.95, 1.05),
+            friction=(0.6, 1.0),
+            gains=(0.9, 1.1),
+            strength=(0.85, 1.15),
+            armature=(0.001, 0.005),
+            damping=(0.8, 1.2),
+            frictionloss=(0.01, 0.03),
+            encoder_noise=(0.0, 0.002),
+            velocity_noise=(0.0, 0.1),
+            quantisation=(8.9e-5, 8.9e-5),
+            actuator_delay=(0, 2),
+            sensor_delay=(0, 1),
+            wrist_tilt=(0.0, 0.05),
+            touch_noise=(0.0, 0.02),
+            camera_shift=(0.0, 0.005),
+            camera_turn=(0.0, 0.1),
+            camera_delay=(0, 1),
+        )
+        strange = (
+            () if spec is None or "torque" in spec.commands else ("quantisation", *(_ROTORS if spec.followers else ()))
+        )
+        return cls(**everything.model_dump(exclude=set(strange)))
+
+
+def preset(value: Any, spec: HandSpec | None = None) -> Any:
+    """From what a user may write: None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
+    if value is None or value == "off":
+        return Randomise()
+    if isinstance(value, str):
+        if value != "default":
+            raise ConfigError(unknown("randomisation", value, ("default", "off")))
+        return Randomise.default(spec)
+    return value
+
+
+_ROTORS = ("armature", "frictionloss")
+"""Ranges in units, of joints that a motor turns each; not of those that hang on a tendon."""
+
+
+def applicable(settings: Randomise, spec: HandSpec) -> None:
+    """Raise ConfigError for a range that this hand has no use for."""
+    for name in _ROTORS if spec.followers else ():
+        if getattr(settings, name) is not None:
+            raise ConfigError(f"randomise.{name} is of joints that a motor turns each, and {spec.name} has tendons: "
+                              "leave it out")  # fmt: skip
+
+
+LATER = ("touch_noise",)
+"""Drawn by who needs it, after everything else: the episodes of a seed are the same whether anybody does."""
+
+
+def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
+    """One value of each range that is given for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
+    found: dict[str, Array] = {}
+    for name in Randomise.model_fields:
+        if name in LATER:
+            continue
+        count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
+        low, high = getattr(settings, name) or (0.0, 0.0)
+        if name.endswith("delay"):
+            values = draws.whole(low, high)
+        else:
+            values = draws.within(low, high, count)
+        if getattr(settings, name) is not None:
+            found[name] = values if count > 1 else values[:, 0]
+    if (tilt := found.get("wrist_tilt")) is not None:
+        found["wrist_tilt"] = tilt * draws.signs(3)
+    return found
+
+
+class Physics:
+    """Writes what was drawn into the models of the simulations."""
+
+    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+        self._worlds, self._thing = worlds, thing
+        self._dofs = worlds.xp.asarray(worlds.dofs)
+        self._loss = worlds.xp.asarray(worlds.model.dof_damping[worlds.dofs])
+
+    def sizes(self, variant: Rows, factor: Array) -> Array:
+        """Of what was drawn for simulations of these variants, (m,), what can be: a mesh keeps its size."""
+        if self._thing is None:
+            return factor
+        return self._worlds.xp.where(self._worlds.meshes(self._thing)[variant], 1.0, factor)  # type: ignore[no-any-return]
+
+    def apply(self, rows: Rows, values: dict[str, Array]) -> None:
+        """`values` as `drawn` gives them, shape (m,) each; simulations that have just chosen their variant."""
+        for name, value in values.items():
+            if (how := _HOW.get(name)) is not None:
+                how(self, rows, value)
+        if values.keys() & {"mass", "size", "armature", "wrist_tilt"}:
+            self._worlds.derive(rows)
+
+    def _mass(self, rows: Rows, factor: Array) -> None:
+        if self._thing is not None:
+            self._worlds.expand("body_mass")[rows, self._thing.id] *= factor
+            self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None]
+
+    def _size(self, rows: Rows, factor: Array) -> None:
+        """At the same mass."""
+        if self._thing is None:
+            return
+        geoms = self._thing.geoms
+        self._worlds.expand("geom_size")[rows, geoms] *= factor[:, None, None]
+        self._worlds.expand("geom_rbound")[rows, geoms] *= factor[:, None]
+        self._worlds.expand("geom_aabb")[rows, geoms] *= factor[:, None, None]
+        self._worlds.expand("bvh_aabb")[rows, self._thing.boxes] *= factor[:, None, None]
+        self._worlds.expand("body_inertia")[rows, self._thing.id] *= factor[:, None] ** 2
+
+    def _friction(self, rows: Rows, friction: Array) -> None:
+        self._worlds.expand("geom_friction")[rows, :, 0] = friction[:, None]
+
+    def _armature(self, rows: Rows, armature: Array) -> None:
+        self._worlds.expand("dof_armature")[rows[:, None], self._dofs] = armature[:, None]
+
+    def _damping(self, rows: Rows, factor: Array) -> None:
+        damping = self._loss * factor[:, None]
+        self._worlds.expand("dof_damping")[rows[:, None], self._dofs] = damping
+
+    def _frictionloss(self, rows: Rows, torque: Array) -> None:
+        self._worlds.expand("dof_frictionloss")[rows[:, None], self._dofs] = torque[:, None]
+
+    def _gains(self, rows: Rows, factors: Array) -> None:
+        """Of the loop that a hand closes itself: stiffness and damping, (m, 2)."""
+        if self._worlds.leads:
+            stiffness, motors = factors[:, None, :1], self._worlds.motors
+            self._worlds.expand("actuator_gainprm")[rows, motors, :1] *= stiffness
+            bias = self._worlds.expand("actuator_biasprm")
+            bias[rows, motors, :2] *= stiffness
+            bias[rows, motors, 2:3] *= factors[:, None, 1:]
+
+    def _strength(self, rows: Rows, factor: Array) -> None:
+        if self._worlds.leads:
+            self._worlds.expand("actuator_forcerange")[rows, self._worlds.motors] *= factor[:, None, None]
+
+    def _tilt(self, rows: Rows, angles: Array) -> None:
+        """Turned by a rotation vector in the palm's own axes, rad."""
+        palm = self._worlds.model.body("palm_link").id
+        own = self._worlds.expand("body_quat")
+        own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
+
+
+_HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
+    "mass": Physics._mass,
+    "size": Physics._size,
+    "friction": Physics._friction,
+    "armature": Physics._armature,
+    "damping": Physics._damping,
+    "frictionloss": Physics._frictionloss,
+    "gains": Physics._gains,
+    "strength": Physics._strength,
+    "wrist_tilt": Physics._tilt,
+}

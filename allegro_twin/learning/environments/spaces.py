@@ -1,0 +1,41 @@
+"""The spaces of a task, from its interface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
+from allegro_twin.learning.tasks.base import Task
+
+_ROOM = 0.4  # m. No fingertip of the hand is farther from the palm's origin: its longest finger has 0.15.
+
+_UNIT = 1.001  # Of a quaternion's numbers, with room for the rounding to float32.
+
+
+def action_space(task: Task) -> spaces.Space[Floats]:
+    return spaces.Box(-1.0, 1.0, (task.spec.n_joints,), np.float32)
+
+
+def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
+    """`state`: how many numbers a critic sees besides."""
+    parts: dict[str, spaces.Space[Any]] = {}
+    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.unmeasured,), np.float32)
+    goal = task.goal()
+    if goal is not None:
+        room = _ROOM if task.interface.n_goal else _UNIT
+        place = spaces.Box(-room, room, (goal.shape[-1],), np.float32)
+        parts |= {"achieved_goal": place, "desired_goal": place}
+    if state:
+        parts["state"] = spaces.Box(-BOUND, BOUND, (state,), np.float32)
+    return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
+
+
+def described(space: spaces.Space[Any]) -> str:
+    """How many numbers it has, and their bounds; of a dictionary, of each part."""
+    if isinstance(space, spaces.Dict):
+        return ", ".join(f"{name} {part.shape[0]}" for name, part in space.items() if part.shape)
+    assert isinstance(space, spaces.Box)
+    return f"{space.shape[0]} in [{space.low.min():g}, {space.high.max():g}]"

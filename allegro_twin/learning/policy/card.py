@@ -1,0 +1,161 @@
+"""A policy's card: for which hand, task and control mode it was trained, and what it needs to run anywhere."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
+from allegro_twin.learning.policy.onnx_file import session
+from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
+from allegro_twin.spec import HandSpec, Side
+
+KEY = "allegro_twin"
+"""Under which an ONNX file keeps the card in its metadata; a zip has it as the member `allegro_twin.json`."""
+MEMBER = f"{KEY}.json"
+
+
+class Closed(Settings):
+    """A script that closes a grasp of the library."""
+
+    grasp: str
+    wait: Positive
+    """s in the pre-shape."""
+    squeeze: Positive
+    """s from closed to squeezed."""
+    holds: bool = False
+    """No motion: the squeeze from the beginning."""
+
+    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
+        grasp = load_grasp(self.grasp, spec)
+        if self.holds:
+            return holding(grasp, periods)
+        return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
+
+
+class Card(Settings):
+    """What a policy file says of itself."""
+
+    version: int = VERSION
+    """Of the meaning of observations and actions."""
+    task: str
+    """Id of the environment."""
+    hand: str = HAND
+    """The model of hand."""
+    side: Side
+    mode: Mode
+    period: Positive
+    decimation: Annotated[int, Field(ge=1)]
+    step: Positive
+    reach: Positive
+    gains: str
+    goal: Literal["none", "fingertips"]
+    scripts: tuple[Closed, ...] = ()
+    periods: int = 0
+    """Length of the scripts, in control periods."""
+    observation: int
+    """Numbers that the policy sees, without goals."""
+    action: int
+    """Numbers that it gives."""
+    history: Annotated[int, Field(ge=1)] = 1
+    """How many decisions the policy sees."""
+    privileged: int = 0
+    """How many of the former no real hand has."""
+    algorithm: str = "PPO"
+    """Stable-Baselines3's class, for a zip."""
+    note: str = ""
+    """How it was trained."""
+
+    def interface(self, spec: HandSpec) -> Interface:
+        """What joins the policy to a hand. Raises ConfigError for the other hand, another version, or one that no
+        real hand can serve."""
+        if self.version != VERSION:
+            raise ConfigError(f"this policy is of version {self.version}; this package runs {VERSION}: train it anew")
+        if self.hand != spec.model:
+            raise ConfigError(f"this policy is for a hand of the model {self.hand}; this one is {spec.model}")
+        if self.side != spec.side:
+            raise ConfigError(f"this policy is for the {self.side} hand; this one is the {spec.side} hand")
+        if self.privileged:
+            raise ConfigError(
+                f"this policy of {self.task} is privileged: {self.privileged} of the numbers it sees are not measured "
+                "by any hand; it runs in its environment only"
+            )
+        rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
+        scripts = table(rows) if rows else None
+        gains = load_gains(self.gains, spec)
+        made = Interface(
+            spec,
+            gains,
+            self.mode,
+            self.period,
+            self.decimation,
+            self.step,
+            scripts,
+            self.reach,
+            self.goal,
+            self.history,
+        )
+        if (made.n_observation, spec.n_joints) != (self.observation, self.action):
+            raise ConfigError(
+                f"the policy sees {self.observation} numbers and gives {self.action}; this hand's interface has "
+                f"{made.n_observation} and {spec.n_joints}"
+            )
+        return made
+
+    def script(self, grasp: str) -> int:
+        """The number of a grasp's script. Raises ConfigError with the nearest names."""
+        names = [closed.grasp for closed in self.scripts]
+        if grasp not in names:
+            raise ConfigError(unknown("grasp of this policy", grasp, sorted({*names})))
+        return names.index(grasp)
+
+
+def read_card(path: Path) -> Card:
+    """The card in a policy file. Raises ConfigError where there is none, or no such file."""
+    if not path.is_file():
+        raise ConfigError(f"{path}: no such policy file")
+    text = _of_zip(path) if path.suffix == ".zip" else _of_onnx(path)
+    if text is None:
+        raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
+    content: Any = json.loads(text)
+    return parse(Card, content, str(path))
+
+
+def write_card(path: Path, card: Card) -> None:
+    """Put a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
+    text = card.model_dump_json()
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.writestr(MEMBER, text)
+        return
+    if path.suffix != ".onnx":
+        raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
+    try:
+        import onnx
+    except ImportError as error:
+        raise ConfigError("writing an ONNX policy needs onnx: pip install 'allegro-twin[rl]'") from error
+    model = onnx.load(str(path))
+    model.metadata_props.add(key=KEY, value=text)
+    onnx.save(model, str(path))
+
+
+def _of_zip(path: Path) -> str | None:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.read(MEMBER).decode() if MEMBER in archive.namelist() else None
+    except zipfile.BadZipFile as error:
+        raise ConfigError(f"{path}: not a zip file") from error
+
+
+def _of_onnx(path: Path) -> str | None:
+    found: dict[str, str] = session(path).get_modelmeta().custom_metadata_map
+    return found.get(KEY)

@@ -1,0 +1,238 @@
+"""What a policy sees and what its actions mean: one object, used by training and by every hand that a policy drives.
+
+Everything broadcasts over leading batch dimensions `(..., n)`. A row comes out the same, bit for bit, whatever the size
+of the batch it stands in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.control import laws
+from allegro_twin.control.controllers import Gains
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.closed_form.geometry import has_closed_form
+from allegro_twin.kinematics.closed_form.tips import Fingertips
+from allegro_twin.kinematics.numeric_tips import ChainTips
+from allegro_twin.learning.policy.memory import Course, Memory
+from allegro_twin.learning.policy.numbers import Lifted, numbers_of, radian_of
+from allegro_twin.learning.policy.script import Scripts
+from allegro_twin.sim.model.statics import tree_of
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+VERSION = 1
+"""Of the meaning of observations and actions. A policy of another version is refused."""
+MODES = ("delta", "absolute", "torque")
+Mode: TypeAlias = Literal["delta", "absolute", "torque"]
+Floats: TypeAlias = NDArray[np.float32]
+Observation: TypeAlias = Floats | dict[str, Floats]
+Goal: TypeAlias = NDArray[np.floating[Any]]
+Pair: TypeAlias = tuple[Array, Array]
+BOUND = 5.0
+"""Every number in an observation lies within ±5: clipped, for a space must be finite."""
+SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to what it takes.
+
+    The base is the script's set-point or, without a script, the middle of the joint range. In the mode `delta` an
+    action adds `step` times itself to the offset from the base, in `absolute` it is the offset in units of `span`; the
+    target travels there in a straight line until the next decision. In `torque` it is a part of the torque limit, on
+    top of what holds the script where there is one. A hand that closes its own loop is told the set-points themselves.
+    """
+
+    spec: HandSpec
+    gains: Gains
+    mode: Mode = "delta"
+    period: float = 0.003
+    """Control period, s."""
+    decimation: int = 13
+    """Control periods between two decisions."""
+    step: float = 0.1
+    """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
+    scripts: Scripts | None = None
+    reach: float = 0.3
+    """With a script: the farthest that a policy may go from it, rad, likewise."""
+    goal: Literal["none", "fingertips"] = "none"
+    """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
+
+    history: int = 1
+    """How many decisions an observation shows, this one and those before."""
+    xp: Any = np
+    """Where its numbers lie: `numpy`, or `arrays.Tensors`, and then every array here is a tensor."""
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
+        if self.mode == "torque" and self.leads:
+            raise ConfigError(
+                f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute"
+            )
+        if self.decimation < 1:
+            raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
+
+    @property
+    def leads(self) -> bool:
+        """Whether the hand closes its own loop, and is told where to be."""
+        return "torque" not in self.spec.commands
+
+    @cached_property
+    def middle(self) -> Vector:
+        return (self.spec.lower + self.spec.upper) / 2
+
+    @cached_property
+    def half(self) -> Vector:
+        return (self.spec.upper - self.spec.lower) / 2
+
+    @cached_property
+    def span(self) -> Vector:
+        """The largest offset from the base, shape (n,), rad."""
+        return self.half if self.scripts is None else self.reach * radian_of(self.spec)
+
+    @cached_property
+    def _own(self) -> Lifted:
+        """What is reckoned with at every decision, lying where the arrays do, for arrays of so many dimensions."""
+        unit = radian_of(self.spec)
+        sizes = self.half, SPEED * unit, self.span, self.step * unit
+        return Lifted(numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
+
+    @property
+    def frame(self) -> int:
+        """Numbers of one decision in an observation."""
+        return 4 * self.spec.n_joints + (0 if self.scripts is None else 1)
+
+    @property
+    def n_observation(self) -> int:
+        return self.frame * self.history
+
+    @property
+    def n_goal(self) -> int:
+        return 0 if self.goal == "none" else 3 * len(self.spec.fingers)
+
+    @property
+    def seconds(self) -> float:
+        """Between two decisions."""
+        return self.period * self.decimation
+
+    def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
+        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
+        the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
+        own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
+        base = own.middle if own.scripts is None else own.scripts[0][script * own.length]
+        drawn = (position if own.scripts is None else base) if target is None else target
+        offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
+        number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
+        past = xp.zeros((*shape, self.frame * (self.history - 1)), np.float32)
+        return Memory(offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past)
+
+    def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
+        """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
+        `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
+        xp, own = self.xp, self._own(memory.end.ndim)
+        wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
+        begin, end, push, tick, script, past = memory
+        if self.history > 1:
+            assert seen is not None
+            past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
+        match self.mode:
+            case "torque":
+                return Memory(begin, end, wish * own.limit, tick, script, past)
+            case "delta":
+                return Memory(end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past)
+            case _:
+                return Memory(end, wish * own.span, push, tick, script, past)
+
+    def course(self, memory: Memory) -> Course:
+        """The set-points from a decision to the next."""
+        push = memory.push if self.mode == "torque" else None
+        if push is not None and self.scripts is None:
+            return Course(None, push)
+        xp, own = self.xp, self._own(memory.end.ndim)
+        base, speed = own.bases(xp, memory)
+        travel = memory.end - memory.begin
+        wish = xp.zeros((self.decimation, 2, *travel.shape))
+        wish[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
+        wish[:, 1] = speed + travel / self.seconds
+        return Course(wish, push)
+
+    def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+        """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
+        if self.leads and course.wish is not None:
+            return np.asarray(course.wish[k, 0])
+        return self.torque(position, velocity, course, k, gains)
+
+    def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+        """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
+        wish, push = course
+        if wish is None:
+            assert push is not None
+            return push
+        own = self._own(position.ndim)
+        kp, kd = (own.kp, own.kd) if gains is None else gains
+        pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
+        return pull if push is None else pull + push
+
+    def pull(self, position: Array, velocity: Array, course: Course, k: int, gains: Array, out: Array) -> None:
+        """As `torque`, to the bit, without new arrays: into one (..., n) that is there, with kp and kd in one
+        (2, ..., n). It uses the course's k-th set-points up."""
+        wish, push = course
+        if wish is None:
+            assert push is not None
+            out[...] = push
+            return
+        error = wish[k]  # What is left of the way, and then the two torques.
+        way, rate = error[0], error[1]
+        np.subtract(way, position, way)
+        np.subtract(rate, velocity, rate)
+        np.multiply(error, gains, error)
+        np.add(way, rate, out)
+        if push is not None:
+            np.add(out, push, out)
+
+    def elapsed(self, memory: Memory) -> Memory:
+        """The memory when the set-points of a decision have run out and the next is due."""
+        return memory._replace(tick=memory.tick + self.decimation)
+
+    def observe(
+        self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
+    ) -> Observation:
+        """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
+        environments have it. docs/rl.md#observations says which number is what."""
+        xp, own = self.xp, self._own(position.ndim)
+        target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
+        parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
+        if self.scripts is not None:
+            parts.append(memory.tick[..., None])
+        seen = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
+        joints = xp.asarray(seen, np.float32)
+        if self.history > 1:
+            joints = xp.concatenate([joints, memory.past], axis=-1)
+        if goal is None:
+            return joints  # type: ignore[no-any-return]  # An array of the library's.
+        achieved = xp.asarray(self.fingertips(position), np.float32)
+        return {"observation": joints, "achieved_goal": achieved, "desired_goal": xp.copy(xp.asarray(goal, np.float32))}
+
+    def fingertips(self, position: Array) -> Array:
+        """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
+        tips = self._fingertips(position)
+        return tips.reshape(*tips.shape[:-2], -1)
+
+    @cached_property
+    def _fingertips(self) -> Fingertips | ChainTips:
+        if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
+            return Fingertips(self.spec, self.xp)
+        return ChainTips(self.spec, tree_of(self.spec))
+
+
+def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
+    """What `clip` does, without the 5 µs a call of NumPy's."""
+    found: Array = xp.minimum(xp.maximum(x, low), high)
+    return found

@@ -1,0 +1,71 @@
+"""A scripted motion sampled at every control period: what a residual policy is added to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.types import Array, Vector, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Script:
+    """Set-points of one motion; after the last the hand stays there."""
+
+    position: Array
+    """Shape (t, n), rad: row k is the set-point k periods after the beginning."""
+    velocity: Array
+    """Shape (t, n), rad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scripts:
+    """Several motions in one table, so that a batch reads each simulation's own in one go."""
+
+    position: Array
+    """Shape (s, t, n), rad."""
+    velocity: Array
+    """Shape (s, t, n), rad/s."""
+
+    @property
+    def periods(self) -> int:
+        return int(self.position.shape[1])
+
+
+def sampled(moves: Moves, start: Vector, periods: int, period: float) -> Script:
+    """The motion from `start` at every period, exactly as a PD controller with the same reference would follow it."""
+    path = moves.begin(start)
+    points = [path(k * period) for k in range(periods)]
+    return Script(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
+
+
+def table(scripts: Sequence[Script]) -> Scripts:
+    """One table of motions of the same length."""
+    return Scripts(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
+
+
+def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
+    """What the scripted player does with a grasp: it takes its pre-shape for `wait` seconds, closes at the grasp's own
+    speed, and squeezes for `squeeze` seconds."""
+    return Moves(
+        [
+            grasp.waypoint("preshape", wait),
+            Waypoint(grasp.close, speed=grasp.speed, profile=grasp.profile),
+            grasp.waypoint("squeeze", squeeze),
+        ]
+    )
+
+
+def holding(grasp: Grasp, periods: int) -> Script:
+    """The squeeze of a grasp and nothing else."""
+    still = frozen(np.tile(grasp.squeeze, (periods, 1)))
+    return Script(still, frozen(np.zeros_like(still)))
+
+
+def closed_after(grasp: Grasp, wait: float, squeeze: float) -> float:
+    """When that player has squeezed, s."""
+    return wait + travel_time(grasp.preshape, grasp.waypoint("close")) + squeeze

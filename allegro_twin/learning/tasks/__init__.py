@@ -1,0 +1,60 @@
+"""The tasks by name; each is imported when it is made."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.tasks.base import Task
+
+TASKS = {
+    "Reach": "reach",
+    "Grasp": "grasp",
+    "Lift": "lift",
+    "Pinch": "pinch",
+    "HoldDisturbed": "hold_disturbed",
+    "Reorient": "reorient",
+    "Rotate": "rotate",
+}
+"""Where each task is."""
+ALONE = "ArmPick"
+"""The environment that has no batch, and so no recipe and no card of a policy."""
+
+
+def task_type(name: str) -> type[Task]:
+    """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
+    if ":" in name:
+        return _foreign(name)
+    if name == ALONE:
+        raise ConfigError(alone())
+    if name not in TASKS:
+        raise ConfigError(unknown("task", name, TASKS))
+    found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), name)
+    return found
+
+
+def alone() -> str:
+    """Why nothing here takes the environment without a batch, and what does."""
+    return (
+        f"{ALONE} is a single environment: train, evaluate and collect take the tasks that have a batch; any library "
+        f'trains on gymnasium.make("AllegroTwin/{ALONE}-v0")'
+    )
+
+
+def _foreign(name: str) -> type[Task]:
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(import_module(module), attribute, None)
+    except ImportError as error:
+        raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, Task)):
+        raise ConfigError(
+            f"task {name!r}: {attribute!r} in {module} is no class of allegro_twin.learning.tasks.base.Task"
+        )
+    return found
+
+
+def make_task(name: str, settings: EnvSettings, n: int, threads: int) -> Task:
+    """A task for `n` simulations on so many threads; 0 for one a processor."""
+    return task_type(name)(settings, n, threads)

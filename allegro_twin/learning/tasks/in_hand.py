@@ -1,0 +1,204 @@
+"""What tasks with an object in the upturned hand share. They begin with it in the fingertips, and see it as a camera
+would."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.array_api import library
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.learning.environments.camera_model import Camera, Seen
+from allegro_twin.learning.environments.objects import thing_of
+from allegro_twin.learning.environments.random_streams import Draws
+from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.tasks.base import Flags, Task, Ticks
+from allegro_twin.learning.tasks.palm_clearance import ON_PALM, Shapes, clearance, palm_normal
+from allegro_twin.learning.tasks.scenes import THING, upturned, worlds
+from allegro_twin.learning.tasks.start_states import Held, held
+from allegro_twin.learning.tasks.vectors import length
+from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.objects import catalogue
+from allegro_twin.types import Array
+
+if TYPE_CHECKING:
+    import mujoco
+
+LARGEST = 0.09  # m. Longer ones do not lie between the fingers and the thumb.
+ASIDE = 0.06  # m from where it began: no longer in the hand.
+DROPPED = -20.0  # What losing the object costs: more than the steps of a throw can have earned.
+FAST, SPINS = 0.5, 5.0  # m/s and rad/s by which what is seen is divided, to be of order 1.
+_HAND, _PLACE = 0.02, 0.001  # rad and m, half-widths of the noise on the start.
+_FRICTION = (0.5, 1.0)
+_NEAR = 16  # States in order of size, among which one of a wanted size is drawn.
+
+
+class InHand(Task):
+    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise. Nothing
+    forbids the palm: `on_palm` tells how long an object was there."""
+
+    step: ClassVar[float] = 0.08
+    """rad an action, where the settings name no other."""
+    options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
+    own: ClassVar[tuple[str, ...]] = ("observation",)
+
+    def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
+        super().__init__(settings, n, threads)
+        if self.spec.model != HAND:
+            raise ConfigError(f"{self.name} has no states to begin in for {self.spec.model}: how its fingertips hold "
+                              f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
+        self.extra = 13 if settings.observation == "full" else 0
+        self._held: list[Held] = []
+        self._things: list[catalogue.Thing] = []
+        self._names: list[str] = []
+        self._table: Held | None = None
+        for given in settings.objects or ("rubiks_cube",):
+            self._learn(thing_of(given), n, threads)
+        self.interface = self._interface(step=self.step)
+        self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
+        self.thing = self.worlds.free(THING)
+        self.camera = Camera(settings.randomise, self.thing, settings.decimation)
+        xp = self.worlds.xp
+        self.place = xp.zeros((n, 3))
+        """Where the object was at the beginning, m, world."""
+        self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
+        self.start: Array = xp.zeros((n, self.spec.n_joints))
+        """Targets of the fingers at the beginning, rad."""
+        self._factor, self._low = xp.ones(n), xp.zeros(n)
+        """Of the objects' sizes; decisions since the reset at which they were on the palm."""
+        self._shapes: Shapes | None = None
+        self._normal = palm_normal(xp.zeros((n, 3)))
+        self.shown: Seen
+        """What a camera told at this decision."""
+
+    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+        drawn = draws.number(len(self.settings.objects or (1,)))
+        if options.object is None:
+            return drawn
+        if options.object not in self._names:
+            self._learn(thing_of(options.object), self.n, 1)
+        return drawn * 0 + self._names.index(options.object)
+
+    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        """The state to begin in, and with it the object's size; the friction."""
+        friction, among = draws.within(*_FRICTION)[:, 0], draws.within(0.0, 1.0)[:, 0]
+        values.setdefault("friction", friction)
+        table = self._states()
+        state = _chosen(table.size[variant], values.get("size"), among)
+        self._state[rows] = state
+        values["size"] = table.size[variant, state]
+
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+        assert self.thing is not None
+        table, state = self._states(), self._state[rows]
+        position, target, pose = (part[variant, state] for part in (table.position, table.target, table.pose))
+        noise = draws.within(-_HAND, _HAND, self.spec.n_joints)
+        self.worlds.position[rows] = self.worlds.xp.clip(position + noise, self._lower, self._upper)
+        pose[:, :3] += draws.within(-_PLACE, _PLACE, 3)
+        self.thing.pose[rows] = pose
+        self.kind[rows], self.start[rows], self.place[rows] = variant, target, pose[:, :3]
+        self._factor[rows], self._low[rows] = values["size"], 0.0
+        tilt = values.get("wrist_tilt")
+        self._normal[rows] = palm_normal(0.0 * pose[:, :3] if tilt is None else tilt)
+        self.camera.begin(rows, values, draws)
+
+    def targets(self, rows: Rows) -> Array:
+        return self.start[rows]
+
+    def look(self, tick: Ticks) -> None:
+        if self.extra:
+            self.shown = self.camera.look(tick)
+
+    def seen(self, tick: Ticks) -> Array | None:
+        return self.told(self.shown) if self.extra else None
+
+    def told(self, seen: Seen) -> Array:
+        """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
+        four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
+        w, x, y, z = (seen.quaternion[:, k] for k in range(4))
+        xp = self.worlds.xp
+        yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        found: Array = xp.zeros((self.n, 13))
+        found[:, :3] = (seen.position - self.place) / 0.05
+        found[:, 3], found[:, 4] = 2 * (x * z + w * y), 2 * (y * z - w * x)
+        found[:, 5], found[:, 6] = xp.cos(yaw), xp.sin(yaw)
+        found[:, 7:10], found[:, 10:] = seen.velocity / FAST, seen.spin / SPINS
+        return found
+
+    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+        return {"object": np.array([self._names[number] for number in self.kind[rows].tolist()], dtype=object)}
+
+    def lost(self) -> Flags:
+        assert self.thing is not None
+        return length(self.thing.pose[:, :3] - self.place) > ASIDE
+
+    def over_palm(self, tick: Ticks) -> dict[str, Array]:
+        """How far the object's lowest point is above the palm's surface, m (`clearance`), and at which share of the
+        decisions since the reset that was less than `ON_PALM` (`on_palm`), (n,) each. Once a decision."""
+        assert self.thing is not None
+        xp = self.worlds.xp
+        if self._shapes is None:
+            self._shapes = Shapes(self._things, xp)
+        over = clearance(self.thing.pose, self._shapes, self.kind, self._factor, self._normal)
+        self._low += (over < ON_PALM) & (tick > 0)
+        decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
+        return {"clearance": over, "on_palm": self._low / decisions}
+
+    def _learn(self, thing: catalogue.Thing, n: int, threads: int) -> None:
+        """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
+        longest = 2 * thing.half_extents().max()
+        if longest > LARGEST:
+            raise ConfigError(
+                f"{thing.name} is too large for {self.name}: {longest * 1000:.0f} mm long; "
+                f"at most {LARGEST * 1000:.0f} mm can be"
+            )
+        self._held.append(held(thing, self.settings.side))
+        self._table = self._shapes = None
+        self._things.append(thing)
+        self._add(upturned(self.spec, thing, (0.0, 0.0, 0.1), self.settings), n, threads)
+        self._names.append(thing.name)
+
+    def _states(self) -> Held:
+        """Those of every object in one table, (objects, states, …); those with fewer are filled up with states of
+        infinite size."""
+        if self._table is None:
+            most = max(len(held.size) for held in self._held)
+            fill = {"size": np.inf, "position": 0.0, "target": 0.0, "pose": 0.0}
+            parts = {}
+            for name, value in fill.items():
+                columns = [getattr(held, name) for held in self._held]
+                padded = [
+                    np.concatenate([c, np.full((most - len(c), *c.shape[1:]), value)]) if len(c) < most else c
+                    for c in columns
+                ]
+                parts[name] = self.worlds.xp.asarray(np.stack(padded))
+            self._table = Held(**parts)
+        return self._table
+
+    def _add(self, model: mujoco.MjModel, n: int, threads: int) -> None:
+        if self._names:
+            self.worlds.add(model)
+        else:
+            self.worlds = worlds(self.spec, model, n, threads, self.settings)
+
+
+def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
+    """One of each row's states in order of size (m, k), inf where there are no more, by numbers in [0, 1), (m,); of
+    about the wanted size (m,). Raises ConfigError where there is none."""
+    xp = library(sizes)
+    count = xp.isfinite(sizes).sum(axis=-1)
+    if wanted is None:
+        state: Rows = xp.minimum(xp.asarray(among * count, np.int64), count - 1)
+        return state
+    last = sizes[xp.arange(len(sizes)), count - 1]
+    beyond = (wanted < sizes[:, 0] - 0.005) | (wanted > last + 0.005)
+    if bool(beyond.any()):
+        row = int(xp.flatnonzero(beyond)[0])
+        raise ConfigError(f"fingertips are taught to hold this object at {float(sizes[row, 0]):.2f} to "
+                          f"{float(last[row]):.2f} times its size, not {float(wanted[row]):g}")  # fmt: skip
+    near = (sizes < wanted[:, None]).sum(axis=-1) + xp.asarray((among - 0.5) * _NEAR, np.int64)
+    chosen: Rows = xp.minimum(xp.maximum(near, 0), count - 1)
+    return chosen

@@ -1,0 +1,38 @@
+"""Pinch: take a small object that somebody presents between two or three fingertips, and hold it through a push."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.learning.environments.objects import Given, name_of
+from allegro_twin.learning.environments.settings import Level
+from allegro_twin.learning.tasks.grasp import Grasp
+from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
+from allegro_twin.learning.tasks.scenes import Scene, presented
+
+# A scenario of the taxonomy for each: where the palm goes, and the grasp.
+_SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
+
+
+class Pinch(Grasp):
+    """As Grasp, with small balls and the library's pinches."""
+
+    name = "Pinch"
+    purpose = "pinch a small presented object with the fingertips and hold it through a push"
+    levels: ClassVar[dict[Level, Variation]] = {
+        "easy": replace(EASY, noise=0.005),
+        "default": replace(HARD, noise=0.013),
+    }
+
+    def things(self) -> tuple[Given, ...]:
+        if self.settings.objects is None and self.spec.model != HAND:
+            raise ConfigError(f"Pinch: the library has no pinches of small balls with {self.spec.model}: give "
+                              "objects=('scenario.yaml', …), or take the task Grasp")  # fmt: skip
+        return self.settings.objects or tuple(_SCENARIOS)
+
+    def scene(self, given: Given, grasp: str | None) -> Scene:
+        scenario = _SCENARIOS.get(name_of(given)) if self.spec.model == HAND else None
+        return presented(given, self.spec, self.settings, grasp, scenario)

@@ -1,0 +1,89 @@
+"""How good a policy is: episodes side by side, every one to its end, the same ones for every policy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.environments.vector import HandVectorEnv
+from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.controller import Policy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """One row an episode."""
+
+    success: NDArray[np.bool_]
+    returned: NDArray[np.float64]
+    """Sum of the rewards."""
+    things: tuple[str, ...]
+    """The object of each episode; empty where a task has none."""
+    counted: NDArray[np.float64] | None = None
+    """What each came to at its end, where its task counts something: rad turned, goals reached."""
+    shares: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Shares of each episode's time, by name, where its task tells such: `on_palm`."""
+
+    @property
+    def rate(self) -> float:
+        return float(self.success.mean())
+
+    @property
+    def error(self) -> float:
+        """Standard error of the rate."""
+        return math.sqrt(self.rate * (1.0 - self.rate) / len(self.success))
+
+    def by_thing(self) -> dict[str, tuple[int, int]]:
+        """Successes and episodes of every object."""
+        names = np.array(self.things)
+        found = {name: self.success[names == name] for name in sorted({*self.things})}
+        return {name: (int(success.sum()), len(success)) for name, success in found.items()}
+
+
+def evaluate(
+    policy: Policy, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, threads: int = 0
+) -> Evaluation:
+    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+    if episodes < 1:
+        raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
+    env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords(settings))
+    observation, report = env.reset(seed=seed)
+    going = np.ones(episodes, bool)
+    success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
+    name = env.engine.task.counted
+    shares = {each: np.zeros(episodes) for each in env.engine.task.shares}
+    while going.any():
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        returned += np.where(going, reward, 0.0)
+        if name:
+            counted[going] = info[name][going]
+        for each, share in shares.items():
+            share[going] = info[each][going]
+        ended = going & (terminated | truncated)
+        success[ended] = info["is_success"][ended]
+        going &= ~ended
+    env.close()
+    return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
+
+
+def fitting(card: Card, task: Card) -> None:
+    """Raise ConfigError unless a policy's card is one that this task would write, whatever its objects are."""
+    for name in Card.model_fields:
+        if name in ("scripts", "periods", "note", "algorithm"):
+            continue
+        if getattr(card, name) != getattr(task, name):
+            raise ConfigError(
+                f"the policy has {name} {getattr(card, name)}, these environments have {getattr(task, name)}: "
+                "give the recipe that it was trained with"
+            )
+
+
+def keywords(settings: EnvSettings) -> dict[str, Any]:
+    """Settings as the keyword arguments that they came from."""
+    return {name: getattr(settings, name) for name in settings.model_fields_set}

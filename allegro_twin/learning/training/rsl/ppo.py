@@ -1,0 +1,177 @@
+"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), where the simulations are.
+
+On a Warp device nothing leaves it but a count and what is printed. On processors a continued training cannot be told
+from one that was never cut off, to the bit: episodes go on where they were. On a Warp device, and where it changes,
+they begin anew, and two runs are not equal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from rsl_rl.algorithms import PPO
+from rsl_rl.models import MLPModel
+from rsl_rl.storage import RolloutStorage
+from tensordict import TensorDict
+
+from allegro_twin.files.assets import find
+from allegro_twin.learning.environments.tensors import TensorVectorEnv
+from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.training.evaluation import keywords
+from allegro_twin.learning.training.graph.goal_features import left
+from allegro_twin.learning.training.graph.onnx_export import Layered
+from allegro_twin.learning.training.learned import ACHIEVED, GOAL, STATE, Advance, Trained, farthest_of, rate_of
+from allegro_twin.learning.training.progress import Progress
+from allegro_twin.learning.training.rsl.episode_stats import Tally
+from allegro_twin.learning.training.rsl.initialisation import start_from, start_still
+from allegro_twin.learning.training.rsl.rounds import in_rounds
+from allegro_twin.learning.training.settings import Recipe
+
+SEEN, ALL = "policy", "critic"
+"""Groups of an observation: what the policy sees, and what the critic sees."""
+
+
+class Learner:
+    """A policy and a value in training on an environment's device."""
+
+    def __init__(self, recipe: Recipe, env: TensorVectorEnv) -> None:
+        self.recipe, self.env, self.device = recipe, env, env.xp.device
+        torch.manual_seed(recipe.seed)
+        self.widths, self._turns = _widths(env.single_observation_space), env.engine.task.turns
+        self._seen = self._grouped(env.reset())
+        groups = {"actor": [SEEN], "critic": [ALL if ALL in self._seen.keys() else SEEN]}  # noqa: SIM118  # TensorDict.
+        joints = env.engine.task.spec.n_joints
+        shared: dict[str, Any] = {
+            "hidden_dims": list(recipe.hidden),
+            "activation": recipe.activation,
+            "obs_normalization": True,
+        }
+        spread = {"class_name": "GaussianDistribution", "init_std": math.exp(recipe.log_spread), "std_type": "log"}
+        actor = MLPModel(self._seen, groups, "actor", joints, distribution_cfg=spread, **shared)
+        critic = MLPModel(self._seen, groups, "critic", 1, **shared)
+        storage = RolloutStorage("rl", env.num_envs, recipe.rollout, self._seen, [joints], str(self.device))
+        self.ppo = PPO(
+            actor.to(self.device),
+            critic.to(self.device),
+            storage,
+            num_learning_epochs=recipe.epochs,
+            num_mini_batches=max(recipe.update // recipe.batch, 1),
+            clip_param=recipe.clip,
+            gamma=recipe.discount,
+            lam=recipe.trace,
+            entropy_coef=recipe.entropy,
+            learning_rate=recipe.learning_rate,
+            schedule="fixed" if recipe.desired_kl is None else "adaptive",
+            desired_kl=recipe.desired_kl or 0.01,
+            device=str(self.device),
+        )
+        self.ppo.train_mode()
+        self._settling = recipe.settle
+        start_still(actor)
+        if recipe.start is not None:
+            start_from(actor, find(recipe.start, "policy", "conf/policies", ".onnx"), self.widths)
+        env.spread()
+        self._tally = Tally(env)
+
+    @property
+    def card(self) -> Card:
+        return self.env.engine.task.card()
+
+    def begin(self, progress: Progress) -> None:
+        if (farthest := farthest_of(self.recipe, progress)) is not None:
+            self.env.engine.task.farthest = farthest
+        if self.recipe.desired_kl is None:
+            self._learn_at(rate_of(self.recipe, progress))
+
+    def saved(self) -> Any:
+        more = {"settling": self._settling, "seen": self._seen.to_dict(), "episodes": self.env.saved()}
+        return self.ppo.save() | more | {"tally": self._tally.saved()}
+
+    def load(self, content: Any) -> None:
+        self._settling = content["settling"]
+        self.ppo.load(content, None, strict=True)
+        if self.env.load(content["episodes"]):
+            self._seen = TensorDict(content["seen"], batch_size=[self.env.num_envs])
+            self._tally.load(content["tally"])
+
+    def update(self) -> dict[str, float]:
+        env, scale = self.env, self.recipe.reward_scale
+        with torch.inference_mode():
+            for _ in range(self.recipe.rollout):
+                actions = self.ppo.act(self._seen)
+                seen, reward, failed, truncated, info = env.step(actions)
+                self._seen, ended = self._grouped(seen), failed | truncated
+                more = {"time_outs": truncated & ~failed}
+                self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
+                self._tally.add(reward, ended, info["is_success"])
+            self.ppo.compute_returns(self._seen)
+        with self._settled():
+            losses = self.ppo.update()
+        spread = float(self.ppo.get_policy().output_std.detach().mean())
+        return {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
+                for name, value in losses.items()} | {"train/learning_rate": self.ppo.learning_rate,
+                                                      "train/std": spread}  # fmt: skip
+
+    def episodes(self) -> tuple[int, float, float, float]:
+        return self._tally.told()
+
+    def layers(self) -> Layered:
+        """The policy's mean action, as it is written to a file."""
+        actor = self.ppo.get_policy()
+        normal = actor.obs_normalizer
+        scale = 1.0 / (normal.std + normal.eps)
+        mean, scale = normal.mean.cpu().numpy(), scale.cpu().numpy()
+        return Layered(self.widths, mean, scale, None, list(actor.mlp), self._turns)
+
+    @contextmanager
+    def _settled(self) -> Iterator[None]:
+        """While the value of a policy that was given is not known, the policy stays as it is: a random one would
+        spoil it in a few updates."""
+        if not self._settling:
+            yield
+            return
+        ppo, actor = self.ppo, self.ppo.actor
+        schedule, ppo.schedule = ppo.schedule, "fixed"
+        actor.requires_grad_(False)
+        try:
+            yield
+        finally:
+            actor.requires_grad_(True)
+            ppo.schedule = schedule
+            self._settling -= 1
+
+    def _learn_at(self, rate: float) -> None:
+        self.ppo.learning_rate = rate
+        for group in self.ppo.optimizer.param_groups:
+            group["lr"] = rate
+
+    def _grouped(self, seen: Any) -> TensorDict:
+        """Flat, in the order that exported policies have."""
+        parts = seen if isinstance(seen, dict) else {"observation": seen}
+        flat = [parts[name] for name in self.widths] if isinstance(seen, dict) else [seen]
+        if GOAL in parts:
+            flat.append(left(parts[GOAL], parts[ACHIEVED], self._turns))
+        groups = {SEEN: torch.cat(flat, dim=-1)}
+        if STATE in parts:
+            groups[ALL] = torch.cat([groups[SEEN], parts[STATE]], dim=-1)
+        return TensorDict(groups, batch_size=[self.env.num_envs])
+
+
+def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
+    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+    training."""
+    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(recipe.environment))
+    return in_rounds(Learner(recipe, env), recipe, folder, advance)
+
+
+def _widths(space: spaces.Space[Any]) -> dict[str, int]:
+    """The inputs of a policy, in the order that they have there."""
+    if not isinstance(space, spaces.Dict):
+        return {"observation": spaces.flatdim(space)}
+    return {name: spaces.flatdim(part) for name, part in space.items() if name != STATE}

@@ -1,0 +1,131 @@
+"""The recipe of a training: the task, its environments, and PPO's numbers."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, find, read_yaml
+from allegro_twin.files.schema import Positive, Settings, parse
+from allegro_twin.hands.library.entries import HAND
+from allegro_twin.learning.environments.objects import Given
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.tasks import ALONE, TASKS, alone
+
+Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Recipe(Settings):
+    """Everything that decides what is learned. The same recipe on the same machine gives the same policy, bit for bit,
+    however often it was killed and continued."""
+
+    task: str
+    environment: EnvSettings = EnvSettings()
+    """Keywords of the environments that are trained in."""
+    held_out: tuple[Given, ...] = ()
+    """Objects that are kept from training and from every choice about it, for the evaluation."""
+    looked_at: tuple[Given, ...] = ()
+    """Objects that no simulation of the training has, but by which it was chosen what and how long to train. They say
+    as little of what was never seen as those that were trained on."""
+    learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
+    """Who learns: the first two by PPO, the one on processors, and the same policy again to the bit, the other also on
+    a Warp device; the third imitates a `teacher`."""
+    teacher: str | None = None
+    """Of `dagger`: a policy, by path or name, of the same task with `observation: full`."""
+    start: str | None = None
+    """With rsl-rl: a policy to begin with, by path or name, instead of a random one; its hidden layers are the
+    recipe's. Inputs that it has not (a goal) count nothing at first."""
+    settle: Annotated[int, Field(ge=0)] = 0
+    """With `start`: updates at the beginning in which only the value is learned, which no policy's file holds."""
+    envs: Count = 256
+    """Simulations side by side."""
+    steps: Count = 1_000_000
+    """Actions in all; whole rounds are trained."""
+    round: Count = 100_000
+    """Actions between two checkpoints, rounded up to whole updates. A round begins with new episodes."""
+    rollout: Count = 16
+    """Actions of each simulation between two updates."""
+    batch: Count = 1024
+    epochs: Count = 5
+    learning_rate: Positive = 5e-4
+    """At the beginning; it falls in a straight line to a tenth."""
+    desired_kl: Positive | None = None
+    """With rsl-rl: the learning rate is adapted so that an update changes the policy by so much (Schulman et al. 2017).
+    None: it falls as described."""
+    discount: Share = 0.98
+    trace: Share = 0.95
+    """λ of the advantage estimate."""
+    clip: Positive = 0.2
+    entropy: Annotated[float, Field(ge=0)] = 0.0
+    hidden: tuple[Count, ...] = (128, 128)
+    """Units of each layer, of policy and value alike."""
+    activation: Literal["tanh", "elu"] = "elu"
+    log_spread: float = -1.0
+    """Logarithm of the standard deviation with which actions are tried out at the beginning."""
+    reward_scale: Positive = 1.0
+    farthest: tuple[Positive, Positive] | None = None
+    """Of Reorient: how far goals are in the first round and in the last, rad; between them in a straight line."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    trials: Count = 100
+    """Episodes of the evaluation after every round, without noise on the actions."""
+
+    @field_validator("task")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        if value not in TASKS and ":" not in value:
+            raise ValueError(unknown("task", value, TASKS))
+        return value
+
+    @model_validator(mode="after")
+    def _served(self) -> Recipe:
+        if (self.learner == "dagger") != (self.teacher is not None):
+            raise ValueError("learner dagger and a teacher go together: give both, or neither")
+        if self.settle and self.start is None:
+            raise ValueError("settle is for a policy to start with: give start, or leave it out")
+        for name in ("desired_kl", "start"):
+            if getattr(self, name) is not None and self.learner != "rsl-rl":
+                raise ValueError(f"{name} is for learner: rsl-rl")
+        if self.environment.device != "cpu" and self.learner == "stable-baselines3":
+            raise ValueError(
+                f"device {self.environment.device} needs learner: rsl-rl or dagger; {self.learner} has cpu"
+            )
+        return self
+
+    @property
+    def update(self) -> int:
+        """Actions between two updates of the network."""
+        return self.envs * self.rollout
+
+    @property
+    def rounds(self) -> int:
+        """How many there are."""
+        return max(round(self.steps / self.round_steps), 1)
+
+    @property
+    def round_steps(self) -> int:
+        """Actions in a round: whole updates."""
+        return -(-min(self.round, self.steps) // self.update) * self.update
+
+
+def load_recipe(name: str, **changes: Any) -> Recipe:
+    """A recipe by path or by its name in conf/training, or the defaults for the name of a task; `changes` that are
+    None are left out. Raises ConfigError with the nearest names."""
+    given = {key: value for key, value in changes.items() if value is not None}
+    own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
+    shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
+    if name == ALONE:
+        raise ConfigError(alone())
+    # What ships is for one hand, with its objects: for another a task's name means the defaults.
+    foreign = name in TASKS and own.get("hand", HAND) != HAND
+    if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):
+        return parse(Recipe, {"task": name} | given | ({"environment": own} if own else {}), "recipe")
+    if "." not in name and "/" not in name and name.lower() not in shipped:
+        raise ConfigError(unknown("task or recipe", name, {*TASKS, *shipped}))
+    path = shipped.get(name.lower()) or find(name, "recipe", "conf/training")
+    content = read_yaml(path)
+    if own:
+        content["environment"] = content.get("environment", {}) | own
+    return parse(Recipe, content | given, str(path))

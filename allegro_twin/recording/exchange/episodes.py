@@ -1,0 +1,83 @@
+"""What recordings and sets of demonstrations share: the parts of an episode, and the way back to a recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.recording.reader import Recording
+from allegro_twin.types import Array
+
+KEPT = "recording"
+"""Under which name a set keeps every column of a recording as it was, beside what its own format asks for."""
+
+
+def begin(recordings: Sequence[Recording], folder: Path) -> None:
+    """Raise ConfigError for a folder that has something in it, or for recordings of different hands, periods or
+    columns."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"{folder} is a file: a data set is written in one go, into a new folder")
+    if folder.exists() and any(folder.iterdir()):
+        raise ConfigError(f"{folder} is not empty: a data set is written in one go, into a new folder")
+    first = recordings[0]
+    for other in recordings[1:]:
+        if (other.spec.name, other.period) != (first.spec.name, first.period):
+            raise ConfigError(f"{other.path} is of {other.spec.name} every {other.period} s; {first.path} of "
+                              f"{first.spec.name} every {first.period} s: they make two data sets")  # fmt: skip
+        if other.columns.keys() != first.columns.keys():
+            differ = ", ".join(sorted(other.columns.keys() ^ first.columns.keys()))
+            raise ConfigError(f"{other.path} and {first.path} do not both have {differ}: they make two data sets")
+
+
+def action_of(recording: Recording) -> tuple[str, Array]:
+    """What a learner should imitate: the position controller's set-points, rad, or the command where there were none,
+    and which of the two it is."""
+    for name in ("target", "command_position", "command_torque"):
+        if name in recording.columns:
+            return name, recording.columns[name]
+    raise RecordingError(f"{recording.path} has no command to learn from")
+
+
+def observation_of(recording: Recording) -> Array:
+    """Joint positions, rad, and speeds, rad/s, (k, 2 n)."""
+    columns = recording.columns
+    return np.concatenate([columns["position"], columns["velocity"]], axis=1)
+
+
+def task_of(recording: Recording) -> str:
+    """In words, from the config that made it."""
+    config = recording.meta.get("config", {})
+    task, controller = config.get("task", {}), config.get("controller", {})
+    if task.get("scenario") or task.get("grasp"):
+        return f"grasp: {Path(task.get('scenario') or task['grasp']).stem}"
+    return f"{controller.get('kind', 'unknown')}: {task.get('posture') or controller.get('file') or 'motion'}"
+
+
+def rebuilt(path: Path, meta: Mapping[str, Any], columns: Mapping[str, Array]) -> Recording:
+    """A recording in memory from what a set has kept of it."""
+    for values in columns.values():
+        values.setflags(write=False)
+    return Recording(path, meta, columns, complete=True)
+
+
+def write(recording: Recording, path: Path) -> None:
+    """A recording in memory as the .arrow file that it came from. Raises RecordingError when the disk does not let
+    it."""
+    from allegro_twin.recording.recorder import UNITS
+
+    fields, arrays = [], []
+    for name, values in recording.columns.items():
+        flat = pa.array(values.reshape(-1))
+        arrays.append(flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1]))
+        kind = flat.type if values.ndim == 1 else pa.list_(flat.type, values.shape[1])
+        fields.append(pa.field(name, kind).with_metadata({"unit": UNITS.get(name, "")}))
+    schema = pa.schema(fields, metadata={"allegro_twin": json.dumps(dict(recording.meta))})
+    with whole_file(path) as temporary, pa.ipc.new_stream(str(temporary), schema) as writer:
+        writer.write_table(pa.table(arrays, schema=schema))

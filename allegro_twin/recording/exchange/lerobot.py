@@ -1,0 +1,171 @@
+"""Recordings as a data set of LeRobot, version 3.0 of its layout, and back.
+
+One episode a recording. `observation.state`, `observation.velocity` and `action` are float32, as its policies want
+them; every column of the recording is there a second time as it was, so the way back loses nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+from numpy.typing import NDArray
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, rebuilt, task_of
+from allegro_twin.recording.exchange.lerobot_meta import Origin, episode_rows, info, statistics, task_table
+from allegro_twin.recording.reader import Recording
+
+VERSION = "v3.0"
+CHUNK = 1000  # Files a folder: the format's own default.
+MEGABYTES = 100  # A file of data: the format's own default.
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+OURS = "meta/allegro_twin.jsonl"
+"""What the format has no place for: the metadata of every recording."""
+Columns = dict[str, NDArray[Any]]
+
+
+class Told(NamedTuple):
+    """An episode as the format wants it."""
+
+    task: str
+    """In words."""
+    columns: Columns
+    """Its features, a row a frame: `action`, and whatever else there is."""
+
+
+class Place(NamedTuple):
+    """Where the rows of an episode are."""
+
+    chunk: int
+    file: int
+    begin: int
+    end: int
+
+
+def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
+    """Write a new data set, whole or not at all. Raises ConfigError for a folder that has something in it, or for
+    recordings of different hands, periods or columns; RecordingError when the disk does not let it."""
+    begin(recordings, folder)
+    first = recordings[0]
+    names = {"observation.state": "position", "observation.velocity": "velocity", "action": action_of(first)[0]}
+    labels = {name: [f"{what}.{alias}" for alias in first.spec.readable] for name, what in names.items()}
+    with whole_folder(folder) as temporary:
+        origin = Origin(first.spec.name, first.period, labels)
+        write_set([Told(task_of(recording), _columns(recording)) for recording in recordings], origin, temporary)
+        (temporary / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
+
+
+def write_set(told: Sequence[Told], origin: Origin, folder: Path) -> None:
+    """Write a data set into an empty folder: an element an episode."""
+    tasks = sorted({each.task for each in told})
+    episodes, index = [], 0
+    for number, each in enumerate(told):
+        episodes.append(each.columns | _numbered(each, origin.period, number, index, tasks.index(each.task)))
+        index += len(each.columns["action"])
+    places = list(_data(episodes, folder))
+    (folder / EPISODES).parent.mkdir(parents=True)
+    known = [name for name in episodes[0] if not any(np.isnan(columns[name]).any() for columns in episodes)]
+    stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
+    whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
+    rows = episode_rows(places, [each.task for each in told], stats)
+    pa.parquet.write_table(rows, folder / EPISODES)
+    pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
+    (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
+    content = info(origin, episodes[0], len(told), len(tasks), index) | {
+        "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
+    }  # fmt: skip
+    (folder / "meta/info.json").write_text(json.dumps(content, indent=4))
+
+
+def from_lerobot(folder: Path, episode: int = 0) -> Recording:
+    """One episode as the recording that it was. Raises RecordingError for a data set of other origin or version."""
+    ours = folder / OURS
+    if not ours.is_file():
+        raise RecordingError(f"{folder} has no {OURS}: it was not made of recordings of this package")
+    metas = [json.loads(line) for line in ours.read_text().splitlines()]
+    if not 0 <= episode < len(metas):
+        raise RecordingError(f"{folder} has no episode {episode}; there are {len(metas)}")
+    version = json.loads((folder / "meta/info.json").read_text())["codebase_version"]
+    if version != VERSION:
+        raise RecordingError(
+            f"{folder} has version {version}; this program reads {VERSION}: lerobot's convert_dataset_v21_to_v30 "
+            "makes one of the other"
+        )
+    try:
+        path, table = _rows(folder, episode)
+    except (OSError, pa.ArrowException) as error:
+        raise RecordingError(f"{folder}: not a readable episode: {' '.join(str(error).split())}") from error
+    kept = [name for name in table.column_names if name.startswith(f"{KEPT}.")]
+    columns = {name.removeprefix(f"{KEPT}."): _numpy(table.column(name)) for name in kept}
+    return rebuilt(path, metas[episode], columns)
+
+
+def _rows(folder: Path, episode: int) -> tuple[Path, pa.Table]:
+    """The file that has an episode, and its rows there."""
+    listed = ["data/chunk_index", "data/file_index"]
+    place = pa.parquet.read_table(folder / EPISODES, columns=listed).slice(episode, 1).to_pylist()[0]
+    path = folder / DATA.format(chunk_index=place[listed[0]], file_index=place[listed[1]])
+    return path, pa.parquet.read_table(path, filters=[("episode_index", "=", episode)])
+
+
+def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
+    """Write the rows of all episodes, several to a file, each a row group of its own."""
+    number, size, index = 0, 0, 0
+    writer: Any = None
+    for columns in episodes:
+        table = pa.table({name: _arrow(values) for name, values in columns.items()})
+        if writer is not None and size + table.nbytes > MEGABYTES * 2**20:
+            writer.close()
+            writer, size, number = None, 0, number + 1
+        if writer is None:
+            path = folder / DATA.format(chunk_index=number // CHUNK, file_index=number % CHUNK)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            writer = pa.parquet.ParquetWriter(path, table.schema)
+        writer.write_table(table)
+        size += table.nbytes
+        yield Place(number // CHUNK, number % CHUNK, index, index + len(table))
+        index += len(table)
+    writer.close()
+
+
+def _columns(recording: Recording) -> Columns:
+    """Every feature of an episode, a row a frame, and every column as it was."""
+    columns = recording.columns
+    found: Columns = {
+        "observation.state": columns["position"].astype(np.float32),
+        "observation.velocity": columns["velocity"].astype(np.float32),
+        "action": action_of(recording)[1].astype(np.float32),
+    }
+    return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
+
+
+def _numbered(told: Told, period: float, episode: int, index: int, task: int) -> Columns:
+    """What every frame says of its place."""
+    rows = np.arange(len(told.columns["action"]))
+    return {
+        "timestamp": (rows * period).astype(np.float32),
+        "frame_index": rows,
+        "episode_index": np.full(len(rows), episode),
+        "index": index + rows,
+        "task_index": np.full(len(rows), task),
+    }
+
+
+def _arrow(values: NDArray[Any]) -> pa.Array:
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+
+def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:
+    whole = column.combine_chunks()
+    if pa.types.is_fixed_size_list(whole.type):
+        return np.array(whole.flatten()).reshape(len(whole), whole.type.list_size)
+    return np.array(whole)

@@ -1,0 +1,121 @@
+"""Recordings as a data set of Minari in its HDF5 layout, and back.
+
+One episode a recording: K states are K observations, and the commands between them K - 1 actions. Every column of the
+recording is there a second time among the infos, a row a state, so the way back loses nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, observation_of, rebuilt, task_of
+from allegro_twin.recording.reader import Recording
+
+VERSION = "0.5.4"  # Of Minari, whose layout this is.
+DATA, METADATA = "data/main_data.hdf5", "data/metadata.json"
+META = "allegro_twin"
+"""Attribute of an episode: its recording's metadata, JSON."""
+
+
+def to_minari(recordings: Sequence[Recording], folder: Path) -> None:
+    """Write a new data set, whole or not at all. Minari finds it by its folder, so that says its id
+    (`identifier`). Raises ConfigError without h5py, for a folder with something in it or with another name, or for
+    recordings of different kinds; RecordingError when the disk does not let it."""
+    hdf5()
+    begin(recordings, folder)
+    with whole_folder(folder) as temporary:
+        _write(recordings, temporary, identifier(folder))
+
+
+def identifier(folder: Path) -> str:
+    """A set's id, `<folder above>/<folder>`: Minari looks for it there below its own folder, ~/.minari/datasets. Raises
+    ConfigError for a name that does not end in a version, as its ids do."""
+    if not re.fullmatch(r"[\w-]+-v\d+", folder.name):
+        raise ConfigError(f"{folder}: Minari finds a set by its folder, whose name ends in a version: {folder.name}-v0")
+    return f"{folder.resolve().parent.name}/{folder.name}"
+
+
+def _write(recordings: Sequence[Recording], folder: Path, name: str) -> None:
+    (folder / DATA).parent.mkdir()
+    made = BytesIO()  # HDF5 itself, on a full disk, fails in many places and words.
+    with hdf5().File(made, "w", track_order=True) as file:
+        for number, recording in enumerate(recordings):
+            _add(file.create_group(f"episode_{number}"), number, recording)
+    (folder / DATA).write_bytes(made.getvalue())
+    steps = sum(len(recording) - 1 for recording in recordings)
+    first = recordings[0]
+    content = {
+        "dataset_id": name,
+        "minari_version": VERSION,
+        "data_format": "hdf5",
+        "jpeg_encoding": False,
+        "total_episodes": len(recordings),
+        "total_steps": steps,
+        "dataset_size": round((folder / DATA).stat().st_size / 1e6, 1),
+        "description": f"{first.spec.name}: {'; '.join(sorted({task_of(each) for each in recordings}))}; observations "
+        f"are joint positions and speeds, actions are {action_of(first)[0]}",
+        "observation_space": _box(observation_of(first)),
+        "action_space": _box(action_of(first)[1]),
+    }
+    (folder / METADATA).write_text(json.dumps(content))
+
+
+def from_minari(folder: Path, episode: int = 0) -> Recording:
+    """One episode as the recording that it was. Raises RecordingError for a data set of other origin."""
+    h5py, path = hdf5(), folder / DATA
+    if not path.is_file():
+        raise RecordingError(f"no data set of Minari at {folder}: {DATA} is missing")
+    try:
+        with h5py.File(path, "r") as file:
+            if (name := f"episode_{episode}") not in file:
+                raise RecordingError(f"{folder} has no episode {episode}; there are {len(file)}")
+            group = file[name]
+            if META not in group.attrs:
+                raise RecordingError(
+                    f"{folder} was not made of recordings of this package: its episodes have no {META}"
+                )
+            columns = {key: values[()] for key, values in group["infos"][KEPT].items()}
+            return rebuilt(path, json.loads(group.attrs[META]), columns)
+    except OSError as error:
+        raise RecordingError(f"{path}: not a readable HDF5 file: {error}") from error
+
+
+def _add(group: Any, number: int, recording: Recording) -> None:
+    steps = len(recording) - 1
+    ends = np.zeros(steps, bool)
+    ends[-1:] = True  # Nobody ended it: the recording did.
+    group.attrs.update({"id": number, "total_steps": steps, META: json.dumps(dict(recording.meta))})
+    group["observations"] = observation_of(recording)
+    group["actions"] = action_of(recording)[1][:-1]
+    group["rewards"] = np.zeros(steps)
+    group["terminations"] = np.zeros(steps, bool)
+    group["truncations"] = ends
+    kept = group.create_group("infos").create_group(KEPT, track_order=True)
+    for name, values in recording.columns.items():
+        kept[name] = values
+
+
+def _box(values: NDArray[np.float64]) -> str:
+    """A space without bounds, as Minari writes it."""
+    width = values.shape[1]
+    bounds = {"low": [-np.inf] * width, "high": [np.inf] * width}
+    return json.dumps({"type": "Box", "dtype": str(values.dtype), "shape": [width], **bounds})
+
+
+def hdf5() -> Any:
+    """The h5py module. Raises ConfigError where it is missing."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise ConfigError("Minari's files need h5py: pip install 'allegro-twin[demos]'") from error
+    return h5py

@@ -1,0 +1,105 @@
+"""A hand's frames as ROS wants them: from each link to the next, out of the hand's URDF."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from allegro_twin.files.assets import data_root
+from allegro_twin.recording.messages.vocabulary import TF, Message, Vocabulary
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+
+class Frame(NamedTuple):
+    """A link, and how it hangs on its parent."""
+
+    parent: str
+    child: str
+    xyz: Vector
+    """(3,), m, in the parent's frame."""
+    turn: Vector
+    """Quaternion x, y, z, w at the joint's zero."""
+    axis: Vector | None
+    """Unit, (3,), in the child's frame; None: it does not move."""
+    joint: int
+    """Its number in `spec.moving`; -1: none."""
+
+
+def description(spec: HandSpec) -> str:
+    """The hand's URDF, with meshes that a viewer on this machine finds."""
+    folder = data_root() / "models"
+    text = (folder / "urdf" / f"{spec.name}.urdf").read_text()
+    return text.replace('filename="../', f'filename="file://{folder}/')
+
+
+class Frames:
+    """The tree of one hand."""
+
+    def __init__(self, spec: HandSpec) -> None:
+        root = ElementTree.fromstring(description(spec))
+        frames = [_frame(joint, spec) for joint in root.iter("joint")]
+        self.moving = [frame for frame in frames if frame.axis is not None]
+        self.fixed = [frame for frame in frames if frame.axis is None]
+        children = {frame.child for frame in frames}
+        self.root = next(frame.parent for frame in frames if frame.parent not in children)
+        self._spec = spec
+        self._index = np.array([frame.joint for frame in self.moving])
+        self._axis = np.array([frame.axis for frame in self.moving])
+        self._turn = np.array([frame.turn for frame in self.moving])
+
+    def at(self, words: Vocabulary, stamp: int, position: Vector) -> Message:
+        """TFMessage of every joint at a posture, (n,), rad."""
+        half = self._spec.moved(position)[self._index, None] / 2.0
+        turns = _times(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
+        return _message(words, stamp, self.moving, turns)
+
+    def still(self, words: Vocabulary, stamp: int) -> Message:
+        """TFMessage of what does not move: the fingertips on their links."""
+        return _message(words, stamp, self.fixed, np.array([frame.turn for frame in self.fixed]).reshape(-1, 4))
+
+
+def _frame(joint: ElementTree.Element, spec: HandSpec) -> Frame:
+    def part(name: str, key: str) -> str:
+        found = joint.find(name)
+        return "" if found is None else found.get(key, "")
+
+    name = str(joint.get("name"))
+    fixed = joint.get("type") == "fixed" or name not in spec.moving
+    xyz, rpy = (np.array((part("origin", key) or "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+    axis = None if fixed else np.array((part("axis", "xyz") or "1 0 0").split(), dtype=float)
+    index = -1 if fixed else spec.moving.index(name)
+    return Frame(part("parent", "link"), part("child", "link"), xyz, _quaternion(rpy), axis, index)
+
+
+def _quaternion(rpy: Vector) -> Vector:
+    """Of URDF's fixed-axis roll, pitch, yaw: x, y, z, w."""
+    half = rpy / 2.0
+    sine, cosine = np.sin(half), np.cos(half)
+    single = [np.append(np.eye(3)[k] * sine[k], cosine[k]) for k in range(3)]
+    turned: Vector = _times(_times(single[2][None], single[1][None]), single[0][None])[0]
+    return turned
+
+
+def _times(a: Array, b: Array) -> Array:
+    """Products of quaternions x, y, z, w, (k, 4) each."""
+    vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
+    return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])
+
+
+def _message(words: Vocabulary, stamp: int, frames: list[Frame], turns: Array) -> Message:
+    transforms = []
+    for frame, turn in zip(frames, turns.tolist(), strict=True):
+        x, y, z = frame.xyz.tolist()
+        place = words.make(
+            "geometry_msgs/msg/Transform",
+            translation=words.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+            rotation=words.make("geometry_msgs/msg/Quaternion", x=turn[0], y=turn[1], z=turn[2], w=turn[3]),
+        )
+        header = words.header(stamp, frame.parent)
+        transforms.append(
+            words.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=frame.child, transform=place)
+        )
+    return words.make(TF, transforms=transforms)

@@ -1,0 +1,137 @@
+"""Reading a recording: of one device, or of a cell with all of its tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import pyarrow.compute as pc
+
+from allegro_twin.errors import RecordingError, unknown
+from allegro_twin.recording.arrow_reader import Stream, numpy_of, stream_in, stream_of
+from allegro_twin.recording.format import SHARED
+from allegro_twin.recording.journal import Kind, event_of
+from allegro_twin.recording.spec_json import spec_from_json
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recording in memory."""
+
+    path: Path
+    meta: Mapping[str, Any]
+    columns: Mapping[str, Array]
+    """By name, one row a period: (k,) or (k, width). Units are in the file's schema."""
+    complete: bool
+    """Its end was written: the process that made it was not killed."""
+
+    def __len__(self) -> int:
+        return len(self.columns["t"])
+
+    @property
+    def period(self) -> float:
+        return float(self.meta["period"])
+
+    @property
+    def spec(self) -> HandSpec:
+        return spec_from_json(self.meta["hand"])
+
+
+class Track(NamedTuple):
+    """One of several in a file."""
+
+    content: bytes
+    journal: bool
+    """Of events; otherwise of a device's samples."""
+    rows: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """A recording of a cell: devices, and journals of what happened."""
+
+    path: Path
+    meta: Mapping[str, Any]
+    tracks: Mapping[str, Track]
+    complete: bool
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """Tracks that `device` has; of what was killed before its first batch there is none."""
+        return tuple(name for name, track in self.tracks.items() if not track.journal and track.rows)
+
+    def device(self, name: str) -> Recording:
+        """A device's samples, as a recording of its own. Raises RecordingError."""
+        if name not in self.devices:
+            raise RecordingError(f"{self.path}: {unknown('track of a device', name, self.devices)}")
+        return _recording(self.path, self._stream(name), self.complete, f"{self.path}, track {name},")
+
+    def events(self, name: str) -> list[dict[str, Any]]:
+        """Those of a journal, oldest first; none where the file has no such journal. Raises RecordingError."""
+        if name not in self.tracks:
+            return []
+        stream = self._stream(name)
+        fields = cast(Mapping[str, Kind], stream.meta["fields"])
+        return [event_of(row, fields) for row in stream.table.to_pylist()]
+
+    def _stream(self, name: str) -> Stream:
+        return stream_of(self.tracks[name].content, f"{self.path}, track {name},")
+
+
+def load(path: Path, *, partial: bool = False, track: str | None = None) -> Recording:
+    """Read a recording, or a track of one that has several. Raises RecordingError for a file that is none, or, unless
+    `partial`, for one that was cut in the middle of a batch; the error says how many rows can be read."""
+    stream = stream_in(path)
+    if stream.meta["version"] == SHARED:
+        found = _tracks(path, stream, partial=partial)
+        if track is None:
+            raise RecordingError(f"{path} is of a whole cell: say which track of it, {' or '.join(found.devices)}")
+        return found.device(track)
+    if track is not None:
+        raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
+    if stream.cut and not partial:
+        raise _short(path, stream, "whole rows")
+    return _recording(path, stream, stream.ended, str(path))
+
+
+def load_tracks(path: Path, *, partial: bool = False) -> Tracks:
+    """Read a recording of a cell. Raises RecordingError, as `load`."""
+    stream = stream_in(path)
+    if stream.meta["version"] != SHARED:
+        raise RecordingError(f"{path} is of one device, not of a cell")
+    return _tracks(path, stream, partial=partial)
+
+
+def is_shared(path: Path) -> bool:
+    """Whether a file is of a cell. Raises RecordingError for one that is no recording."""
+    return bool(stream_in(path).meta["version"] == SHARED)
+
+
+def _tracks(path: Path, stream: Stream, *, partial: bool) -> Tracks:
+    if stream.cut and not partial:
+        raise _short(path, stream, "whole batches")
+    found: dict[str, Track] = {}
+    for name in pc.unique(stream.table.column("track")).to_pylist():
+        rows = stream.table.filter(pc.equal(stream.table.column("track"), name))
+        content = b"".join(rows.column("data").to_pylist())
+        inner = stream_of(content, f"{path}, track {name},")
+        found[name] = Track(content, "fields" in inner.meta, inner.table.num_rows)
+    return Tracks(path, stream.meta, found, stream.ended)
+
+
+def _recording(path: Path, stream: Stream, complete: bool, name: str) -> Recording:
+    if stream.table.num_rows == 0:
+        raise RecordingError(f"{name} has no rows: nothing was recorded before the process ended")
+    columns = {each: numpy_of(stream.table.column(each)) for each in stream.table.column_names}
+    return Recording(path, stream.meta, columns, complete=complete)
+
+
+def _short(path: Path, stream: Stream, what: str) -> RecordingError:
+    return RecordingError(
+        f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view` "
+        "and `export` pass --partial to use them; a config says `partial: true`"
+    )

@@ -1,0 +1,149 @@
+"""A hand on a gantry that can be anywhere, beside an object where it stands: what touches what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.parts import parts_of
+from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+Indices = NDArray[np.int_]
+
+
+class Meetings(NamedTuple):
+    """Where hand and object are in contact, a row each: their geometry, without what it takes to have forces."""
+
+    points: Array
+    """(k, 3), m, world."""
+    normals: Array
+    """Into the object, (k, 3)."""
+    part: Indices
+    """Which finger, or the palm, (k,)."""
+    depth: Array
+    """How deep, (k,), m."""
+
+
+class Workbench:
+    """One model for every pose of the palm: its wrist's coordinates are the pose."""
+
+    def __init__(self, spec: HandSpec, around: Stage) -> None:
+        around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
+        self.spec, self.thing = spec, around.things[0]
+        self.model = model = compile_scene(spec, around)
+        self.data, self.scratch = mujoco.MjData(model), mujoco.MjData(model)
+        """What is placed here, and room for a state from elsewhere."""
+        self.name = self.thing.thing.name
+        self.body = int(model.body(self.name).id)
+        self._posed = Posed(spec, model)
+        self.motors = self._posed.motors
+        """Of every joint that moves the motor that moves it, (joints,)."""
+        self._wrist = [int(model.joint(name).qposadr[0]) for name in wrist.JOINTS]
+        self.part = parts_of(model, spec)[model.geom_bodyid]
+        """Which part of the hand each geom belongs to; -1: none."""
+        self._carry = _carrying(model, self._posed.joints)
+        self._of_object = model.geom_bodyid == self.body
+        self._hand = np.flatnonzero((self.part >= 0) & ((model.geom_contype | model.geom_conaffinity) != 0))
+
+    @property
+    def placed(self) -> Placement:
+        """The object where it stands."""
+        return self.thing
+
+    @property
+    def mass(self) -> float:
+        """Of the object, kg."""
+        return float(self.model.body_mass[self.body])
+
+    @property
+    def centre(self) -> Array:
+        """Its centre of mass, world, (3,), m."""
+        centre: Array = self.data.xipos[self.body].copy()
+        return centre
+
+    def place(self, position: Array, rotation: Array, posture: Vector) -> None:
+        """Put the palm somewhere, the fingers in a posture (n,), rad, and find what touches."""
+        self._move(position, rotation, posture)
+        self._collide()
+
+    def place_each(self, position: Array, rotation: Array, motors: Vector) -> None:
+        """The same with every joint where its motor would have it at `motors`, (joints,), rad."""
+        self._posed.each(motors, self.data.qpos)
+        self._carried_to(position, rotation)
+        self._collide()
+
+    def lowest(self, position: Array, rotation: Array, posture: Vector) -> float:
+        """Height of the hand's lowest point, by the bounding boxes of its shapes, m."""
+        self._move(position, rotation, posture)
+        data, box = self.data, self.model.geom_aabb[self._hand]
+        turn = data.geom_xmat[self._hand].reshape(-1, 3, 3)[:, 2]
+        centre = data.geom_xpos[self._hand, 2] + np.sum(turn * box[:, :3], axis=1)
+        return float((centre - np.sum(np.abs(turn) * box[:, 3:], axis=1)).min())
+
+    def _move(self, position: Array, rotation: Array, posture: Vector) -> None:
+        self._posed(posture, self.data.qpos)
+        self._carried_to(position, rotation)
+
+    def _carried_to(self, position: Array, rotation: Array) -> None:
+        self.data.qpos[self._wrist] = coordinates(position, rotation)
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def _collide(self) -> None:
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_collision(self.model, self.data)
+
+    def meets_anything(self) -> bool:
+        """Whether the hand touches the object, or what it stands on."""
+        return bool(self._pairs()[2].any())
+
+    def stopped(self) -> NDArray[np.bool_]:
+        """The joints that carry something of the hand that touches something else, (joints,)."""
+        first, second, foreign = self._pairs()
+        hand = np.where(self.part[first] >= 0, first, second)[foreign]
+        return np.asarray(self._carry[hand].any(axis=0))
+
+    def meets_table(self) -> bool:
+        """Whether the hand touches what stands still."""
+        first, second, foreign = self._pairs()
+        other = np.where(self.part[first] >= 0, second, first)[foreign]
+        return bool((~self._of_object[other]).any())
+
+    def touch(self, data: mujoco.MjData | None = None) -> Meetings:
+        """Where hand and object touch; of another state of the same model, if one is given."""
+        contact = (self.data if data is None else data).contact
+        first, second = contact.geom[:, 0], contact.geom[:, 1]
+        at_second = self._of_object[second] & (self.part[first] >= 0)
+        mine = at_second | (self._of_object[first] & (self.part[second] >= 0))
+        sign = np.where(at_second, 1.0, -1.0)[mine, None]
+        hand = np.where(at_second, first, second)[mine]
+        return Meetings(contact.pos[mine], sign * contact.frame[mine, :3], self.part[hand], -contact.dist[mine])
+
+    def _pairs(self) -> tuple[Indices, Indices, NDArray[np.bool_]]:
+        geoms = self.data.contact.geom
+        first, second = geoms[:, 0], geoms[:, 1]
+        return first, second, (self.part[first] >= 0) != (self.part[second] >= 0)
+
+
+def coordinates(position: Array, rotation: Array) -> Array:
+    """The wrist's six coordinates of a palm: slides, then the angles of R = Rx(a) Ry(b) Rz(c)."""
+    b = np.arcsin(np.clip(rotation[0, 2], -1.0, 1.0))
+    a, c = np.arctan2(-rotation[1, 2], rotation[2, 2]), np.arctan2(-rotation[0, 1], rotation[0, 0])
+    return np.array([*position, a, b, c])
+
+
+def _carrying(model: mujoco.MjModel, joints: list[int]) -> NDArray[np.bool_]:
+    """Which of some joints carry each geom, (geoms, joints)."""
+    found = np.zeros((model.nbody, len(joints)), dtype=bool)
+    for body in range(1, model.nbody):  # Parents come first.
+        found[body] = found[model.body_parentid[body]] | (model.jnt_bodyid[joints] == body)
+    carried: NDArray[np.bool_] = found[model.geom_bodyid]
+    return carried

@@ -1,0 +1,171 @@
+"""What arm and hand come near to on their way: the table, the thing that was seen, each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from allegro_twin.sim.model.arm_with_hand import Mounted
+from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.objects.catalogue import Placement, Thing, orientation
+from allegro_twin.spec.arm import ArmSpec
+from allegro_twin.types import Array, Vector
+
+NEAR = 0.005
+"""m: what comes nearer is in the way. OWN: what follows a far way lags behind it by millimetres."""
+_GIVES = 0.001  # m. What is near at the beginning of a way, or where it leads, may be so on it.
+_THING, _TABLE = "seen", "table"
+OTHERS = 8
+"""So many other objects may be kept clear of."""
+_CLEAR = 0.015  # m. Around another object, whose far side nobody has seen.
+_OTHER = "another object"
+_SHAPES = {
+    "sphere": (mujoco.mjtGeom.mjGEOM_SPHERE, (0,)),
+    "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (0, 2)),
+    "lying ellipsoid": (mujoco.mjtGeom.mjGEOM_ELLIPSOID, (0, 1, 2)),
+}
+"""The geom of a kind of body, and which of its half extents are its sizes; of any other kind it is the box around."""
+
+
+class Met(NamedTuple):
+    """What comes too near."""
+
+    part: str
+    """A body of the arm or the hand."""
+    other: str
+    """`the table`, `the thing`, `another object`, or another body of theirs."""
+    distance: float
+    """m; negative where they would be in each other."""
+
+    def __str__(self) -> str:
+        near = f"{1e3 * self.distance:.0f} mm from" if self.distance > 0.0 else f"{-1e3 * self.distance:.0f} mm deep in"
+        return f"{self.part} would be {near} {self.other}"
+
+
+class Apart:
+    """Arm, hand, table, one thing and other objects, posed and never stepped; for one thread."""
+
+    def __init__(self, arm: ArmSpec, mounted: Mounted, base: Array) -> None:
+        names = [_THING, *(f"{_OTHER} {k}" for k in range(OTHERS))]
+        placed = [Placement(Thing(name, "box", (0.01, 0.01, 0.01), 0.01), _out(k), (1.0, 0.0, 0.0, 0.0))
+                  for k, name in enumerate(names)]  # fmt: skip
+        stage = Stage(base, np.array([1.0, 0.0, 0.0, 0.0]), things=placed, table=True)
+        model = compile_scene(arm, stage, mounted)
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # Its boxes are of the sizes at compile time.
+        self._model, self._data = model, mujoco.MjData(model)
+        self._arm, self._hand = Posed(arm, model), Posed(mounted.hand, model)
+        self._thing, self._table = model.geom(_THING).id, model.geom(_TABLE).id
+        self._place = int(model.joint(_THING).qposadr[0])
+        self._others = [model.geom(name).id for name in names[1:]]
+        self._places = [int(model.joint(name).qposadr[0]) for name in names[1:]]
+        seen = [self._thing, self._table, *self._others]
+        model.geom_margin[seen] = NEAR
+        model.body_margin[model.geom_bodyid[seen]] = NEAR
+        self.crowded = False
+        """Whether other objects stand on the table."""
+        self._of_hand = _below(model, model.body("palm_link").id)
+        self._moves = _below(model, model.body(f"{arm.name}_link1").id)
+
+    def nothing(self) -> None:
+        """From now on the table is empty."""
+        self._data.qpos[self._place : self._place + 3] = _out(0)
+        self.beside(())
+
+    def beside(self, boxes: Sequence[tuple[Array, Array]]) -> None:
+        """From now on these other objects stand on the table, at most `OTHERS`: the middle and the extents of the
+        upright box around each, (3,) each, m."""
+        self.crowded = len(boxes) > 0
+        for k, (number, place) in enumerate(zip(self._others, self._places, strict=True)):
+            self._data.qpos[place : place + 3] = boxes[k][0] if k < len(boxes) else _out(k + 1)
+            if k < len(boxes):
+                half = boxes[k][1] / 2.0 + np.array([_CLEAR, _CLEAR, 0.0])
+                self._model.geom_size[number] = half
+                self._model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
+                self._model.geom_rbound[number] = float(np.linalg.norm(half))
+
+    def see(self, kind: str, extents: Sequence[float], position: Array, yaw: float) -> None:
+        """From now on this stands on the table: a shape, with `lying` before it where its axis is level; how far it
+        extends in two level directions and upwards, m; its middle, (3,), m; its turn about the vertical, rad."""
+        shape, which = _SHAPES.get(kind, (mujoco.mjtGeom.mjGEOM_BOX, (0, 1, 2)))
+        half, place = np.array(extents) / 2.0, self._data.qpos[self._place : self._place + 7]
+        model, number = self._model, self._thing
+        model.geom_type[number] = shape
+        model.geom_size[number] = [*half[list(which)], 0.0, 0.0][:3]
+        model.geom_aabb[number] = [0.0, 0.0, 0.0, *half]
+        model.geom_rbound[number] = float(np.linalg.norm(half))
+        place[:3], place[3:] = position, orientation("z", yaw)
+
+    def on_way(self, arm: Array, hand: Array) -> Met | None:
+        """The first that comes too near on postures of both, (k, n) each, rad: nearer than in the first, and than in
+        the last, where nothing may touch."""
+        first, last = self._near(arm[0], hand[0]), self._near(arm[-1], hand[-1])
+        for one, other in zip(arm[1:], hand[1:], strict=True):
+            for pair, distance in self._near(one, other).items():
+                if pair[1] == _OTHER:
+                    return Met(*pair, distance)
+                end = max(last.get(pair, np.inf) - _GIVES, 0.0)
+                if distance < min(_least(pair), first.get(pair, np.inf) - _GIVES, end):
+                    return Met(*pair, distance)
+        return None
+
+    def of_others(self, arm: Array, hand: Array) -> Met | None:
+        """The first of arm and hand that comes too near to another object in postures of both, (k, n) each, rad."""
+        for one, other in zip(arm, hand, strict=True):
+            for pair, distance in self._near(one, other).items():
+                if pair[1] == _OTHER:
+                    return Met(*pair, distance)
+        return None
+
+    def of_arm(self, arm: Vector, hand: Vector) -> Met | None:
+        """What of the arm itself is too near to table or thing in a posture, where the hand may touch both."""
+        for (part, other), distance in self._near(arm, hand).items():
+            body = self._model.body(part).id
+            if other.startswith("the ") and not self._of_hand[body] and distance < NEAR:
+                return Met(part, other, distance)
+        return None
+
+    def _near(self, arm: Vector, hand: Vector) -> dict[tuple[str, str], float]:
+        """Who is nearer than `NEAR`, or in each other, by names; m."""
+        model, data = self._model, self._data
+        self._arm(arm, data.qpos)
+        self._hand(hand, data.qpos)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        found: dict[tuple[str, str], float] = {}
+        for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist.tolist(), strict=True):
+            pair = self._pair(*geoms)
+            if pair is not None:
+                found[pair] = min(found.get(pair, np.inf), distance)
+        return found
+
+    def _pair(self, one: int, other: int) -> tuple[str, str] | None:
+        outside = {self._thing: "the thing", self._table: "the table"} | dict.fromkeys(self._others, _OTHER)
+        one, other = (other, one) if one in outside else (one, other)
+        part, second = (int(self._model.geom_bodyid[geom]) for geom in (one, other))
+        if one in outside or not self._moves[part] or (self._of_hand[part] and self._of_hand[second]):
+            return None
+        return self._model.body(part).name, outside.get(other) or self._model.body(second).name
+
+
+def _out(k: int) -> tuple[float, float, float]:
+    """A place far from everything, m: nothing was seen."""
+    return 5.0 + k, 5.0, 5.0
+
+
+def _least(pair: tuple[str, str]) -> float:
+    """How near two may be, m: links of the same device may touch."""
+    return NEAR if pair[1].startswith("the ") else 0.0
+
+
+def _below(model: mujoco.MjModel, root: int) -> Array:
+    """Which bodies hang on one, itself among them, (bodies,)."""
+    found = np.zeros(model.nbody, np.bool_)
+    found[root] = True
+    for body in range(root + 1, model.nbody):  # Parents come first.
+        found[body] |= found[model.body_parentid[body]]
+    return found

@@ -1,0 +1,61 @@
+"""Backlash between a motor and its link: a second joint on the first one's axis, with play between two stops.
+
+    A q̈ = k u − B q̇ − friction − τ,    τ = the links' inverse dynamics at q + p,    |p| ≤ backlash / 2
+
+What turns with the motor (armature A, damping B, friction) stays at the first joint, q; p is the play, in which nothing
+but grease holds the link, and τ is what the stops pass on. The encoder sees the link: q + p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import HandSpec
+from allegro_twin.spec.drivetrain import Drive
+from allegro_twin.types import Vector, frozen
+
+SMALLEST = 1e-4
+"""rad: what a joint without any has in a model that has backlash. Less than the noise of most encoders."""
+_GREASE, _TEETH = 1e-4, 0.001  # N·m·s/rad between the teeth; s, how soft they are: twice a step of 0.5 ms.
+
+
+def add(hand: mujoco.MjSpec, joint: str, backlash: float) -> None:
+    """A play of so many rad, both ways together."""
+    first = hand.joint(joint)
+    play = first.parent.add_joint(name=name_of(joint), pos=first.pos, axis=first.axis)
+    play.limited, play.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-backlash / 2.0, backlash / 2.0]
+    play.damping, play.solref_limit = [_GREASE, 0, 0], [_TEETH, 1.0]
+
+
+def name_of(joint: str) -> str:
+    return f"{joint}_play"
+
+
+def tune(model: mujoco.MjModel, plays: NDArray[np.int_], backlash: Vector) -> None:
+    """Set it, rad, at some plays of a compiled model."""
+    half = np.maximum(backlash, SMALLEST) / 2.0
+    model.jnt_range[plays] = np.stack([-half, half], axis=1)
+
+
+def able(spec: HandSpec, joints: Sequence[int]) -> HandSpec:
+    """The same hand, some of whose joints can come loose while it moves: they have a play of SMALLEST until then."""
+    drive = spec.drive or Drive.made({}, spec.n_joints)
+    play = drive.backlash.copy()
+    play[list(joints)] = np.maximum(play[list(joints)], SMALLEST)
+    return replace(spec, drive=replace(drive, backlash=frozen(play)))
+
+
+def loosen(model: mujoco.MjModel, joint: str, backlash: float) -> None:
+    """Give a joint so many rad of play. Raises ConfigError where the model has none to grow."""
+    play = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name_of(joint))
+    if play < 0:
+        raise ConfigError(
+            f"{joint} cannot come loose in this model: its drive.backlash must be at least {SMALLEST:g} rad"
+        )
+    tune(model, np.array([play]), np.array([backlash]))

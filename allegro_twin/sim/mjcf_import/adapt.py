@@ -1,0 +1,178 @@
+"""Somebody else's MJCF of the hand, put under our names: joints, tips and torque motors."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.kinematics.orientation import conjugate, matrix_from_quaternion, product
+from allegro_twin.sim.drivetrain import lugre_friction
+from allegro_twin.spec import ForeignModel, HandSpec
+from allegro_twin.types import Array
+
+_FETCHED = {"wonik_allegro": "robot_descriptions.allegro_hand_mj_description"}
+"""Folders that robot_descriptions has, and in which of its modules; it fetches them at the first import."""
+
+
+def located(spec: HandSpec) -> Path:
+    """The file of a foreign model: where its map says, else from robot_descriptions, which fetches MuJoCo Menagerie
+    once and keeps it. Raises ConfigError with both ways."""
+    assert spec.foreign is not None
+    path = Path(spec.foreign.mjcf)
+    if path.is_file():
+        return path
+    ways = f"set `mjcf` in its file to your copy (docs/models.md); hand {spec.serial}: no MJCF at {path}"
+    if path.parent.name not in _FETCHED:
+        raise ConfigError(ways)
+    try:
+        from git import GitError
+
+        folder = Path(_fetched(_FETCHED[path.parent.name], GitError))
+    except ImportError as error:
+        raise ConfigError(f"pip install 'allegro-twin[menagerie]' fetches it, or {ways} ({error})") from error
+    if not (folder / path.name).is_file():
+        raise ConfigError(f"robot_descriptions has no {path.name} in {folder}; {ways}")
+    return folder / path.name
+
+
+def _fetched(module: str, git_error: type[Exception]) -> str:
+    try:
+        return str(importlib.import_module(module).PACKAGE_PATH)
+    except git_error as error:
+        text = " ".join(str(error).split())[:200]
+        raise ConfigError(f"robot_descriptions could not fetch Menagerie: {text}; set `mjcf` to a copy") from error
+
+
+def read(file: Path) -> mujoco.MjSpec:
+    """With its angles in radians, as all that is edited into it. Raises ConfigError."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(file))
+    except ValueError as error:
+        raise ConfigError(f"{file}: not a readable MJCF: {str(error).strip().splitlines()[0]}") from error
+    if spec.compiler.degree:
+        _to_radians(spec)
+    return spec
+
+
+def _to_radians(spec: mujoco.MjSpec) -> None:
+    for joint in spec.joints:
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_BALL):
+            joint.range = np.radians(joint.range)
+            joint.ref, joint.springref = np.radians(joint.ref), np.radians(joint.springref)
+    turned = [
+        element.alt for kind in ("bodies", "geoms", "sites", "cameras", "frames") for element in getattr(spec, kind)
+    ]
+    for alt in [*turned, *(body.ialt for body in spec.bodies)]:
+        if alt.type == mujoco.mjtOrientation.mjORIENTATION_EULER:
+            alt.euler = np.radians(alt.euler)
+        if alt.type == mujoco.mjtOrientation.mjORIENTATION_AXISANGLE:
+            alt.axisangle = np.append(alt.axisangle[:3], np.radians(alt.axisangle[3]))
+    spec.compiler.degree = False
+
+
+def mounted(theirs: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> mujoco.MjSpec:
+    """Their hand with its palm in our axes, their actuators under our names, a site and a contact sensor at each tip.
+
+    Raises ConfigError with the nearest name when the card names something that the file does not have.
+    """
+    root = _get(theirs.bodies, foreign.root, "body", foreign.mjcf)
+    if root.parent != theirs.worldbody:
+        raise ConfigError(f"{foreign.mjcf}: root {foreign.root} hangs on {root.parent.name}; take that, or cut it free")
+    if list(root.joints):
+        raise ConfigError(f"{foreign.mjcf}: root {foreign.root} has a joint ({root.joints[0].name}): a palm is held")
+    for element in (*theirs.worldbody.geoms, *theirs.worldbody.lights, *theirs.worldbody.cameras, *theirs.keys):
+        theirs.delete(element)
+    for other in theirs.worldbody.bodies:
+        if other != root:
+            theirs.delete(other)
+    for name, ours in zip(foreign.joints, spec.joints, strict=True):
+        _get(theirs.actuators, name, "actuator", foreign.mjcf).name = ours
+    mute = [each.name for each in theirs.actuators if lugre_friction.alone(each.gaintype, each.gainprm)]
+    if extra := [each.name for each in theirs.actuators if each.name not in (*spec.joints, *mute)]:
+        raise ConfigError(f"{foreign.mjcf}: nobody drives {extra[0]}: the card's `driven` leaves it out")
+    for follower in spec.followers:
+        _get(theirs.joints, follower.name, "joint", foreign.mjcf)
+    root.name = "palm_link"
+    _follow(theirs, {foreign.root: "palm_link"})
+    if foreign.palm is not None:
+        _turn(root, conjugate(foreign.palm))
+    _add_tips(theirs, spec, foreign)
+    return theirs
+
+
+def _turn(root: mujoco.MjsBody, turn: Array) -> None:
+    """Everything in a body by a quaternion, so that the body's own frame is another."""
+    frame = root.add_frame(quat=turn)
+    for element in (*root.bodies, *root.geoms, *root.sites, *root.cameras, *root.lights):
+        outer = element
+        while outer.frame is not None:
+            outer = outer.frame
+        if outer != frame:
+            outer.set_frame(frame)
+    if root.explicitinertial:
+        matrix = matrix_from_quaternion(turn)
+        root.ipos = matrix @ root.ipos
+        if np.isfinite(root.fullinertia).all() and root.fullinertia.any():
+            xx, yy, zz, xy, xz, yz = root.fullinertia
+            tensor = matrix @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ matrix.T
+            root.fullinertia = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        else:
+            root.iquat = product(turn, root.iquat)
+
+
+def adopt(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
+    """Rename its root and joints, replace its actuators by torque motors, add a site at each fingertip.
+
+    Raises ConfigError with the nearest name when the map names something that the file does not have.
+    """
+    renamed = {foreign.root: "palm_link"} | dict(zip(foreign.joints, spec.joints, strict=True))
+    _get(hand.bodies, foreign.root, "body", foreign.mjcf).name = "palm_link"
+    for actuator in list(hand.actuators):
+        hand.delete(actuator)
+    for theirs, ours in zip(foreign.joints, spec.joints, strict=True):
+        joint = _get(hand.joints, theirs, "joint", foreign.mjcf)
+        joint.name = ours
+        motor = hand.add_actuator(name=ours, target=ours, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+    _follow(hand, renamed)
+    _add_tips(hand, spec, foreign)
+
+
+def _add_tips(hand: mujoco.MjSpec, spec: HandSpec, foreign: ForeignModel) -> None:
+    """A site and a contact sensor at each fingertip that has none."""
+    for finger in spec.fingers:
+        body_name, offset = foreign.tips[finger.name]
+        body = _get(hand.bodies, body_name, "body", foreign.mjcf)
+        if not any(site.name == finger.tip for site in hand.sites):
+            body.add_site(name=finger.tip, pos=offset)
+        name = f"{finger.name}_touch"
+        if not any(sensor.name == name for sensor in hand.sensors):
+            sensor = hand.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
+            sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_UNKNOWN, ""
+            sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body_name
+            sensor.intprm = [0b11, 3, 1]  # found and force; net force; one slot.
+
+
+def _follow(hand: mujoco.MjSpec, renamed: dict[str, str]) -> None:
+    """What names a renamed element keeps naming it: MjSpec holds such references as text."""
+    for elements, attributes in (
+        (hand.excludes, ("bodyname1", "bodyname2")),
+        (hand.equalities, ("name1", "name2")),
+        (hand.sensors, ("objname", "refname")),
+    ):
+        for element in elements:
+            for attribute in attributes:
+                name = getattr(element, attribute)
+                if name in renamed:
+                    setattr(element, attribute, renamed[name])
+
+
+def _get(elements: list[mujoco.MjsBody], name: str, kind: str, path: str) -> mujoco.MjsBody:
+    for element in elements:
+        if element.name == name:
+            return element
+    raise ConfigError(f"{path}: {unknown(kind, name, [e.name for e in elements])}")

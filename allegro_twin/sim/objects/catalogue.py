@@ -1,0 +1,209 @@
+"""Things to grasp: the YCB table, primitives, and the user's own meshes and MJCF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import mujoco
+import numpy as np
+
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.assets import data_root, read_yaml
+from allegro_twin.kinematics.orientation import turned_by
+from allegro_twin.sim.objects import textures
+from allegro_twin.sim.objects.convex_decomposition import pieces_of
+from allegro_twin.sim.objects.meshes import Mesh, load_hull, load_mesh
+from allegro_twin.types import Array, Vector
+
+Collision: TypeAlias = Literal["pieces", "hull"]
+Shape: TypeAlias = Literal["sphere", "cylinder", "box", "ellipsoid", "mesh", "mjcf"]
+N_SIZES: dict[str, int] = {"sphere": 1, "cylinder": 2, "box": 3, "ellipsoid": 2}
+_ANY, _STANDING, _CUT = 1, 2, 4
+"""Bits of who touches whom: everything, a cut solid's hull with the table, and its pieces with those of another."""
+_PRIMITIVES: dict[Shape, mujoco.mjtGeom] = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+}
+_POINT = 1e-5
+"""m: half the size of a geom that stands in for a shape that a thing has not."""
+_UP = {"x": (0.5, -0.5, -0.5, -0.5), "y": (0.5, 0.5, 0.5, 0.5), "z": (1.0, 0.0, 0.0, 0.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class Thing:
+    """One rigid object. Its frame sits at the middle of its shape."""
+
+    name: str
+    shape: Shape
+    size: tuple[float, ...]
+    """m. Sphere: diameter. Cylinder: diameter, height. Box: edges. Ellipsoid: short and long (along x) diameter."""
+    mass: float
+    """kg. NaN for an MJCF, which brings its own."""
+    file: Path | None = None
+    """For `mesh` and `mjcf`."""
+    scale: float = 1.0
+    """Of a mesh: file units to m."""
+    collision: Collision = "pieces"
+    """How a mesh collides: as what it is, in convex pieces, or as its hull."""
+
+    stretch: float = 1.0
+    """Of a mesh: how much larger this one is. It is cut into pieces as it was before."""
+
+    def half_extents(self) -> Array:
+        """Half-sizes of the bounding box in the object's own axes, shape (3,), m. Not for files."""
+        match self.shape, self.size:
+            case "sphere", (d,):
+                return np.full(3, d / 2)
+            case "cylinder", (d, h):
+                return np.array([d, d, h]) / 2
+            case "ellipsoid", (short, long):
+                return np.array([long, short, short]) / 2
+            case "box", edges:
+                return np.array(edges) / 2
+            case "mesh", _:
+                return self.mesh().extents / 2
+        raise ConfigError(f"object {self.name}: a {self.shape} has no size here; give its height with `at`")
+
+    def mesh(self) -> Mesh:
+        """Of a mesh: its surface, or its hull's. Raises ConfigError."""
+        return self._mesh().times(self.stretch)
+
+    def pieces(self) -> list[Mesh]:
+        """Of a mesh: the convex pieces that touch. Raises ConfigError."""
+        return [piece.times(self.stretch) for piece in pieces_of(self._mesh(), str(self.file))]
+
+    def _mesh(self) -> Mesh:
+        assert self.file is not None
+        return load_mesh(self.file, self.scale) if self.collision == "pieces" else load_hull(self.file, self.scale)
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A thing in the scene."""
+
+    thing: Thing
+    position: tuple[float, float, float]
+    """Of the middle of its shape, world, m."""
+    quaternion: tuple[float, float, float, float]
+    """w, x, y, z."""
+
+
+def orientation(up: str, yaw: float) -> Vector:
+    """The quaternion that points the object's own axis `up` at the sky and then turns it by `yaw` (rad) about it."""
+    return turned_by(_UP[up], (0.0, 0.0, yaw))
+
+
+def catalogue() -> dict[str, Thing]:
+    """The objects that ship with the package, by name (conf/objects/*.yaml; sizes there in mm, masses in g)."""
+    files = sorted((data_root() / "conf" / "objects").glob("*.yaml"))
+    return _read_all(tuple((path, path.stat().st_mtime_ns) for path in files))
+
+
+@lru_cache(maxsize=2)
+def _read_all(files: tuple[tuple[Path, int], ...]) -> dict[str, Thing]:
+    things = {}
+    for path, _ in files:  # What was edited since is read again.
+        for name, row in read_yaml(path).items():
+            things[name] = _thing(path, name, row)
+    return things
+
+
+def named(name: str) -> Thing:
+    """A thing from the catalogue. Raises ConfigError with the nearest names."""
+    if name not in catalogue():
+        raise ConfigError(unknown("object", name, catalogue()))
+    return catalogue()[name]
+
+
+def _thing(path: Path, name: str, row: dict[str, Any]) -> Thing:
+    shape, size, mass = row["shape"], tuple(value / 1000.0 for value in row["size"]), row["mass"] / 1000.0
+    if len(size) != N_SIZES[shape]:
+        raise ConfigError(f"{path}: {name}: a {shape} has {N_SIZES[shape]} sizes, not {len(size)}")
+    return Thing(name, shape, size, mass)
+
+
+def add(
+    spec: mujoco.MjSpec, placement: Placement, friction: tuple[float, float, float], *, every_shape: bool = False
+) -> None:
+    """Put a thing into the scene as a free body named after it. `friction`: sliding, torsional (m), rolling (m).
+
+    `every_shape`: with a geom for each primitive shape, in one order, so that scenes of different things have the same
+    layout. Those that the thing does not have are points in its middle, which nothing reaches.
+    """
+    thing = placement.thing
+    if thing.shape == "mjcf":
+        _attach(spec, placement)
+        return
+    body = spec.worldbody.add_body(name=thing.name, pos=placement.position, quat=placement.quaternion)
+    body.add_freejoint(name=thing.name)
+    look = {"friction": friction, "condim": 6, "mass": thing.mass, "name": thing.name} | textures.on(spec, thing.name)
+    if thing.shape == "mesh":
+        _add_mesh(spec, body, thing, look)
+        return
+    for shape, kind in _PRIMITIVES.items():
+        if shape == thing.shape:
+            body.add_geom(type=kind, size=_half_sizes(thing), **look)
+        elif every_shape:
+            body.add_geom(type=kind, size=[_POINT] * 3, **look | {"name": "", "mass": 0.0})
+    if thing.shape == "cylinder":
+        textures.handle(body, thing.name, thing.size[0] / 2)
+
+
+def _half_sizes(thing: Thing) -> Array:
+    """As a geom of its shape has them, (3,), m."""
+    half = thing.half_extents()
+    used = {"sphere": half[:1], "cylinder": half[1:]}.get(thing.shape, half)
+    return np.concatenate([used, np.zeros(3 - len(used))])
+
+
+def _add_mesh(spec: mujoco.MjSpec, body: mujoco.MjsBody, thing: Thing, look: dict[str, Any]) -> None:
+    """What is seen, and has the mass and the inertia of the solid; and the convex pieces that touch."""
+    mesh = thing.mesh()
+    kind = mujoco.mjtGeom.mjGEOM_MESH
+    made = spec.add_mesh(name=thing.name, uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
+    made.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    body.add_geom(type=kind, meshname=thing.name, contype=0, conaffinity=0, **look)
+    touch = {"type": kind, "mass": 0.0, "group": 3} | {key: look[key] for key in ("friction", "condim")}
+    pieces = thing.pieces()
+    table = spec.geom("table") if len(pieces) > 1 else None
+    if table is not None:
+        touch |= _stood(body, table, thing.name, touch)
+    for number, piece in enumerate(pieces):
+        name = f"{thing.name}/{number}"
+        spec.add_mesh(name=name, uservert=piece.vertices.ravel())
+        body.add_geom(name=name, meshname=name, **touch)
+
+
+def _stood(body: mujoco.MjsBody, table: mujoco.MjsGeom, name: str, touch: dict[str, Any]) -> dict[str, Any]:
+    """Let a body stand on the table by its hull alone, which touches a plane exactly where the solid does: dozens of
+    pieces would make a hundred contacts there. Returns what the pieces say of whom they touch."""
+    table.contype, table.conaffinity = _STANDING, _ANY | _STANDING
+    body.add_geom(name=f"{name}/standing", meshname=name, contype=_STANDING, conaffinity=0, **touch)
+    return {"contype": _CUT, "conaffinity": _ANY | _CUT}
+
+
+def _attach(spec: mujoco.MjSpec, placement: Placement) -> None:
+    thing = placement.thing
+    try:
+        child = mujoco.MjSpec.from_file(str(thing.file))
+    except (ValueError, OSError) as error:
+        raise ConfigError(f"object {thing.name}: {thing.file}: not a readable MJCF: {_first_line(error)}") from error
+    roots = child.worldbody.bodies
+    if len(roots) != 1:
+        raise ConfigError(f"object {thing.name}: {thing.file}: must hold one body in its world, not {len(roots)}")
+    frame = spec.worldbody.add_frame(pos=placement.position, quat=placement.quaternion)
+    body = frame.attach_body(roots[0], f"{thing.name}/", "")
+    for joint in list(body.joints):
+        spec.delete(joint)
+    body.name = thing.name
+    body.pos, body.quat = [0, 0, 0], [1, 0, 0, 0]
+    body.add_freejoint(name=thing.name)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,0 +1,1 @@
+"""Recorded commands played through a model of the drive, without feedback."""

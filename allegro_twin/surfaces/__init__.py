@@ -1,0 +1,1 @@
+"""Surfaces: the ways in for people and programs: Python, command line, browser, ROS, teleoperation."""

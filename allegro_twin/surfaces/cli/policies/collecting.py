@@ -1,0 +1,92 @@
+"""The command that keeps episodes of an environment as a data set."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.surfaces.cli import complete, options
+
+if TYPE_CHECKING:
+    from allegro_twin.learning.policy.controller import Policy
+    from allegro_twin.learning.training.settings import Recipe
+
+NOTHING = "nothing"
+
+
+class Formats(StrEnum):
+    lerobot = "lerobot"
+    minari = "minari"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this command to the command line."""
+    app.command()(collect)
+
+
+def collect(
+    task: Annotated[str, typer.Argument(help="A task, or a recipe by path or name.", autocompletion=complete.recipes)],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            help="A new folder; Minari's ends in a version, as in ~/.minari/datasets/hand/lift-v0.",
+            callback=options.folder,
+        ),
+    ],
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="Who acts: a policy file; or nothing, which is the script.", autocompletion=complete.policies
+        ),
+    ] = NOTHING,
+    format: Annotated[Formats, typer.Option(help="Whose layout.")] = Formats.lerobot,
+    hand: options.TrainedHand = None,
+    side: Annotated[str | None, typer.Option(help="right or left; default: the recipe's.")] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="How many.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first; the next has one more.")] = 0,
+    only: Annotated[bool, typer.Option("--only-success", help="Keep those that ended well.")] = False,
+) -> None:
+    """Keep episodes of an environment as a data set of LeRobot or Minari, with rewards and success."""
+    from allegro_twin.errors import ConfigError
+    from allegro_twin.learning.environments.collect import collected
+    from allegro_twin.learning.training.evaluation import keywords
+    from allegro_twin.learning.training.settings import load_recipe
+    from allegro_twin.recording.exchange.environment_episodes import to_lerobot, to_minari
+    from allegro_twin.surfaces.cli import console
+
+    if any(out.iterdir()):
+        raise ConfigError(f"{out}: has files; a data set is written into a new folder, as a whole")
+    recipe = load_recipe(task, hand=hand, side=side)
+    actor, period, robot = _actor(policy, recipe)
+    found = collected(actor, recipe.task, keywords(recipe.environment), episodes, seed=seed)
+    held = [episode for episode in found if episode.success[-1]]
+    kept = held if only else found
+    if not kept:
+        raise ConfigError(f"none of {episodes} episodes ended well: leave out --only-success, or take a policy")
+    if format is Formats.minari:
+        to_minari(kept, out, period)
+    else:
+        to_lerobot(kept, out, period, robot)
+    steps = sum(len(episode.action) for episode in kept)
+    said = f"{out}/: {len(kept)} episodes, {steps} steps; {len(held)} of {episodes} ended well"
+    console.console.print(said, soft_wrap=True, highlight=False)
+
+
+def _actor(policy: str, recipe: Recipe) -> tuple[Policy, float, str]:
+    """Who acts, how long a step is, s, and on which hand. Raises ConfigError."""
+    from allegro_twin.files.assets import find
+    from allegro_twin.learning.policy.controller import Still
+    from allegro_twin.learning.policy.loading import load_policy
+    from allegro_twin.learning.tasks import make_task
+    from allegro_twin.learning.training.evaluation import fitting
+
+    task = make_task(recipe.task, recipe.environment, 1, 1)
+    seconds, robot = task.interface.seconds, task.spec.name
+    if policy == NOTHING:
+        return Still(task.spec.n_joints), seconds, robot
+    loaded = load_policy(find(policy, "policy", "conf/policies", ".onnx"))
+    fitting(loaded.card, task.card())
+    return loaded.policy, seconds, robot

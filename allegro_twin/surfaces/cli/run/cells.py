@@ -1,0 +1,66 @@
+"""Looking at a whole cell: live, or its recording in Rerun or as a file of Rerun's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from allegro_twin.errors import ConfigError
+
+if TYPE_CHECKING:
+    from allegro_twin.cell.assembly import Room
+    from allegro_twin.viewing.rerun.cell import CellViewer
+
+
+def recording_in(path: Path) -> Path | None:
+    """A cell's recording: the file itself, or the one in a run's folder. None: it is something else."""
+    from allegro_twin.cell.journal.pictures import RECORDING
+    from allegro_twin.recording.reader import is_shared
+
+    if path.is_dir():
+        return path / RECORDING if (path / RECORDING).is_file() else None
+    return path if path.is_file() and is_shared(path) else None
+
+
+def show(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
+    """Play a cell's recording into a Rerun viewer. The viewer, whose page lives as long as it, and the page's
+    address."""
+    from allegro_twin.recording.events import happenings
+    from allegro_twin.recording.reader import load_tracks
+
+    recording = load_tracks(path, partial=partial)
+    viewer = _rerun().viewer_of(recording)
+    url = viewer.serve(open_browser=True, web_port=port) if web else ""
+    if not web:
+        viewer.spawn()
+    for happening in happenings(recording):
+        viewer.see(happening)
+    viewer.flush()
+    return viewer, url
+
+
+def to_rrd(path: Path, target: Path, *, partial: bool) -> int:
+    """Write a cell's recording for Rerun; how many happenings it has."""
+    from allegro_twin.recording.events import happenings
+    from allegro_twin.recording.reader import load_tracks
+
+    recording = load_tracks(path, partial=partial)
+    found = list(happenings(recording))
+    _rerun().write_cell(recording, found, target)
+    return len(found)
+
+
+def live(room: Room) -> CellViewer:
+    """A viewer for a cell that works now. Raises ConfigError without Rerun."""
+    from allegro_twin.cell.journal.shapes import cell_look
+
+    found: CellViewer = _rerun().CellViewer(cell_look(room), room.cell.spec, room.hand.spec, live=True)
+    return found
+
+
+def _rerun() -> Any:
+    try:
+        from allegro_twin.viewing.rerun import cell
+    except ImportError as error:
+        raise ConfigError(f"looking needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
+    return cell

@@ -1,0 +1,159 @@
+"""The lab's cell: see a thing, take it, lift it, and say whether it is held."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli import options
+from allegro_twin.surfaces.cli.surfaces.leading import bridged, lead
+
+if TYPE_CHECKING:
+    from allegro_twin.cell.assembly import Room
+    from allegro_twin.cell.journal.observers import Onlooker, Onlookers
+    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.run import Report, Stage
+    from allegro_twin.cell.states import Now
+
+_ROS_PICTURES = 5.0  # Hz, of what the camera sees, where nothing is said.
+_CODES = {"held": 0, "missed": 5, "refused": 5, "fault": 4}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the command line."""
+    app.command()(lab)
+
+
+def lab(
+    config: Annotated[Path, typer.Argument(help="Of a cell: conf/lab_allegro.yaml.")],
+    thing: Annotated[
+        str | None, typer.Option("--object", help="Of the catalogue, in place of the config's first.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the camera's and the force sensor's noise.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="A folder for pictures, and for a recording of everything.", callback=options.folder),
+    ] = None,
+    pictures: Annotated[
+        float, typer.Option(help="So many pictures of the camera a second are recorded, and shown, Hz; 0: none.")
+    ] = 0.0,
+    view: Annotated[bool, typer.Option(help="Watch it live in Rerun's own window.")] = False,
+    web: Annotated[bool, typer.Option(help="Watch it live in Rerun in the browser.")] = False,
+    ros: Annotated[bool, typer.Option("--ros", help="Put the cell on ROS 2, on this machine (docs/ros.md).")] = False,
+    namespace: Annotated[str, typer.Option(help="Of its topics, with --ros.")] = "/",
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Decide nothing: be led by --panel, or by target_frame with --ros.")
+    ] = False,
+    panel: Annotated[bool, typer.Option("--panel", help="Lead the palm by a marker in the browser.")] = False,
+    port: Annotated[int, typer.Option(help="Of that page.", callback=options.port)] = 8080,
+) -> None:
+    """An arm with a hand and a camera takes a thing off the table: every state with its time, and the verdict."""
+    from allegro_twin.cell.assembly import make_room
+    from allegro_twin.cell.journal.observers import Onlookers
+    from allegro_twin.cell.settings import LabSettings
+    from allegro_twin.files.assets import find
+    from allegro_twin.files.schema import load
+    from allegro_twin.surfaces.cli.console import console
+
+    settings = load(LabSettings, find(config, "config", "conf"))
+    first = settings.objects[0]
+    placed = (first.model_copy(update={"name": thing or first.name}), *settings.objects[1:])
+    settings = settings.model_copy(update={"objects": placed, "seed": settings.seed if seed is None else seed})
+    if follow and not (ros or panel):
+        raise ConfigError("--follow needs somebody who leads: say --panel, or --ros")
+    room = make_room(settings)
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(options.run_folder(out))
+        stack.callback(room.close)
+        onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        if view or web:
+            onlookers.append(_viewer(room, stack, web=web))
+        bridge = bridged(room, namespace, stack) if ros else None
+        if bridge is not None:
+            onlookers.append(bridge)
+        if follow or panel:
+            lead(room, (onlookers, lens), bridge, port if panel else 0, stack)
+            return
+        report = _performed(room, Onlookers(room, onlookers, lens), live=view or web or ros)
+    for line in told(report):
+        console.print(line, highlight=False, soft_wrap=True)
+    if out is not None:
+        console.print(f"In {out}/: pictures, and all of it in lab.arrow", soft_wrap=True)
+    raise typer.Exit(_CODES[report.end.word])
+
+
+def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) -> tuple[list[Onlooker], Lens | None]:
+    """Who looks on, and by which camera; `stack` lets go of them."""
+    from allegro_twin.cell.journal.pictures import RECORDING, Kept
+    from allegro_twin.cell.journal.recording import Recorded
+    from allegro_twin.cell.journal.second_camera import Lens
+
+    found: list[Onlooker] = []
+    lens = Lens(room, pictures) if pictures else None
+    if lens is not None:
+        stack.callback(lens.close)
+    if out is not None:
+        recorded, kept = Recorded(room, out / RECORDING), Kept(room, out)
+        stack.callback(recorded.close)
+        stack.callback(kept.close)
+        found += [recorded, kept]
+    return found, lens
+
+
+def _viewer(room: Room, stack: ExitStack, *, web: bool) -> Onlooker:
+    """Rerun, which shows what happens from now on."""
+    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.run import cells
+
+    viewer = cells.live(room)
+    stack.callback(viewer.close)
+    if web:
+        console.print(f"Open {viewer.serve()}", soft_wrap=True, highlight=False)
+    else:
+        viewer.spawn()
+    return viewer
+
+
+def _performed(room: Room, onlookers: Onlookers, *, live: bool) -> Report:
+    """`live`: no faster than real time."""
+    from allegro_twin.cell.run import perform
+    from allegro_twin.loop import paced
+    from allegro_twin.surfaces.cli.console import console
+
+    def entered(now: Now) -> None:
+        attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
+        console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
+        onlookers.entered(now)
+
+    arm: Stage = (lambda samples: paced(onlookers.arm(samples))) if live else onlookers.arm
+    return perform(room, arm=arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
+
+
+def told(report: Report) -> list[str]:
+    """What was seen, what the checks say, and the verdict."""
+    lines = []
+    if report.solid is not None:
+        size = " x ".join(f"{1e3 * edge:.0f}" for edge in report.solid.size)
+        lines.append(
+            f"seen: a {report.solid.shape} of {size} mm, {1e3 * report.error:.1f} mm off; grasp: {report.grasp}"
+        )
+    if report.checked is not None:
+        check = report.checked
+        lines.append(
+            f"weight {1e3 * check.weight:.0f} g: {_there(check.by_force)}; fingers stopped by {check.torque:.2f} N·m: "
+            f"{_there(check.by_torque)}; {check.between:.2f} N·m between them: {_there(check.by_fingers)}; camera: "
+            f"{_there(check.by_camera)}; in truth {report.thing} was lifted by {1e3 * report.lifted:.0f} mm"
+        )
+    lines += [f"another object, {name}, was moved by {1e3 * way:.0f} mm" for name, way in report.moved]
+    sentence = f"; {report.end.sentence}" if report.end.sentence else ""
+    return [*lines, f"{report.end}{sentence}"]
+
+
+def _there(held: bool | None) -> str:
+    if held is None:
+        return "cannot tell"
+    return "held" if held else "not held"

@@ -1,0 +1,70 @@
+"""A cell that is led from outside: by a marker in the browser, by programs on ROS 2."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from allegro_twin.errors import ConfigError
+
+if TYPE_CHECKING:
+    from allegro_twin.cell.assembly import Room
+    from allegro_twin.cell.journal.observers import Onlooker
+    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.recording.events import Happening
+    from allegro_twin.surfaces.ros.cell import CellBridge
+
+
+def bridged(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
+    """Put a cell on ROS 2. Raises ConfigError without Cyclone DDS."""
+    from allegro_twin.surfaces.cli.console import console
+    from allegro_twin.surfaces.cli.surfaces.ros import domain_of
+
+    domain = domain_of()
+    try:
+        from allegro_twin.surfaces.ros.cell import open_cell
+
+        bridge = stack.enter_context(open_cell(room, namespace=namespace, domain=domain))
+    except ImportError as error:
+        raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
+    console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
+    return bridge
+
+
+def lead(
+    room: Room, looking: tuple[list[Onlooker], Lens | None], bridge: CellBridge | None, port: int, stack: ExitStack
+) -> None:
+    """Until Ctrl-C: whoever moves the marker at a port, 0: none, or the target on ROS, is obeyed."""
+    from allegro_twin.cell.journal.observers import Onlookers
+    from allegro_twin.cell.remote.remote_control import Led, follow
+    from allegro_twin.surfaces.cli.console import console
+
+    led, (onlookers, lens) = Led(room), looking
+    if bridge is not None:
+        bridge.obeyed_by(led)
+    if port:
+        from allegro_twin.surfaces.panel.cell_host import CellHost
+        from allegro_twin.surfaces.panel.page_process import Pages
+
+        host = CellHost(led, Pages("127.0.0.1", port, "hold", cell=True))
+        stack.callback(host.close)
+        onlookers.append(host)
+        console.print(f"Open {host.begin()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+    else:
+        console.print("Ctrl-C ends it")
+    try:
+        follow(led, Onlookers(room, [*onlookers, Refusals()], lens))
+    except KeyboardInterrupt:
+        return
+
+
+class Refusals:
+    """An onlooker that says what was refused."""
+
+    def see(self, happening: Happening) -> None:
+        """Print it."""
+        from allegro_twin.recording.events import Told
+        from allegro_twin.surfaces.cli import console
+
+        if isinstance(happening, Told) and happening.track == "states" and happening.row.get("sentence"):
+            console.warn(str(happening.row["sentence"]))

@@ -1,0 +1,162 @@
+"""What `allegro-twin branch` does and shows, apart from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from rich.table import Table
+
+from allegro_twin.files.atomic_write import whole_file
+
+if TYPE_CHECKING:
+    from allegro_twin.twin.branch import Beside, Branched, Wanted
+    from allegro_twin.types import Array, Sample
+
+_AFTER = (0.0, 0.1, 0.3, 1.0, 3.0)  # s
+_SAME = "the same to the last bit"
+_INK = (0.15, 0.15, 0.15)
+
+
+class Kept(NamedTuple):
+    """What a branch leaves behind."""
+
+    record: Path | None = None
+    rrd: Path | None = None
+
+
+def doubts(path: Path, wanted: Wanted) -> Iterator[str]:
+    """What speaks against the model that is to go on; nothing where a simulation is repeated. Raises HandError."""
+    from allegro_twin.recording.reader import load
+    from allegro_twin.twin.branch import by_model
+
+    recording = load(path)
+    if not by_model(recording, wanted):
+        return
+    from allegro_twin.surfaces.cli.twins import identifying
+
+    identifying.check_scipy()
+    from allegro_twin.twin.identify.results.hand_file import doubtful
+    from allegro_twin.twin.mirror.for_hand import left_out
+
+    spec, hand = recording.spec, wanted.hand or recording.spec.serial
+    if "torque" not in spec.commands:
+        return
+    if hand:
+        yield doubtful(identifying.hand_file(hand))
+    else:
+        yield f"no --hand: {path} goes on with the nominal {spec.name}, not with its own hand"
+    yield left_out(spec, wanted.hand)
+
+
+def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: Wanted) -> Branched:
+    """The branch, recorded and drawn where that is wanted, with where the recording's joints were as `target`. Raises
+    HandError."""
+    from allegro_twin.app.session import rerun_stage
+    from allegro_twin.recording.reader import load
+    from allegro_twin.recording.recorder import recorded
+    from allegro_twin.twin.branch import branch, changes_of
+
+    changes, origin = changes_of(texts), load(path)
+    with ExitStack() as stack:
+
+        def through(samples: Iterator[Sample], beside: Beside) -> Iterator[Sample]:
+            if kept.record is not None:
+                meta = {k: value for k, value in origin.meta.items() if k in ("allegro_twin", "engine", "look")}
+                meta["branch"] = {"of": path.name, "at": at, "set": changes, "hand": wanted.hand}
+                samples = recorded(samples, kept.record, origin.spec, origin.period, meta=meta, extras=beside)
+            if kept.rrd is not None:
+                viewer_of, shown = rerun_stage()
+                from allegro_twin.viewing.rerun.scene import scenery
+
+                viewer = viewer_of(origin.spec, replace(scenery(origin.spec, origin.meta), ghost="as it was"))
+                stack.callback(viewer.close)
+                samples = shown(samples, viewer.to_file(temporary), beside)
+            return samples
+
+        temporary = stack.enter_context(whole_file(kept.rrd)) if kept.rrd is not None else path
+        return branch(path, at, changes, through, wanted)
+
+
+def picture(target: Path, path: Path, found: Branched, at: float) -> None:
+    """All futures in a PNG, a panel a finger: pale as it was, dark as it would have been, and thin as the model has it
+    without a change. Raises HandError."""
+    from allegro_twin.hands.description.appearance import lighter, of_series
+    from allegro_twin.viewing.plot import Line, plot
+
+    spec, panels, thin, first = found.spec, {}, found.unchanged, _first(found, at)
+    names = spec.readable
+    for finger in spec.fingers:
+        was = [Line("", found.recorded[:, j], lighter(of_series(k)), 4) for k, j in enumerate(finger.joints)]
+        would = [Line(names[j], found.branched[:, j], of_series(k)) for k, j in enumerate(finger.joints)]
+        model = [] if thin is None else [Line("", thin[first:, j], _INK, 1, first) for j in finger.joints]
+        panels[f"{finger.name}, rad"] = [*was, *would, *model]
+    also = "" if thin is None else "; thin and black: the model without the change"
+    plot(target, found.t, panels, mark=at, title=f"{path.name}, otherwise from {at:g} s on; pale: as it was{also}")
+
+
+def table(path: Path, found: Branched, at: float) -> Table:
+    """How far apart the futures are, finger by finger, at some moments: of a simulation, the recorded one and the
+    branch; of a model, how far it is off without the change, and what the change does."""
+    model = found.unchanged is not None
+    what = "the model's own error / what the change does" if model else "both futures"
+    made = Table(title=f"{path.name}: {what} from {at:g} s, largest difference of a finger's joints, mrad")
+    made.add_column("after")
+    for finger in found.spec.fingers:
+        made.add_column(finger.name, justify="right")
+    apart = [1000.0 * np.abs(one - other) for one, other in _compared(found)]
+    for after in _AFTER:
+        row = int(np.searchsorted(found.t, at + after - 1e-9))
+        if row >= len(apart[-1]):
+            continue
+        cells = [" / ".join(f"{_at(off, row, f.joints):.{3 - model}f}" for off in apart) for f in found.spec.fingers]
+        made.add_row(f"{after:g} s", *cells)
+    return made
+
+
+def lines(found: Branched, at: float) -> Iterator[str]:
+    """Whether anything changed, what that rests on, and what became of a grasp."""
+    if found.unchanged is not None:
+        yield from found.said
+        yield _sizes(found, at)
+        return
+    same = bool((found.branched == found.recorded[: len(found.branched)]).all())
+    yield f"Until {at:g} s both are {_SAME}{'; and after it, too.' if same else '.'}"
+    if found.report is not None:
+        held = "held" if found.report.held else f"not held: {found.report.reason}"
+        yield f"The grasp of the branch: {held}"
+
+
+def _compared(found: Branched) -> list[tuple[Array, Array]]:
+    """What is compared with what, over the same rows."""
+    if found.unchanged is None:
+        return [(found.branched, found.recorded[: len(found.branched)])]
+    both = min(len(found.branched), len(found.unchanged))
+    return [(found.unchanged[:both], found.recorded[:both]), (found.branched[:both], found.unchanged[:both])]
+
+
+def _first(found: Branched, at: float) -> int:
+    """The row of the instant."""
+    return int(np.searchsorted(found.t, at - 1e-9))
+
+
+def _at(off: Array, row: int, joints: tuple[int, ...]) -> float:
+    return float(off[row, list(joints)].max())
+
+
+def _sizes(found: Branched, at: float) -> str:
+    """Over all joints and all rows from the instant on."""
+    rest = _first(found, at)
+    (model, effect), names = (one[rest:] - other[rest:] for one, other in _compared(found)), found.spec.readable
+    off, moved = (1000.0 * float(np.sqrt(np.square(each).mean())) for each in (model, effect))
+    worst = np.abs(model).max(axis=0)
+    said = f"Without the change the model is off by {off:.2f} mrad rms (at most {1000.0 * worst.max():.2f}, "
+    said += f"{names[int(worst.argmax())]})"
+    if not effect.any():
+        return f"{said}; nothing was changed."
+    said += f"; the change moves the joints by {moved:.2f} mrad rms"
+    return f"{said}." if moved > 2.0 * off else f"{said}: hardly more than the model is off by, so nothing follows."

@@ -1,0 +1,89 @@
+"""From where the fingers are to where they are wanted, without one meeting another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.control.planning import CLEARANCE, Room, crossing, on_line, way
+from allegro_twin.control.trajectory import Waypoint, travel_time
+from allegro_twin.errors import SelfCollision
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+if TYPE_CHECKING:
+    from allegro_twin.sim.contact.self_clearance import Clearance
+
+_GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
+_LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
+_CAREFUL = 1.5  # rad/s. Where fingers pass each other narrowly, or wait for each other: a fast one lags behind.
+_TOUCHING = 0.001  # m. A finger that has given up its torque may stand so far from what has stopped it.
+_WIDELY = 0.008  # m. As far as `sim.clearance` sees.
+
+
+class Ways:
+    """Ways of one hand. The model that tells how near its parts are to each other is made at the first question."""
+
+    def __init__(self, spec: HandSpec) -> None:
+        self._spec = spec
+
+    def legs(self, start: Vector, wish: Waypoint, limits: tuple[Vector, Vector], what: str) -> list[Waypoint]:
+        """The wish from a posture (n,), rad, inside joint limits, behind the detours that it needs: none where nothing
+        is in the way. Raises ConfigError for a wrong speed, and SelfCollision for a posture that the hand cannot have
+        or that no way was found to; `what` it is stands in the message."""
+        travel_time(start, wish)
+        self._check(wish.posture, what)
+        fingers = [finger.joints for finger in self._spec.fingers]
+        room = Room(self._apart, fingers, np.clip(0.0, *limits), *limits)
+        found = way(room, start, wish.posture)
+        if found is None:
+            apart = self._apart(on_line(start, wish.posture))
+            parts = self._nearest(apart, crossing(apart, CLEARANCE))
+            raise SelfCollision(f"{what}: found no way from here on which {parts} keep clear; go by another posture")
+        careful = replace(wish, speed=min(wish.speed, _CAREFUL))
+        if len(found) == 1:
+            wide = careful.speed == wish.speed or self._apart(on_line(start, wish.posture)).min() >= _WIDELY
+            return [wish if wide else careful]
+        legs = [replace(careful, posture=posture) for posture in found]
+        times = [max(travel_time(a, leg), _LEAST) for a, leg in zip([start, *found], legs, strict=False)]
+        return [Waypoint(leg.posture, seconds, profile=leg.profile) for leg, seconds in zip(legs, times, strict=True)]
+
+    def check_line(self, rows: Array, what: str) -> None:
+        """Raises SelfCollision where postures along a line, (k, n), rad, bring the hand to meet itself on the way, or
+        further into itself than it gives at the end."""
+        self._check(rows[-1], what)
+        apart = self._apart(rows)
+        if (met := crossing(apart, 0.0)).any():
+            raise SelfCollision(f"{what}: {self._nearest(apart, met)} meet on the straight line there; go round")
+
+    def touching(self, posture: Vector) -> list[tuple[str, str]]:
+        """Which parts of the hand touch each other in a posture, (n,), rad, or are as near as a press leaves them."""
+        apart = self._apart(posture[None])[0]
+        return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
+
+    @cached_property
+    def _clearance(self) -> Clearance:
+        from allegro_twin.sim.contact.self_clearance import Clearance
+
+        return Clearance(self._spec)
+
+    def _apart(self, postures: Array) -> Array:
+        return self._clearance(postures)
+
+    def _check(self, posture: Vector, what: str) -> None:
+        apart = self._apart(posture[None])
+        if apart.min() < -_GIVES:
+            deep = -apart.min() * 1000
+            raise SelfCollision(f"{what}: {self._nearest(apart)} would be {deep:.1f} mm inside each other")
+
+    def _nearest(self, apart: Array, among: NDArray[np.bool_] | None = None) -> str:
+        """The parts that come nearest, distances (k, pairs), m; among some of the pairs, if it is any of them."""
+        least = apart.min(axis=0)
+        if among is not None and among.any():
+            least = np.where(among, least, np.inf)
+        a, b = self._clearance.pairs[int(np.argmin(least))]
+        return f"two links of {a}" if a == b else f"{a} and {b}"

@@ -1,0 +1,79 @@
+"""What a person needs who drives a hand live: a stop that is at once, a goal that may move, other gains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allegro_twin.app import Rig
+from allegro_twin.control.planning import on_line
+from allegro_twin.control.trajectory import FASTEST, SLOWEST
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.surfaces.hand.bounds import Bounds
+from allegro_twin.surfaces.hand.motion import Mover
+from allegro_twin.types import Vector
+
+
+class Direct:
+    """Of one hand, as `Hand.direct`. Any thread may call `limp`; all else comes from the one that makes wishes."""
+
+    def __init__(self, rig: Rig, mover: Mover, bounds: Bounds) -> None:
+        self._rig, self._mover, self._bounds = rig, mover, bounds
+
+    def prepare(self) -> None:
+        """Make now what the first wish would wait for."""
+        self._mover.ways.touching(self._mover.state.position)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the hand was stopped and not yet released."""
+        return self._mover.cut
+
+    def limp(self) -> None:
+        """No torque from the next period on, without the fade of a change of controllers. Until `release` every wish
+        is refused with a CommandError, one that is being planned now among them."""
+        self._mover.cut = True
+
+    def release(self) -> None:
+        """Take wishes again; the hand stays limp until the first."""
+        self._mover.cut = False
+
+    def stay(self) -> None:
+        """End a motion where the hand is, for nobody is there to see it. What has arrived stays as it is: a grasp goes
+        on pressing, a limp hand is limp. A hand that cannot hold, for nobody says where down is, is left limp."""
+        mover, goal = self._mover, self._mover.goal
+        if mover.cut or mover.kind == mover.kinds[0]:
+            return
+        if goal is not None and mover.state.t >= goal.began + goal.seconds:
+            return
+        try:
+            mover.hold(mover.position_kind)
+        except ConfigError:
+            self.limp()
+
+    @property
+    def target(self) -> Vector:
+        """Where the joints should be now, (n,), rad; NaN where the controller wants no position."""
+        goal, state = self._mover.goal, self._mover.state
+        return np.full(self._rig.spec.n_joints, np.nan) if goal is None else goal.at(state.t)
+
+    def steer(self, posture: ArrayLike, speed: float = 3.0, what: str = "the goal") -> None:
+        """Head straight for a posture, (n,), rad, from whatever the hand is doing for the wish before, without a stop
+        between; the joint that travels furthest peaks at about `speed`, rad/s. Raises ConfigError for a posture beyond
+        the limits, SelfCollision where fingers would meet on the straight line: then the hand does what it did."""
+        if not SLOWEST <= speed <= FASTEST:
+            raise ConfigError(f"speed must be from {SLOWEST:g} to {FASTEST:g} rad/s; it is {speed:g}")
+        spec, mover = self._rig.spec, self._mover
+        goal = self._bounds.admit(posture, what)
+        start = np.clip(mover.state.position, spec.lower, spec.upper)
+        mover.ways.check_line(on_line(start, goal), what)
+        mover.steer(goal, speed, what)
+
+    def use_gains(self, name: str) -> None:
+        """Gains of the library from the next wish on. Raises ConfigError."""
+        self._mover.gains = load_gains(name, self._rig.spec)
+
+    def perform(self) -> None:
+        """What the config's own task and controller do. Raises CommandError while the hand is stopped."""
+        self._mover.drive("the task's own", self._rig.controller)

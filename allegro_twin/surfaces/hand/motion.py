@@ -1,0 +1,224 @@
+"""What drives the hand behind the facade: which controller, towards what, since when."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from allegro_twin.app import Rig
+from allegro_twin.backend import limp_of
+from allegro_twin.control.bumpless_switch import Relay
+from allegro_twin.control.controllers import PD, PID, Follow, Gains, Gravity, GravityCompensation, Send, Torque
+from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.trajectory import Following, Hold, Reference
+from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
+from allegro_twin.loop import paced, run
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.surfaces.hand.collision_free_paths import Ways
+from allegro_twin.surfaces.hand.loop_thread import Driver
+from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
+from allegro_twin.types import HandState, Sample, Vector, frozen
+
+Kind: TypeAlias = Literal["torque", "gravity", "pd", "pid", "limp", "position"]
+KINDS: tuple[Kind, ...] = ("torque", "gravity", "pd", "pid")
+"""Of a hand that takes torques."""
+FIRMWARES: tuple[Kind, ...] = ("limp", "position")
+"""Of a hand whose firmware closes the loop."""
+T = TypeVar("T")
+_DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
+
+
+class Mover:
+    """Turns wishes into controllers and hands the hand over to them, watches what they do, and waits for it."""
+
+    def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
+        self._rig, self.gains = rig, gains
+        self.model, self.ways = hand_model(rig.spec), Ways(rig.spec)
+        self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
+        """The controllers that this hand can have: the first lets go of it."""
+        self.kind: Kind | str = self.kinds[0]
+        self.listeners: list[Callable[[Sample], None]] = []
+        self.stalled: MotionStalled | None = None
+        """What stopped the last motion, if anything did."""
+        self._told, self._changing, self._cut = True, threading.Lock(), False
+        self._watch: Watch | None = None
+        self._gravity = Gravity(self.model.gravity_torque)
+        self._limp = Send(limp_of(rig.spec))
+        self._relay = Relay(self._limp, rig.spec.actuation.torque_limit)
+        self.driver = Driver(self._samples(background), background=background)
+
+    @property
+    def state(self) -> HandState:
+        return self.driver.latest.state
+
+    @property
+    def goal(self) -> Goal | None:
+        """What the joints are asked to do."""
+        return None if self._watch is None else self._watch.goal
+
+    @property
+    def position_kind(self) -> Kind:
+        """The controller that a motion takes: the firmware's own, PD if it drives already, else PID."""
+        if self.kinds is FIRMWARES:
+            return "position"
+        return "pd" if self.kind == "pd" else "pid"
+
+    @property
+    def still_kind(self) -> Kind:
+        """The controller that holds the hand where it is, and repeats what it was shown."""
+        return "position" if self.kinds is FIRMWARES else "pid"
+
+    @property
+    def gravity(self) -> Gravity:
+        """The feed-forward. Raises ConfigError when nobody says where down is."""
+        self._gravity.check(self.state)
+        return self._gravity
+
+    def set_gravity(self, vector: ArrayLike | None) -> None:
+        """Compensate this gravity from now on, or what the hand reports for None. Raises ConfigError."""
+        if vector is not None:
+            vector = frozen(vector)
+            if vector.shape != (3,) or not np.isfinite(vector).all():
+                raise ConfigError(f"gravity needs three finite numbers in the palm frame, m/s²; not {vector}")
+        self._gravity = Gravity(self.model.gravity_torque, vector)
+        self._relay.amend(lambda c: replace(c, gravity=self._gravity) if getattr(c, "gravity", None) is not None else c)
+
+    def given_gravity(self) -> Vector | None:
+        return self._gravity.vector
+
+    def drive(self, kind: Kind | str, controller: Any, goal: Goal | None = None) -> None:
+        """Hand over to a controller; `goal` says what its motion is, for those who wait. Raises CommandError while the
+        hand is cut off."""
+        with self._changing:
+            if self._cut:
+                raise CommandError("the hand was stopped and is limp: release the stop first")
+            self.kind, self.stalled, self._watch = kind, None, self._watched(goal)
+            self._relay.switch(controller)
+
+    def turn_to(self, kind: Kind, torque: Vector) -> None:
+        """Another controller: the torques, (n,), N·m; gravity compensation; or stay here. Raises ConfigError."""
+        if kind not in self.kinds:
+            raise ConfigError(unknown("controller", kind, self.kinds))
+        if kind == "torque":
+            self.drive("torque", Torque(torque))
+        elif kind == "limp":
+            self.drive("limp", self._limp)
+        elif kind == "gravity":
+            self.drive("gravity", GravityCompensation(self.gravity))
+        else:
+            self.hold(kind)
+
+    @property
+    def cut(self) -> bool:
+        """Whether the hand is limp and takes no wish, one that is being planned among them."""
+        return self._cut
+
+    @cut.setter
+    def cut(self, on: bool) -> None:
+        with self._changing:
+            self._cut = on
+            if on:
+                self.kind, self.stalled, self._watch = self.kinds[0], None, None
+                self._relay.cut(self._limp)
+
+    def steer(self, posture: Vector, speed: float, what: str) -> None:
+        """Head for a posture, (n,), rad, at `speed`, rad/s, from whatever the last such wish is doing, or from rest."""
+        watch = self._watch
+        if watch is None or not isinstance(watch.goal.path, Steering):
+            self.follow(self.position_kind, Following(Steering(self.state.position)), what)
+            watch = self._watch
+        with self._changing:
+            if self._cut or watch is None or watch is not self._watch:
+                return  # Somebody wanted something else in the meantime.
+            path, began = watch.goal.path, watch.goal.began
+            assert isinstance(path, Steering)
+            seconds = path.head_for(self.state.t - began, posture, speed)
+            self._watch = self._watched(Goal(path, began, seconds, what))
+
+    def hold(self, kind: Kind) -> None:
+        """Stay where the hand is."""
+        self.follow(kind, Hold(self.state.position))
+
+    def follow(self, kind: Kind, reference: Reference, what: str = "the motion") -> None:
+        """Let PD or PID follow a reference from the present state on; `what` it is stands in messages."""
+        controller, state = self._position(kind, reference), self.state
+        path = reference.begin(state.position)
+        seconds = float(getattr(path, "seconds", 0.0))
+        self.drive(kind, controller, Goal(path, state.t, seconds, what, math.inf if seconds else 0.0))
+
+    def planned(self, plan: Callable[[Vector], T]) -> T:
+        """What is planned from where the joints are, (n,), rad. A hand that moved on meanwhile stops first."""
+        start = self.state.position
+        found = plan(start)
+        if np.abs(self.state.position - start).max() <= _DRIFT:
+            return found
+        self.hold(self.position_kind)
+        return plan(self.wait().position)
+
+    def wait(self, seconds: float | None = None) -> HandState:
+        """For a time, s, or until the motion is over and the joints have settled. Raises MotionStalled if it was
+        stopped and nobody was told yet; ConfigError for a time that never ends."""
+        if seconds is not None and not 0.0 <= seconds < math.inf:
+            raise ConfigError(f"a time to wait is finite and not negative, s; not {seconds}")
+        watch, end = self._watch, None if seconds is None else self.state.t + seconds - 1e-9
+
+        def over(sample: Sample) -> bool:
+            if end is not None:
+                return sample.state.t >= end
+            return watch is None or watch.arrived or self._watch is not watch
+
+        state = self.driver.wait(over).state
+        if self.stalled is not None and not self._told:
+            self._told = True
+            raise self.stalled
+        return state
+
+    def _position(self, kind: Kind, reference: Reference) -> PD | PID | Follow:
+        if kind == "position":
+            return Follow(reference)
+        if kind == "pd":
+            return PD(reference, self.gains, self.gravity)
+        return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
+
+    def _watched(self, goal: Goal | None) -> Watch | None:
+        return None if goal is None else Watch(goal, self._rig.spec, self.gains, self._rig.backend.period)
+
+    def _look(self, sample: Sample) -> None:
+        """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""
+        watch, state = self._watch, sample.state
+        if watch is None or not watch(sample):
+            return
+        parts = " and ".join(dict.fromkeys(part for pair in self.ways.touching(state.position) for part in pair))
+        met = f"{parts} touch" if parts else "something is in the way"
+        hold = Hold(state.position)
+        with self._changing:
+            if self._watch is not watch:
+                return  # Somebody wanted something else in the meantime.
+            self._relay.switch(self._position(self.still_kind, hold))
+            words = f"{watch.goal.what} stalled: {watch.words} short; {met}. The hand holds where it is"
+            self.kind, self.stalled, self._told = self.still_kind, MotionStalled(words), False
+            self._watch = self._watched(Goal(hold.begin(state.position), state.t, 0.0))
+
+    def _samples(self, background: bool) -> Iterator[Sample]:
+        samples = run(self._rig.backend, self._relay)
+        for sample in paced(samples) if background and not self._rig.live else samples:
+            self._look(sample)
+            for listener in tuple(self.listeners):
+                listener(sample)
+            yield sample
+
+    @contextmanager
+    def listening(self, listener: Callable[[Sample], None]) -> Iterator[None]:
+        """Call somebody with every sample for a while."""
+        self.listeners.append(listener)
+        try:
+            yield
+        finally:
+            self.listeners.remove(listener)

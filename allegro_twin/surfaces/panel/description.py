@@ -1,0 +1,132 @@
+"""What the page is told once of a hand: who it is, what is there to choose, and what the library has for it."""
+
+from __future__ import annotations
+
+from allegro_twin.app.backends.simulated import following
+from allegro_twin.app.config import (
+    VIRTUAL,
+    VIRTUAL_PORT,
+    CanSettings,
+    DynamixelSettings,
+    PolledSettings,
+    ReplaySettings,
+    RunConfig,
+    SimSettings,
+)
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.files.schema import parse
+from allegro_twin.hands.description.hands import is_model
+from allegro_twin.hands.library.gains import gains_names
+from allegro_twin.hands.library.library import Library
+from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
+from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.spec import HandSpec
+from allegro_twin.surfaces.hand.cartesian import agreed
+from allegro_twin.surfaces.panel.requests import Scene
+from allegro_twin.surfaces.panel.scene_state import scenery_of
+from allegro_twin.surfaces.panel.session import OpenHand
+from allegro_twin.surfaces.panel.stream import Opened, Shelf
+
+
+def described(opened: OpenHand) -> Opened:
+    """Raises ConfigError."""
+    rig, config = opened.rig, opened.config
+    choice = _has_scene(config)
+    return Opened(
+        opened.number,
+        f"{rig.spec.serial or rig.spec.name} · {_where(config)}",
+        rig.spec,
+        scenery_of(rig),
+        rig.backend.period,
+        opened.hand.controllers,
+        gains_names(rig.spec),
+        opened.gains,
+        _scenarios(rig.spec) if choice else (),
+        _things() if choice else (),
+        config.task.scenario,
+        config.task.object,
+        _no_tips(rig.spec, opened),
+    )
+
+
+def shelf(spec: HandSpec) -> Shelf:
+    """Postures and grasps that this hand can have; what is not for it is left out."""
+    postures, grasps, library = {}, {}, Library()
+    for listed in library.list("posture"):
+        if listed.entry.hand != spec.model:
+            continue
+        try:
+            postures[listed.name] = load_posture(listed.name, spec)
+        except ConfigError:
+            continue  # Outside the limits of this very hand.
+    for listed in library.list("grasp"):
+        if listed.entry.hand != spec.model:
+            continue
+        try:
+            grasps[listed.name] = load_grasp(listed.name, spec).close
+        except ConfigError:
+            continue
+    return Shelf(postures, grasps)
+
+
+def scene_of(config: RunConfig, wish: Scene) -> RunConfig:
+    """The config in another scene. Raises ConfigError."""
+    if not _has_scene(config):
+        raise ConfigError(f"only a simulated hand has a scene to change; this one is {_where(config)}")
+    content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
+    if wish.scenario is None:
+        home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
+        return parse(RunConfig, content | home, "the scene")
+    task = {"scenario": wish.scenario} | ({} if wish.thing is None else {"object": wish.thing})
+    return parse(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
+
+
+def _has_scene(config: RunConfig) -> bool:
+    match config.backend:
+        case SimSettings():
+            return True
+        case CanSettings(interface=interface):
+            return interface == VIRTUAL
+        case DynamixelSettings(port=port) | PolledSettings(port=port):
+            return port == VIRTUAL_PORT
+    return False
+
+
+def _where(config: RunConfig) -> str:
+    match config.backend:
+        case SimSettings():
+            return "simulated"
+        case CanSettings(interface=interface, channel=channel):
+            return "virtual" if interface == VIRTUAL else f"on {interface} {channel}"
+        case DynamixelSettings(port=port) | PolledSettings(port=port):
+            return "virtual" if port == VIRTUAL_PORT else f"on {port}"
+        case ReplaySettings(file=file):
+            return f"recording {file}"
+
+
+def _scenarios(spec: HandSpec) -> tuple[str, ...]:
+    """Of a model of hand that has a folder of its own that; else what is in no other model's."""
+    folder = data_root() / "scenarios"
+    own = folder / spec.model
+    found = own.glob("*.yaml") if own.is_dir() else (p for p in folder.rglob("*.yaml") if not is_model(p.parent.name))
+    return tuple(sorted(p.stem for p in found if "grasps" not in p.relative_to(folder).parts[:-1]))
+
+
+def _things() -> tuple[str, ...]:
+    from allegro_twin.sim.objects.catalogue import catalogue
+
+    return tuple(catalogue())
+
+
+def _no_tips(spec: HandSpec, opened: OpenHand) -> str:
+    from allegro_twin.sim.model.statics import hand_model
+
+    try:
+        for finger in spec.fingers:
+            FingerKinematics(spec, finger.name)
+        agreed(spec, hand_model(spec), spec.posture(spec.lower.clip(0.0, None).clip(None, spec.upper)),
+               [finger.name for finger in spec.fingers])  # fmt: skip
+    except ConfigError as error:
+        return str(error)
+    return ""

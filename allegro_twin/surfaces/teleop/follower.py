@@ -1,0 +1,114 @@
+"""Leads a hand after a tracked one: what is seen, how far it is believed, and what happens when nothing is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.errors import SelfCollision
+from allegro_twin.surfaces.hand import Hand
+from allegro_twin.surfaces.hand.external_setpoints import Outside
+from allegro_twin.surfaces.teleop.landmarks import TIPS, in_palm, seen
+from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.types import Array, Vector
+
+_FASTEST, _NOISE = 2.0, 0.02
+"""m/s and m: fingertips on a palm that move further between two frames are a tracker's mistake, not a person's."""
+_PARTS = (1.0, 0.5, 0.25)
+"""Of the way to its goal that a finger is tried on when it would meet another."""
+_ROUNDING = 1e-6  # rad. The solver's posture may be so far beyond a limit that it keeps.
+WHAT = "teleop"
+Retarget = Callable[[Array], Vector]
+Told = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class Tally:
+    """Frames."""
+
+    followed: int = 0
+    unseen: int = 0
+    jumps: int = 0
+    clipped: int = 0
+    """Followed, with a joint that was led beyond its limit, where it stopped."""
+    late: int = 0
+    """Left out, for a newer one was there already."""
+
+
+class Follower:
+    """One hand, led by frames. It holds as soon as `patience`, s, have passed without one that it believes."""
+
+    def __init__(
+        self, hand: Hand, targets: Targets, retarget: Retarget, told: Told, *, speed: float = 2.0, patience: float = 0.3
+    ) -> None:
+        """`speed`: rad/s, of joints at most; `told` hears when a hand is lost and seen again. Raises ConfigError."""
+        self._hand, self._targets, self._retarget, self._told = hand, targets, retarget, told
+        self._outside, self._patience = Outside(hand, speed), patience
+        self._outside.nominal()
+        self._before: tuple[float, Array] | None = None
+        self._believed, self._why = hand.state.t, "none was there yet"
+        self._holding, self._goal = True, self._inside(hand.state.position)
+        self.tally = Tally()
+
+    def see(self, t: float, landmarks: Array) -> None:
+        """A frame at a time of the hand, s: landmarks (21, 3), m, NaN where none was seen."""
+        if self._believable(t, landmarks):
+            if self._holding:
+                self._told(f"{t:.1f} s: a hand is seen, and followed")
+            self._believed, self._holding = t, False
+            self.tally.followed += 1
+            self._lead(self._retarget(self._targets(landmarks)))
+        self.look(t)
+
+    def look(self, t: float) -> None:
+        """Whether a frame is due, at a time of the hand, s."""
+        if self._holding or t - self._believed <= self._patience:
+            return
+        self._holding, self._before = True, None
+        self._told(f"{t:.1f} s: no hand is followed since {self._believed:.1f} s ({self._why}); the hand holds")
+        self._goal = self._inside(self._outside.rest())
+
+    def _believable(self, t: float, landmarks: Array) -> bool:
+        self._why = "no frame came"
+        if not seen(landmarks):
+            self._before, self._why = None, "no whole hand in the frames"
+            self.tally.unseen += 1
+            return False
+        tips = in_palm(landmarks, self._targets.side)[list(TIPS.values())]
+        before, self._before = self._before, (t, tips)
+        if before is None:
+            return True
+        far = float(np.linalg.norm(tips - before[1], axis=1).max())
+        if far > _NOISE + _FASTEST * (t - before[0]):
+            self._why = f"its tips jumped by {far * 1000:.0f} mm between two frames"
+            self.tally.jumps += 1
+            return False
+        return True
+
+    def _lead(self, posture: Vector) -> None:
+        """Toward a posture, (n,), rad; fingers that would meet go as far as each can."""
+        goal = self._inside(posture)
+        self.tally.clipped += bool(np.abs(goal - posture).max() > _ROUNDING)
+        if self._led(goal):
+            return
+        for finger in self._hand.spec.fingers:
+            joints = list(finger.joints)
+            for part in _PARTS:
+                nearer = self._inside(self._goal)
+                nearer[joints] += part * (goal[joints] - nearer[joints])
+                if self._led(nearer):
+                    break
+
+    def _led(self, goal: Vector) -> bool:
+        try:
+            self._outside.track(goal, WHAT)
+        except SelfCollision:
+            return False
+        self._goal = goal
+        return True
+
+    def _inside(self, posture: Vector) -> Vector:
+        inside: Vector = np.clip(posture, *self._hand.limits)
+        return inside

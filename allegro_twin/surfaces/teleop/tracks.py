@@ -1,0 +1,139 @@
+"""Recorded hand tracking: a file's frames, checked as a whole before anything moves."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.spec import SIDES, Side
+from allegro_twin.surfaces.teleop.landmarks import COUNT, PALM, palm_length
+from allegro_twin.types import Array, Vector
+
+HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]
+"""Of a `.csv`: s, then m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """What a tracker saw."""
+
+    times: Vector
+    """s, ascending, (k,)."""
+    landmarks: Array
+    """(k, 21, 3), m, in any frame; NaN where no hand was seen."""
+    side: Side | None = None
+    """Which of the person's hands, where the file says so."""
+
+
+def read_track(path: Path) -> Track:
+    """The frames of a `.npz`, `.csv` or `.json`. Raises ConfigError, one line, for the first thing that is wrong."""
+    readers: dict[str, Callable[[bytes, Path], Track]] = {".npz": _npz, ".csv": _csv, ".json": _json}
+    if path.suffix not in readers:
+        raise ConfigError(f"{path}: hand tracking is a file in {', '.join(readers)}, or `webcam`")
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path}: cannot be read: it is {'a folder' if path.is_dir() else 'no plain file'}")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    return _checked(readers[path.suffix](content, path), path)
+
+
+def _npz(content: bytes, path: Path) -> Track:
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise ConfigError(f"{path}: not a .npz of plain numbers") from error
+    if missing := [name for name in ("t", "landmarks") if name not in found]:
+        raise ConfigError(f"{path}: lacks the array {missing[0]!r}; it has {', '.join(sorted(found)) or 'none'}")
+    try:
+        times, points = (np.asarray(found[name], dtype=np.float64) for name in ("t", "landmarks"))
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}: t and landmarks must be numbers") from error
+    if times.ndim != 1 or points.shape != (len(times), COUNT, 3):
+        raise ConfigError(f"{path}: landmarks has shape {points.shape}; {len(times)} frames need "
+                          f"({len(times)}, {COUNT}, 3)")  # fmt: skip
+    return Track(times, points, _side(str(found["side"]) if "side" in found else None, path))
+
+
+def _csv(content: bytes, path: Path) -> Track:
+    rows = list(csv.reader(content.decode(errors="replace").splitlines()))
+    if not rows or [name.strip() for name in rows[0]] != HEADER:
+        raise ConfigError(f"{path}: its first line must be {','.join(HEADER[:5])},…,{HEADER[-1]}: {len(HEADER)} names")
+    numbers = []
+    for line, row in enumerate(rows[1:], start=2):
+        if len(row) != len(HEADER):
+            raise ConfigError(f"{path}:{line}: has {len(row)} values; t and {COUNT} landmarks are {len(HEADER)}")
+        try:
+            numbers.append([float(value) if value.strip() else np.nan for value in row])
+        except ValueError as error:
+            raise ConfigError(f"{path}:{line}: {error}") from error
+    table = np.array(numbers).reshape(-1, len(HEADER))
+    return Track(table[:, 0], table[:, 1:].reshape(-1, COUNT, 3))
+
+
+def _json(content: bytes, path: Path) -> Track:
+    try:
+        document: Any = json.loads(content)
+    except ValueError as error:
+        raise ConfigError(f"{path}: not valid JSON: {error}") from error
+    frames = document.get("frames") if isinstance(document, dict) else None
+    if not isinstance(frames, list):
+        raise ConfigError(f"{path}: must hold a mapping with a list of `frames`")
+    pairs = [_frame(frame, f"{path}: frame {number}") for number, frame in enumerate(frames)]
+    side = document.get("side")
+    return Track(
+        np.array([t for t, _ in pairs]),
+        np.array([points for _, points in pairs]).reshape(-1, COUNT, 3),
+        _side(None if side is None else str(side), path),
+    )
+
+
+def _frame(frame: Any, where: str) -> tuple[float, Array]:
+    if not isinstance(frame, dict) or not isinstance(frame.get("t"), int | float):
+        raise ConfigError(f"{where}: needs `t`, s, and `landmarks`")
+    points = frame.get("landmarks")
+    if points is None:
+        return float(frame["t"]), np.full((COUNT, 3), np.nan)
+    if not isinstance(points, list) or len(points) != COUNT:
+        raise ConfigError(f"{where}: needs {COUNT} landmarks or null, "
+                          f"not {len(points) if isinstance(points, list) else points!r}")  # fmt: skip
+    try:
+        return float(frame["t"]), np.array(points, dtype=np.float64).reshape(COUNT, 3)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{where}: a landmark is three numbers, m") from error
+
+
+def _side(text: str | None, path: Path) -> Side | None:
+    if text is not None and text not in SIDES:
+        raise ConfigError(f"{path}: side is {' or '.join(SIDES)}, not {text!r}")
+    return text
+
+
+def _checked(track: Track, path: Path) -> Track:
+    times = track.times
+    if not len(times):
+        raise ConfigError(f"{path}: holds no frame")
+    if not np.isfinite(times).all():
+        raise ConfigError(f"{path}: t of frame {int(np.argmin(np.isfinite(times)))} is not a number")
+    if (np.diff(times) <= 0.0).any():
+        k = int(np.argmax(np.diff(times) <= 0.0))
+        raise ConfigError(f"{path}: t must ascend; after frame {k} it goes from {times[k]:g} to {times[k + 1]:g} s")
+    whole = np.isfinite(track.landmarks).all(axis=(1, 2))
+    if not whole.any():
+        raise ConfigError(f"{path}: no frame has a whole hand of {COUNT} landmarks: all have NaN")
+    long = float(np.median([palm_length(points) for points in track.landmarks[whole]]))
+    if not PALM[0] <= long <= PALM[1]:
+        raise ConfigError(f"{path}: {long:.3g} m from the wrist to the middle knuckle is no hand's: landmarks are in m "
+                          "(MediaPipe's world landmarks)")  # fmt: skip
+    return track

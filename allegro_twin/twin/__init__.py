@@ -1,0 +1,1 @@
+"""The digital twin of one hand: identification, the mirror beside it, and what-if branches."""

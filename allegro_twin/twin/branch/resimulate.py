@@ -1,0 +1,98 @@
+"""A recorded simulation goes on otherwise from some instant, beside what it did.
+
+A simulation and its controller are deterministic. So the instant is reached by running the recording's own config
+again from its beginning, with velocities, contacts, objects and the controller's memory as they were, and not by
+guessing them from what was recorded; every row up to it is compared, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.app.assemble import assemble
+from allegro_twin.app.rig import Rig
+from allegro_twin.errors import ConfigError
+from allegro_twin.loop import Controller
+from allegro_twin.recording.reader import Recording
+from allegro_twin.sim.engine.backend import ENGINE, SimBackend
+from allegro_twin.twin.branch.futures import Branched, Through
+from allegro_twin.twin.branch.overrides import Changes, change_of, changed
+from allegro_twin.twin.branch.recover_controller import successor
+from allegro_twin.twin.branch.settings import config_of
+from allegro_twin.types import Array, Sample
+
+
+def repeated(recording: Recording, at: float, changes: Changes, through: Through) -> Branched:
+    """Raises ConfigError for a recording that cannot be repeated."""
+    path, engine = recording.path, recording.meta["engine"]
+    if engine != ENGINE:
+        raise ConfigError(f"{path} was made with {engine}, and this is {ENGINE}: it would not be the same")
+    config = config_of(recording)
+    after = changed(config, changes)
+    rig = assemble(config)
+    if rig.sim is None:
+        raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
+    other = assemble(after).controller if after is not config else None
+    last = float(recording.columns["t"][-1])
+    with closing(rig.backend):
+        samples = _run(rig, rig.sim, at, changes, other)
+        follower = _Follower(recording, at, rig)
+        samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)
+        found = [sample.state.position for sample in through(samples, follower.beside)]
+        whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
+        report = rig.trial.report() if whole and rig.trial is not None else None
+    return Branched(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
+
+
+class _Follower:
+    """Keeps up with the recording row by row, to its end."""
+
+    def __init__(self, recording: Recording, at: float, rig: Rig) -> None:
+        self._recording, self._at, self._trial, self._row = recording, at, rig.trial, 0
+
+    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """A stage. Raises ConfigError where the samples are not the recording's before `at`."""
+        path, position = self._recording.path, self._recording.columns["position"]
+        for row, sample in enumerate(samples):
+            self._row = row
+            if sample.state.t <= self._at + 1e-9 and (sample.state.position != position[row]).any():
+                raise ConfigError(
+                    f"{path} is not repeated by this program: it differs at {sample.state.t:.3f} s. Was it made by "
+                    "another version, interrupted by hand, or driven by more than its config says? With --hand FILE a "
+                    "model goes on from what a mirror knows"
+                )
+            yield sample
+            if row + 1 == len(self._recording):
+                return
+
+    def beside(self) -> dict[str, Array]:
+        own: dict[str, Array] = dict(self._trial.latest()) if self._trial is not None else {}
+        names = {"target": "position", "target_object": "object"}
+        was = {
+            name: self._recording.columns[of][self._row] for name, of in names.items() if of in self._recording.columns
+        }
+        return own | was
+
+
+def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
+    """The loop, with a change in the middle."""
+    controller, backend = rig.controller, rig.backend
+    state = backend.reset()
+    memory, done = controller.start(state), False
+    change = change_of(changes, rig.spec)
+    while True:
+        if not done and state.t >= at - 1e-9:
+            done = True
+            if "friction" in changes:
+                sim.model.geom_friction[:, 0] = changes["friction"]
+            sim.become(change)
+            if other is not None:
+                controller, memory = successor(controller, memory, other, state)
+        command, memory = controller(state, memory)
+        backend.write(command)
+        yield Sample(state, command)
+        state = backend.read()

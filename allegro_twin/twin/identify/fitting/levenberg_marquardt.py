@@ -1,0 +1,194 @@
+"""Levenberg and Marquardt's method finger by finger: one that is stuck does not hold up the others.
+
+Fingers share nothing but the delay. A step is solved for all at once, each finger damped by itself; where a finger's
+cost rises its old parameters stay. A piece in which a finger slips where the model sticks is off by tens of the noise
+for reasons that no derivative knows; its weight is w = 1 / (1 + c / (LARGE² median c)), c: its mean square (Cauchy's).
+A piece that is about to slip answers to the smallest change, so also to all in which the model is not the hand: it has
+a weight of 1 / (1 + s / (LARGE² median s)) besides, s: the mean square of its derivatives, parameters in their units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.twin.identify.fitting.problem import Problem
+from allegro_twin.types import Array, Vector
+
+LARGE = 3.0
+"""Times the root mean square of the median piece: a piece that is off by more counts less."""
+STEPS = 5
+"""With the same derivatives: near the solution they hardly change, and they cost all the time."""
+LONGEST = 1.0
+"""Of a step, in the units of the parameters: further than that derivatives say little, and a narrow valley is left."""
+_FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a step that was worse, or better.
+
+
+class Descended(NamedTuple):
+    """Where it ended."""
+
+    drive: Parameters
+    jacobian: Array
+    """Of the residuals, (rows, p), where the last steps began; rows of a piece that counts less are as much smaller."""
+    residuals: Vector
+    """As they are, (rows,)."""
+    weight: Vector
+    """What each row of the jacobian was multiplied with, (rows,)."""
+    left: float
+    """Root mean square of what is left over, in standard deviations of the noise, pieces weighted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Costs:
+    """Of residuals: mean squares of a piece's fingers, and the scale above which they count less."""
+
+    pieces: tuple[Vector, ...]
+    """A finger each, (w,)."""
+    scale: Vector
+    """(fingers,)"""
+    calm: tuple[Vector, ...]
+    """The weights of pieces that are about to slip, (w,) each."""
+
+    @property
+    def weights(self) -> list[Vector]:
+        each = zip(self.pieces, self.scale, self.calm, strict=True)
+        return [calm / (1.0 + mean / scale) for mean, scale, calm in each]
+
+    def total(self) -> Vector:
+        """(fingers,)"""
+        each = zip(self.pieces, self.scale, self.calm, strict=True)
+        return np.array([float((scale * calm * np.log1p(mean / scale)).mean()) for mean, scale, calm in each])
+
+    @property
+    def left(self) -> float:
+        weight = np.concatenate(self.weights)
+        return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
+
+
+def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
+    """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
+    share `enough` of its cost. `anew`: derivatives by one joint of a finger after the other in every round."""
+    damping = np.full(len(problem.fingers), _FIRST)
+    for number in range(rounds):
+        if anew:
+            problem.shooting.forget()
+        problem.shooting.prepare(drive)
+        problem.shooting.better_starts(drive)
+        x = problem.x_of(drive)
+        J, r = problem.jacobian(x), problem.residuals(x)
+        costs = _costs(problem, r, _calm(problem, J))
+        before, weight = costs.total(), _rows(problem, costs)
+        x, r, costs = _steps(problem, x, r, J * weight[:, None], weight, costs, damping)
+        drive = problem.drive_of(x)
+        if number + 1 == rounds or not (costs.total() < (1.0 - enough) * before).any():
+            break
+    weight = _rows(problem, costs)
+    return Descended(drive, J * weight[:, None], r, weight, costs.left)
+
+
+def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
+    """The cost of a drive as it is, with the best starts of the pieces; and the scale, of each finger, above which its
+    pieces count less: what is to be compared must have the same."""
+    problem.shooting.prepare(drive)
+    problem.shooting.better_starts(drive)
+    problem.shooting.prepare(drive)
+    residuals = problem.residuals(problem.x_of(drive))
+    costs = _costs(problem, residuals, tuple(np.ones((len(problem.fingers), len(problem.cuts.recording)))), scale)
+    return float(costs.total().sum()), costs.scale
+
+
+def _steps(
+    problem: Problem, x: Vector, r: Vector, J: Array, weight: Vector, costs: _Costs, damping: Vector
+) -> tuple[Vector, Vector, _Costs]:
+    """STEPS of them from `x`, with the weights and derivatives of its beginning. `damping`, of each finger, goes on."""
+    normal, now = _normal(problem, J), costs.total()
+    for _ in range(STEPS):
+        gradient = J.T @ (weight * r)
+        tried = x + _step(problem, x, normal, gradient, damping)
+        residuals = problem.residuals(tried)
+        found = _costs(problem, residuals, costs.calm, costs.scale)
+        better = found.total() <= now
+        damping *= np.where(better, _LESS, _MORE)
+        if not better.any():
+            continue
+        for finger in np.flatnonzero(~better):
+            own = problem.columns(int(finger))
+            tried[own] = x[own]
+        x = tried
+        r = residuals if better.all() else problem.residuals(x)
+        costs = _costs(problem, r, costs.calm, costs.scale)
+        now = costs.total()
+    return x, r, costs
+
+
+def _normal(problem: Problem, J: Array) -> Array:
+    """JᵀJ, (p, p); rows of one finger have columns of their own and the delay's."""
+    p = J.shape[1]
+    found: Array = problem.prior.T @ problem.prior
+    for number, rows in problem.parts():
+        columns = np.append(problem.columns(number), p - 1)
+        own = J[rows][:, columns]
+        found[np.ix_(columns, columns)] += own.T @ own
+    return found
+
+
+def _step(problem: Problem, x: Vector, normal: Array, gradient: Vector, damping: Vector) -> Vector:
+    """Of all that moves; what would leave its range goes to its end, and the others are solved for again."""
+    more = np.zeros(len(x))
+    for finger, own in enumerate(damping):
+        more[problem.columns(finger)] = own
+    damped = normal + np.diag(more * np.diag(normal))
+    free: NDArray[np.bool_] = np.zeros(len(x), bool)
+    free[problem.active] = True
+    step = np.zeros(len(x))
+    for _ in range(2):
+        held = np.flatnonzero(~free)
+        right = -gradient[free] - damped[np.ix_(free, held)] @ step[held]
+        step[free] = np.linalg.solve(damped[np.ix_(free, free)], right)
+        out = free & (x + step < problem.least)
+        step[out] = problem.least[out] - x[out]
+        free &= ~out
+        if not out.any():
+            break
+    step = np.maximum(x + step, problem.least) - x
+    for finger in range(len(damping)):
+        own = problem.columns(finger)
+        step[own] *= min(1.0, LONGEST / max(float(np.abs(step[own]).max()), 1e-12))
+    return np.asarray(step)
+
+
+def _calm(problem: Problem, J: Array) -> tuple[Vector, ...]:
+    """The weight of each finger's pieces, (w,) each, by how much they answer to its parameters."""
+    w, found = len(problem.cuts.recording), []
+    for number, rows in problem.parts():
+        lever = np.square(J[rows][:, problem.columns(number)]).sum(axis=1).reshape(w, -1).mean(axis=1)
+        found.append(1.0 / (1.0 + lever / (LARGE**2 * _usual(lever))))
+    return tuple(found)
+
+
+def _costs(problem: Problem, r: Vector, calm: tuple[Vector, ...], scale: Vector | None = None) -> _Costs:
+    w = len(problem.cuts.recording)
+    pieces = tuple(np.square(r[rows].reshape(w, -1)).mean(axis=1) for _, rows in problem.parts())
+    if scale is None:
+        scale = np.array([LARGE**2 * _usual(each) for each in pieces])
+    return _Costs(pieces, scale, calm)
+
+
+def _usual(pieces: Vector) -> float:
+    """The mean square of the median piece that can be trusted at all."""
+    trusted = pieces[pieces > 0.0]
+    return float(np.median(trusted)) if len(trusted) else 1.0
+
+
+def _rows(problem: Problem, costs: _Costs) -> Vector:
+    """The square root of its piece's weight for every row, priors' included."""
+    w = len(problem.cuts.recording)
+    found = []
+    for weight, (number, _) in zip(costs.weights, problem.parts(), strict=True):
+        found.append(np.repeat(np.sqrt(weight), problem.shooting.rows(problem.fingers[number])))
+    assert all(len(each) % w == 0 for each in found)
+    return np.concatenate([*found, np.ones(len(problem.prior))])

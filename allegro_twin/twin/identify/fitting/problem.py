@@ -1,0 +1,139 @@
+"""The least-squares problem of identification: scaled parameters, data rows first, prior rows after them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.twin.identify.fitting.parameterisation import (
+    ALL,
+    PLAY,
+    PULLED,
+    SHAPE,
+    index,
+    least,
+    scaled,
+    units,
+    unscaled,
+)
+from allegro_twin.twin.identify.fitting.regress import LOAD
+from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut
+from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.types import Array, Vector
+
+Masses: TypeAlias = Literal["known", "assumed", "weighed"]
+"""Of the links: as given; as in the model, for want of better; or found with a known weight at a fingertip."""
+MASS_SPREAD, MASS_SCALE = 0.06, 0.16
+"""Standard deviations of a link's mass about the model's: each by itself, and all of a finger together. Two sources
+for a finger's mass, the drawing's 0.1466 kg and the manual's 0.17 kg, are 16 % apart."""
+PRIOR = {
+    "torque_constant": 0.6, "armature": 6e-3, "damping": 0.15, "frictionloss": 0.1, "offset": 0.05, "delay": 0.02,
+    "stiction": 1.0, "stribeck_speed": 0.15, "bristle": 3e-3,
+    "load_friction": LOAD[1], "backlash": 5e-3,
+}  # fmt: skip
+"""Standard deviations about the nominal drive, so wide that data which say anything outweigh them."""
+_KNOWN = 1e-4  # Of masses that do not move.
+
+
+class Problem:
+    """Of some motions, of which every `every`-th piece of `length` periods is used."""
+
+    x_of, drive_of = staticmethod(scaled), staticmethod(unscaled)
+    """The descent's numbers of a drive, and back."""
+
+    def __init__(
+        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
+        length: int = LONG,
+    ) -> None:  # fmt: skip
+        self.player, self.motions, self._masses = player, motions, masses
+        self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
+        self.cuts = cut(motions, player.spec, length, every * length)
+        self.shooting = Shooting(player, self.cuts, floor)
+        self.unit, self.least = units(self.n), least(self.n)
+        moving = [name for name in ALL if self._moves(name)] + ["delay"]
+        self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
+        """Parameters that move."""
+        self._center = scaled(nominal)
+        self.prior = self._prior_rows()
+
+    def residuals(self, x: Vector) -> Vector:
+        return np.concatenate([self.flat(self.shooting.raw(unscaled(x)), start=True), self.prior @ (x - self._center)])
+
+    def jacobian(self, x: Vector) -> Array:
+        """The derivatives of `residuals`; those by masses that do not move are left zero."""
+        drive = unscaled(x)
+        base = self.shooting.raw(drive)
+        found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
+        for name in ALL:
+            if self._moves(name):
+                self.by(drive, base, name, found)
+        data = len(found) - len(self.prior)
+        found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
+        for name in PULLED:
+            found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
+        found[data:] = self.prior
+        return found
+
+    def _moves(self, name: str) -> bool:
+        if name in SHAPE:
+            return self.player.bristly
+        if name in PLAY:
+            return self.player.loose
+        return name != "mass_scale" or self._masses == "weighed"
+
+    def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
+        """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
+        for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
+            for finger, rows in self.parts():
+                if place < len(self.fingers[finger]):
+                    column = index(name, self.n).start + self.fingers[finger][place]
+                    into[rows, column] = self.shooting.projected(change, finger).ravel() * self.unit[column]
+
+    def columns(self, finger: int) -> NDArray[np.int_]:
+        """A finger's own parameters, all but the delay."""
+        return np.concatenate([index(name, self.n).start + np.array(self.fingers[finger]) for name in ALL])
+
+    def flat(self, values: Array, *, start: bool = False) -> Vector:
+        """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""
+        parts = [self.shooting.projected(values, f, start=start).ravel() for f in range(len(self.fingers))]
+        return np.concatenate(parts)
+
+    def parts(self) -> Iterator[tuple[int, slice]]:
+        """Every finger with its rows."""
+        first, w = 0, len(self.cuts.recording)
+        for number, finger in enumerate(self.fingers):
+            size = w * self.shooting.rows(finger)
+            yield number, slice(first, first + size)
+            first += size
+
+    def _prior_rows(self) -> Array:
+        """L⁻¹ of the prior's covariance, in scaled parameters."""
+        covariance = np.zeros((len(self.unit), len(self.unit)))
+        for name, sd in PRIOR.items():
+            part = index(name, self.n)
+            covariance[part, part] = np.eye(part.stop - part.start) * sd**2
+        part = index("mass_scale", self.n)
+        covariance[part, part] = mass_covariance(self) if self._masses == "weighed" else np.eye(self.n) * _KNOWN**2
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(self.unit, self.unit))))
+
+
+def mass_covariance(problem: Problem) -> Array:
+    """Of what the masses of the links may be, as factors, (n, n)."""
+    found = np.eye(problem.n) * MASS_SPREAD**2
+    for finger in problem.fingers:
+        found[np.ix_(finger, finger)] += MASS_SCALE**2
+    return found
+
+
+def at_model(nominal: Parameters, start: Parameters) -> Parameters:
+    """Where the prior is centred: the nominal drive, with the masses of the start, the shape of friction there, and no
+    offsets."""
+    shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}
+    return replace(nominal, offset=np.zeros(len(start.offset)), **shape)

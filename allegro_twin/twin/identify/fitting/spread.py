@@ -1,0 +1,115 @@
+"""How far a fit may be off: over pieces, over recordings, over time steps, and over masses that were only assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import Descended
+from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope
+from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
+from allegro_twin.types import Array, Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Of the parameters in the order of `index`, in their own units, p in all."""
+
+    covariance: Array
+    """(p, p): the larger of what the noise says and what the pieces say of themselves."""
+    by_recording: Array
+    """What leaving each recording out would change, (recordings, p)."""
+    step: Vector
+    """What halving the time step would change, (p,)."""
+    path: Vector
+    """What going from the rough solution to the last one changed, (p,): where steps were short of their end, or valleys
+    lie next to each other, a linear estimate at the last one says too little."""
+    rest: Vector
+    """What one more step, undamped, would change, (p,): where the descent stopped short of its end."""
+    mass: Array
+    """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
+    correlation: Array
+    """Of the data alone, as the descent has the parameters, (p, p)."""
+    residual: Vector
+    """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
+
+
+def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses) -> Spread:
+    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
+    where the descent on all pieces began."""
+    drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
+    J, weight = last.jacobian[:data], last.weight[:data]
+    r = weight * last.residuals[:data]
+    information = J.T @ J + problem.prior.T @ problem.prior
+    inverse: Array = np.asarray(np.linalg.inv(information), np.float64)
+    gradient = _by_piece(problem, J, r)
+    by_pieces = inverse @ (gradient.T @ gradient) @ inverse * w / max(w - 1, 1)
+    by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
+    # The correlation of the one, the larger spread of both.
+    larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
+    by = slope(drive)
+    still = np.setdiff1d(np.arange(len(by)), problem.active)
+    by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
+    raw = problem.shooting.raw(drive)
+    fine = problem.shooting.raw(drive, problem.player.finer())
+    step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
+    recordings = np.unique(problem.cuts.recording)
+    without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
+    sd = np.sqrt(np.diag(inverse))
+    return Spread(
+        covariance=by @ (by_noise * np.outer(larger, larger)) @ by.T,
+        by_recording=without @ by.T,
+        step=by @ step,
+        path=by @ (scaled(drive) - scaled(rough)),
+        rest=-by @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
+        mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(by), problem.n)),
+        correlation=inverse / np.outer(sd, sd),
+        residual=_rms(problem, last.residuals),
+    )
+
+
+def _by_piece(problem: Problem, J: Array, r: Vector) -> Array:
+    """Jᵀr of every piece, (w, p)."""
+    w = len(problem.cuts.recording)
+    total = np.zeros((w, J.shape[1]))
+    for _, rows in problem.parts():
+        total += np.einsum("wmp,wm->wp", J[rows].reshape(w, -1, J.shape[1]), r[rows].reshape(w, -1))
+    return total
+
+
+def _without(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
+    """The change of the parameters when one recording is left out, to first order."""
+    w, chosen = len(problem.cuts.recording), problem.cuts.recording == number
+    left, gradient = information.copy(), np.zeros(J.shape[1])
+    for _, rows in problem.parts():
+        own = J[rows].reshape(w, -1, J.shape[1])[chosen].reshape(-1, J.shape[1])
+        left -= own.T @ own
+        gradient += own.T @ r[rows].reshape(w, -1)[chosen].ravel()
+    return np.asarray(np.linalg.solve(left, gradient))
+
+
+def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) -> Array:
+    """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
+    data = len(last.residuals) - len(problem.prior)
+    J, by_mass = last.jacobian[:data], np.zeros((data, len(inverse)))
+    problem.by(last.drive, raw, "mass_scale", by_mass)
+    by_mass *= last.weight[:data, None]
+    part = index("mass_scale", problem.n)
+    effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
+    return np.asarray(slope(last.drive) @ effect)
+
+
+def mass_variance(problem: Problem, found: Spread) -> Array:
+    """What the masses add to the covariance, (p, p)."""
+    return np.asarray(found.mass @ mass_covariance(problem) @ found.mass.T)
+
+
+def _rms(problem: Problem, r: Vector) -> Vector:
+    w, found = len(problem.cuts.recording), np.zeros(problem.n)
+    for number, rows in problem.parts():
+        finger = problem.fingers[number]
+        own = r[rows].reshape(w, -1)[:, : problem.shooting.moments * len(finger)].reshape(-1, len(finger))
+        found[finger] = np.sqrt(np.square(own).mean(axis=0))
+    return found

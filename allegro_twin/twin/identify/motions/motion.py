@@ -1,0 +1,138 @@
+"""A recording as motion: joint positions, and the share of full PWM that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.recording.reader import load
+from allegro_twin.sim.open_loop.segments import BEFORE
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+FEWEST = 3.0
+"""s of motion that a recording needs."""
+EDGE = 0.02
+"""rad. Nearer to a joint limit its stop may push."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One recording, rows a period apart; where periods are missing the row before is repeated and marked."""
+
+    name: str
+    hash: str
+    spec: HandSpec
+    version: Version
+    period: float
+    position: Array
+    """(k, n), rad."""
+    duty: Array
+    """Fraction of full PWM over the period that ends at the row, (k, n)."""
+    good: Array
+    """1 where a row and its joint can be trusted, (k, n): no gap, no limit reached, by driver or joint."""
+    gravity: Vector
+    """In the palm frame, (3,), m/s²."""
+    weight: Vector
+    """At the fingertips, (n,), kg."""
+    calibration: Calibration
+    """With which counts became rad and N·m."""
+
+    @property
+    def torque_constant(self) -> Vector:
+        """(n,), N·m at full PWM."""
+        return np.array(self.calibration.torque_constant, dtype=float)
+
+    @property
+    def seconds(self) -> float:
+        return len(self.position) * self.period
+
+    @property
+    def saturated(self) -> float:
+        """The share of rows and joints that cannot be trusted."""
+        return 1.0 - float(self.good.mean())
+
+
+def read_motion(path: Path, weight: Vector | None = None) -> Motion:
+    """A recording. Raises ConfigError or RecordingError, with what to do, for one that tells nothing about a drive."""
+    recording = load(path)
+    spec, columns = recording.spec, recording.columns
+    table = recording.meta.get("calibration")
+    if table is None:
+        raise ConfigError(
+            f"{path} does not say with which torque constant its counts became N·m: record it again through the hand's "
+            "bus (`allegro-twin excite`)"
+        )
+    if len(columns["t"]) * recording.period < FEWEST:
+        raise ConfigError(f"{path} is {len(columns['t']) * recording.period:.1f} s long: record at least {FEWEST:g} s")
+    torque = columns["torque"]
+    if not np.isfinite(torque).all() or not torque.any():
+        raise ConfigError(f"{path} holds positions without torques: nothing about motors follows from it")
+    gravity = np.median(columns["gravity"], axis=0)
+    if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
+        what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
+        raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
+    calibration = calibration_of(table)
+    rows, missing = _filled(columns["tick"])
+    duty = torque[rows] / np.array(calibration.torque_constant)
+    limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
+    position = columns["position"][rows]
+    lower, upper = spec.lower + EDGE, spec.upper - EDGE
+    good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
+    return Motion(
+        path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
+        good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
+    )  # fmt: skip
+
+
+def calibration_of(table: Mapping[str, Any]) -> Calibration:
+    """What a recording's metadata say of how counts became rad and N·m."""
+    return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
+
+
+def same_hand(motions: list[Motion]) -> None:
+    """Raise ConfigError for recordings of different hands, versions or periods."""
+    for other in motions[1:]:
+        for what in ("name", "serial"):
+            mine, theirs = getattr(motions[0].spec, what), getattr(other.spec, what)
+            if mine != theirs:
+                raise ConfigError(
+                    f"{other.name} is of the hand {theirs!r}, {motions[0].name} of {mine!r}: one at a time"
+                )
+        if other.version != motions[0].version or other.period != motions[0].period:
+            raise ConfigError(
+                f"{other.name} is of a {other.version} hand at {other.period} s, {motions[0].name} of a "
+                f"{motions[0].version} one at {motions[0].period} s"
+            )
+
+
+def noise_floor(position: Array) -> Vector:
+    """Standard deviation of what a joint reports when nothing changes, (n,), rad. `position`: reported, (k, n), rad, a
+    period apart. From third differences, to which a motion below 15 Hz adds nothing: Δ³ of white noise has the variance
+    20 σ²."""
+    third = np.diff(position, n=3, axis=0)
+    moving = np.ptp(position, axis=0) > 1e-3
+    spread: Vector = np.sqrt((third**2).mean(axis=0) / 20.0)
+    robust = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
+    return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
+
+
+def _filled(tick: Array) -> tuple[Any, Any]:
+    """For every period the row that tells of it, or the one before; and whether the commands around it are unknown."""
+    first, last = int(tick[0]), int(tick[-1])
+    rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1
+    absent = np.ones(last - first + 1, bool)
+    absent[tick.astype(int) - first] = False
+    after = np.convolve(absent, np.ones(BEFORE + 1), mode="full")[: len(absent)] > 0
+    return rows, after
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,216 @@
+"""What was found, in the hand's own file: all of it or nothing, and with what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import parse_yaml, refuse_shipped
+from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
+from allegro_twin.hands.description.calibration import Calibration, Version
+from allegro_twin.hands.description.hands import load_actuation
+from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.sim.engine.backend import ENGINE
+from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.identify.fitting.fit import Fit
+from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
+from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.results.gap import SHORTEST
+from allegro_twin.twin.identify.results.selection import Held, settled
+from allegro_twin.twin.identify.results.uncertainty import PER_PWM, Value
+from allegro_twin.types import Vector
+from allegro_twin.version import __version__
+
+SCALE = {
+    "known": "the link masses in this file, declared to be right",
+    "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
+    "weighed": "a known weight at a fingertip",
+}
+_NONE = {"stiction": 1.0, "stribeck_speed": 0.1, "bristle": 0.0, "load_friction": 0.0, "backlash": 0.0}
+"""Of a joint in which none was found."""
+_TOGETHER = ("stiction", "stribeck_speed", "bristle")
+"""Friction breaks away by all three, or by none."""
+_NOTE = "Found by `allegro-twin identify`"
+_DIGITS = 6
+
+
+def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> str:
+    """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
+    that, or nothing. Raises ConfigError for a file that ships, for one of another hand, or one whose calibration
+    the recordings were not made with; RecordingError."""
+    with locked(path):
+        text = read_text(path)
+        content = parse_yaml(text, str(path)) if holds_anything(text) else {}
+        check(path, content, motions)
+        made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
+        kept = _kept_offsets(path, content, motions[0])
+        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+    return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
+
+
+def _weakened(path: Path, content: Mapping[str, Any]) -> str:
+    if "strength" not in (content.get("drive") or {}):
+        return ""
+    return f"drive.strength is out of {path}: wire.torque_constant, which was found, holds it."
+
+
+def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value], motions: Sequence[Motion]) -> str:
+    """How far encoder offsets that stay are from what weight says, rad; nothing where none do."""
+    if kept is None:
+        return ""
+    apart = np.abs(values["offset"].value - shift(motions[0].version, motions[0].calibration, kept))
+    apart = np.where(values["offset"].determined, apart, 0.0)
+    most = int(apart.argmax())
+    return (
+        f"The encoder offsets in {path} stay as they were: {motions[0].name} was recorded with others. By weight "
+        f"they are up to {1000 * apart[most]:.1f} mrad from that ({_joint(motions[0].spec, most)}); take "
+        "`wire.encoder_offset` out of the file to have that instead."
+    )
+
+
+def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tuple[int, ...] | None:
+    """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`, and the recordings were not made
+    with."""
+    if "encoder_offset" not in (content.get("wire") or {}):
+        return None
+    written = load_wiring(serial=str(path)).calibration.encoder_offset
+    return None if written == first.calibration.encoder_offset else written
+
+
+def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
+    """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for a file that
+    ships."""
+    refuse_shipped(path)
+    wire, first = content.get("wire") or {}, motions[0]
+    for key, value in (("version", first.version), ("side", first.spec.side)):
+        if wire.get(key, value) != value:
+            raise ConfigError(f"{path} is of a {wire[key]} hand, {first.name} of a {value} one: choose another file")
+    if not path.exists():
+        return
+    written = load_wiring(serial=str(path)).calibration.encoder_offset
+    used = first.calibration.encoder_offset
+    if written != used and "identified" in content:
+        raise ConfigError(
+            f"{path} has encoder offsets that {first.name} was not recorded with: record again with "
+            f"`hand: {{serial: {path}}}`, or identify into a new file"
+        )
+
+
+def _blocks(
+    path: Path, content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
+) -> dict[str, Any]:
+    first = motions[0]
+    spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
+    before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
+    if kept is not None:
+        held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
+        before = replace(before, offset=shift(first.version, first.calibration, kept))
+    strength = drive.pop("strength", 1.0)  # Has gone into what was found.
+    before = replace(before, torque_constant=before.torque_constant * np.array(strength))
+    own = settled(found, held, before)
+    actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
+    wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
+    wire["torque_constant"] = _plain(own.torque_constant)
+    wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
+    drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
+    if not held["delay"][0]:
+        drive["delay"] = float(f"{own.delay[0]:.3g}")
+    for name, none in _NONE.items():
+        if name in held:
+            drive[name] = _plain(np.where(held[name], none, getattr(own, name)))
+    if found.masses == "weighed":
+        drive["mass_scale"] = _plain(own.mass_scale)
+    blocks = {"wire": wire, "actuation": actuation, "drive": drive}
+    return blocks | {"identified": _basis(found, values, motions, spec, day)}
+
+
+def _held(values: Mapping[str, Value]) -> Held:
+    """What is not written: what is not determined; of friction that breaks away all three where one is not, and
+    backlash whose interval holds none."""
+    held = {name: ~value.determined for name, value in values.items()}
+    if "backlash" in values:
+        held["backlash"] |= values["backlash"].value <= values["backlash"].half
+    if "stiction" in values:
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([held[name] for name in _TOGETHER])
+        held |= dict.fromkeys(_TOGETHER, any_of)
+    return held
+
+
+def _before(first: Motion, delay: float, found: Fit) -> Parameters:
+    """What stands in the place of values that are not written."""
+    n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
+    none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
+    return Parameters(
+        torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
+        frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
+        mass_scale=found.drive.mass_scale, **none,
+    )  # fmt: skip
+
+
+def _basis(
+    found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], spec: HandSpec, day: str
+) -> dict[str, Any]:
+    """Date, recordings, engine, units, intervals."""
+    missing = {
+        name: {_joint(spec, k): why for k, why in enumerate(value.reason) if why} for name, value in values.items()
+    }
+    return {
+        "date": day,
+        "program": f"allegro-twin {__version__}",
+        "engine": ENGINE,
+        "recordings": {motion.name: motion.hash for motion in motions},
+        "scale": SCALE[found.masses],
+        "friction": "LuGre" if found.bristly else "Coulomb",
+        "backlash": "seen" if found.loose else "none seen",
+        "units": "per_pwm: armature, damping, frictionloss over the torque constant; torque_constant N·m at full PWM; "
+        "offset and backlash rad; delay s; interval: half of 95 %",
+        "per_pwm": {name: _plain(values[name].value) for name in PER_PWM},
+        "value": {name: _plain(values[name].value) for name in values if name not in PER_PWM},
+        "interval": {name: _plain(value.half) for name, value in values.items()},
+        "written": "what is not determined as it was, and the other values what they must be then",
+        "not_determined": {name: table for name, table in missing.items() if table},
+        "residual": _plain(found.spread.residual),
+        "noise": _plain(found.floor),
+    }
+
+
+def doubtful(path: Path) -> str:
+    """Why the values in a hand's file may not fit this program; empty where they do."""
+    table = parse_yaml(read_text(path), str(path)) if path.exists() else {}
+    engine = (table.get("identified") or {}).get("engine", ENGINE)
+    if engine == ENGINE:
+        return ""
+    return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
+
+
+def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
+    """What positions are too high by, (n,), rad, that were read with one calibration when other encoder offsets,
+    counts, are right."""
+    right = replace(used, encoder_offset=encoder_offset)
+    one, other = (make_codec(version, each).positions.values(bytes(32)) for each in (used, right))
+    return one - other
+
+
+def _offsets(motion: Motion, offset: Vector) -> list[int]:
+    """Encoder offsets, counts, with which positions are right that are too high by `offset`, rad."""
+    old = motion.calibration
+    # What one more count of offset does to a position, rad; each version has its own.
+    step = -shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
+    counts = np.rint(-offset / step)
+    return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
+
+
+def _joint(spec: HandSpec, number: int) -> str:
+    return spec.readable[number]
+
+
+def _plain(row: Vector) -> list[float]:
+    return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]

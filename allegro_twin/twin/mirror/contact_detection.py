@@ -1,0 +1,142 @@
+"""Touches, from disturbances: pure functions of what an observer estimated.
+
+A push on a fingertip is felt by several joints at once, each a little. So a finger is touched where the disturbances of
+its joints leave an ellipsoid, Σ (d / above)² > 1, whose axes have the proportions of what free motions disturb; its
+size is where the largest of a block of free motion (1 s) would be once in RARE blocks, by Gumbel's law of extremes.
+Joints at rest have axes of their own: where friction breaks away it holds a torque there that no mirror can know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.sim.observer.observer import REST
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import Array, Vector
+
+SETTLED = 1.0  # s until an observer that began somewhere has forgotten it.
+BLOCK = 1.0  # s
+RARE = 10 * 3600.0  # Blocks: a false alarm of a finger in 10 hours, of a hand in two and a half.
+FREED = 0.1  # s for which a joint that counts as moving has been faster than REST.
+FEWEST = 4  # Blocks' worth of rows that tell about joints at rest, or moving.
+LEAST = 0.004  # N·m. No axis is shorter: the noise of encoders alone makes 2 mN·m.
+PERIODS = 2  # In a row that are outside.
+EULER = 0.5772  # Of Gumbel's law: its mean is the mode and as many scales.
+
+
+class Contact(NamedTuple):
+    """A touch of one finger."""
+
+    finger: str
+    begin: float
+    """s"""
+    end: float
+    """s; that of the motion where it is still touched then."""
+    torque: float
+    """The largest, of any of its joints, N·m."""
+    joint: int
+    """The outermost that is pushed beyond its own axis: it touched the link that this joint moves, or one further out;
+    -1 where joints are pushed too little each to tell."""
+
+
+class Pace:
+    """Tells which joints have been moving for a while: theirs is another friction than that of a joint at rest, which
+    holds any torque, and nobody knows which."""
+
+    def __init__(self, n: int, period: float) -> None:
+        self._since, self._period = np.zeros(n), period
+
+    def __call__(self, velocity: Vector) -> NDArray[np.bool_]:
+        """After another period at some speeds, (n,), rad/s."""
+        self._since = np.where(np.abs(velocity) > REST, self._since + self._period, 0.0)
+        return np.asarray(self._since > FREED)
+
+
+def axes(above: Array, moving: NDArray[np.bool_]) -> Array:
+    """Of thresholds (2, n) those of joints at rest or moving, (n,) or (k, n), N·m."""
+    return np.asarray(np.where(moving, above[1], above[0]))
+
+
+def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
+    """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m, from the disturbances (k, n),
+    N·m, of a motion that touches nothing and which joints moved for a while. `held`: what friction that breaks away may
+    hold in a joint at rest, (n,), N·m; less is no touch there. Raises ConfigError where it is too short to tell."""
+    first, block = round(SETTLED / period), round(BLOCK / period)
+    if len(free) < 4 * first:
+        raise ConfigError(f"a free motion of {len(free) * period:.1f} s says too little: at least {4 * SETTLED:g} s")
+    rows = slice(first, first + (len(free) - first) // block * block)
+    free, moving = free[rows], moving[rows]
+    above = np.full((2, spec.n_joints), np.inf)
+    for finger in spec.fingers:
+        own = list(finger.joints)
+        for which, chosen in enumerate((~moving[:, own], moving[:, own])):
+            # Of what hardly ever was nothing else tells.
+            kept = np.where(chosen.sum(axis=0) >= FEWEST * block, chosen, True)
+            usual = np.sqrt(np.square(free[:, own]).mean(axis=0, where=kept))
+            shares = np.where(kept, free[:, own], 0.0) / np.maximum(usual, 1e-6)
+            above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
+        both = pushed(free, axes(above, moving), spec, own)
+        above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
+    above = np.maximum(above, LEAST)
+    above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
+    return np.asarray(above)
+
+
+def _rare(squares: Vector, block: int) -> float:
+    """What is reached once in RARE blocks, and nowhere here. Squares of normal noise have an exponential tail, to which
+    Gumbel's law belongs."""
+    largest = squares.reshape(-1, block).max(axis=1)
+    largest = largest[largest > 0.0] if largest.any() else largest
+    rare = largest.mean() + np.sqrt(6.0) / np.pi * largest.std() * (np.log(RARE) - EULER)
+    return max(float(rare), float(largest.max()))
+
+
+def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
+    """How far outside its ellipsoid each finger is, 1 on it, (k, fingers); of some joints together, (k,).
+    `above`: (n,), or (k, n)."""
+    share = np.square(disturbance / above)
+    if joints is not None:
+        return np.asarray(np.sqrt(share[..., list(joints)].sum(axis=-1)))
+    sums = [share[..., list(finger.joints)].sum(axis=-1) for finger in spec.fingers]
+    return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
+
+
+def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
+    """Whether each finger is touched, (k, fingers): it was outside its ellipsoid in PERIODS periods up to now."""
+    over = pushed(disturbance, above, spec) > 1.0
+    held = over.copy()
+    for back in range(1, PERIODS):
+        held[back:] &= over[:-back]
+        held[:back] = False
+    return np.asarray(held)
+
+
+def outermost(share: Vector, joints: Sequence[int]) -> int:
+    """The last of a finger's joints, from the palm on, that is pushed beyond its own axis; -1: none. `share`: squares
+    of disturbances, in squares of axes, (n,). A push loads the joints before it and no other, so that what touches the
+    finger touches the link that this joint moves, or, where the lever is short, one further out."""
+    return max((joint for joint in joints if share[joint] > 1.0), key=list(joints).index, default=-1)
+
+
+def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
+    """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the
+    mirror began again."""
+    found, flags = [], touched(disturbance, above, spec)
+    for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
+        flags[(t >= begun) & (t < begun + SETTLED)] = False
+    for number, finger in enumerate(spec.fingers):
+        rows = np.flatnonzero(flags[:, number])
+        if not len(rows):
+            continue
+        breaks = np.flatnonzero(np.diff(t[rows]) > pause)
+        for part in np.split(rows, breaks + 1):
+            during, own = slice(part[0], part[-1] + 1), list(finger.joints)
+            torque, begin, end = float(np.abs(disturbance[during, own]).max()), float(t[part[0]]), float(t[part[-1]])
+            share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[during].mean(axis=0)
+            found.append(Contact(finger.name, begin, end, torque, outermost(share, own)))
+    return sorted(found, key=lambda contact: contact.begin)

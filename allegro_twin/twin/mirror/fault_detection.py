@@ -1,0 +1,257 @@
+"""Collects what a mirror sees into windows, and says once what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.sim.observer.observer import Estimate
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.mirror.contact_detection import EULER, thresholds
+from allegro_twin.twin.mirror.encoder_drift import Drift
+from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest, shaped
+from allegro_twin.twin.mirror.faults import CREEP, JUMP, MOVING, ROW, Anomaly, Name, Window, direct, still
+from allegro_twin.twin.mirror.loose_link import Falls
+from allegro_twin.twin.mirror.slip_detection import Slips
+from allegro_twin.types import Array, HandState, Vector, frozen
+
+ROWS = 50
+"""Of a window: 1.5 s at 3 ms."""
+EVERY = 8
+"""Rows between two looks: 0.24 s."""
+WAIT = 40
+"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
+joint that stays has ROWS: it may be stuck."""
+FASTEST = 0.003
+"""s: the period of which JUMP is; in a longer one joints go further."""
+LONGEST = 72
+"""Rows from the first sign after which the likelier of two is named, however near the other comes."""
+FILE = 34
+"""Rows from the first sign to a name of the file: fingers that close on something rest by then."""
+SOONEST = 24
+"""Rows that shapes are told from at least."""
+CLEAR = 20.0
+"""What is clear is e¹⁰ times likelier than what is next likely: half of `Anomaly.lead` is the logarithm."""
+RARE = 3e5
+"""Looks in which a free finger reaches its threshold once: 20 hours."""
+DEFAULT, PART = 0.02, 0.03
+"""N·m, and of a motor's limit, where no free motion says what a touch is."""
+SURE = 8.0
+"""Standard deviations of reported from predicted positions that noise never is."""
+UNKNOWN = frozen([np.inf])
+ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Where every report comes, and without noise.
+SIGMAS = 6.0
+"""Of the disturbance that noise alone makes: less is no touch where no free motion says what is."""
+REACH = 3
+"""Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
+g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
+SHAPED: tuple[Name, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
+BLOCK, FEWEST = 20, 4
+"""Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
+ENOUGH = 22.0  # s of free motion that hold so many at 3 ms, after what a mirror takes to settle and to fill a window.
+
+
+class Weights(NamedTuple):
+    """Of a hand's links, in one of its postures."""
+
+    pull: Array
+    """What a kilogram at each link's centre of mass would weigh on each joint, (links, n), N·m."""
+    lean: Array | None
+    """How the torques of gravity turn with the joints, (n, n), N·m/rad; None: not known of this hand."""
+    free: NDArray[np.bool_]
+    """Joints of fingers that nothing touches, (n,)."""
+    down: Vector
+    """Gravity in the palm frame, (3,), m/s²."""
+    rub: Vector
+    """Dry friction now over that in fast motion, (n,)."""
+
+
+class Calm(NamedTuple):
+    """What free motions of a hand do not reach."""
+
+    above: Array
+    """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
+    gains: Vector
+    """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
+    spread: Vector = UNKNOWN
+    """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
+    out with those that it makes now. Infinite where it is not known."""
+
+    @property
+    def unnamed(self) -> tuple[Name, ...]:
+        """Names that cannot be said, for no free motion, or too short a one, tells what is usual."""
+        return SHAPED if np.isinf(self.gains).any() else ()
+
+    @staticmethod
+    def usual(spec: HandSpec) -> Calm:
+        """Where no free motion was seen; of a hand that closes its own loop a share of what its motors give."""
+        above = np.full(spec.n_joints, DEFAULT)
+        if "torque" not in spec.commands:
+            above = np.maximum(above, PART * spec.actuation.torque_limit)
+        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
+
+    @staticmethod
+    def of(
+        disturbance: Array,
+        moving: NDArray[np.bool_],
+        held: Vector,
+        gains: Array,
+        period: float,
+        spec: HandSpec,
+        spread: Vector = UNKNOWN,
+    ) -> Calm:
+        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
+        those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
+        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
+        where it is too short."""
+        above, blocks = thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
+        if blocks < FEWEST:
+            return Calm(above, np.full(len(spec.fingers), np.inf), spread)
+        cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
+        scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
+        rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
+        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
+
+
+class Diagnosis:
+    """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
+
+    def __init__(self, spec: HandSpec, calm: Calm, period: float) -> None:
+        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.above[0]
+        self.gains: list[Vector] = []
+        """The largest of every finger, look by look, (fingers,) each."""
+        self._periods: list[tuple[Vector, ...]]
+        self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
+        self._jump = JUMP * max(period / FASTEST, 1.0)
+        self.interrupted()
+        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
+        self.found: Anomaly | None = None  # As soon as that is sure; a slip until something else is.
+
+    def interrupted(self) -> None:
+        """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
+        spec, row, above = self._spec, ROW * self._period, self._above
+        self._drift, self._falls, self._slips = Drift(spec, row), Falls(spec), Slips(spec, row, above)
+        self._periods, self._rows, self._count, self._sign = [], [], 0, -1
+        self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
+
+    def add(
+        self,
+        state: HandState,
+        estimate: Estimate,
+        torque: Vector,
+        off: Vector,
+        weights: Weights | None,
+        since: NDArray[np.int_] = ONCE,
+        expected: Vector = EXACT,
+    ) -> None:
+        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
+        are wanted in the last of ROW periods; `since`: periods from a joint's last report to this one, 0 where it was
+        lost, (n,); `expected`: standard deviation of `off`, (n,), rad."""
+        v, heard = estimate.velocity, since > 0
+        went = np.abs(state.position - self._at)
+        sped = went - since * self._went
+        # Not where a joint was stopped: it met something.
+        most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
+        jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
+        self._at = np.where(heard, state.position, self._at)
+        self._went = np.where(heard, went / np.maximum(since, 1), self._went)
+        self._periods.append(
+            (estimate.disturbance, torque, v, np.tanh(v / CREEP), state.position, jump, off, SURE * expected)
+        )
+        if len(self._periods) < ROW or weights is None:
+            return
+        *means, jumps, away, noise = (np.array(each) for each in zip(*self._periods, strict=True))
+        self._periods.clear()
+        row = [each.mean(axis=0) for each in means]
+        row[3] = row[3] * weights.rub
+        d, made, _, _, position = row
+        slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
+        self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
+        fell = self._falls.add(away, noise.max(axis=0))
+        inside = weights.lean is None  # A loop of its own carries a link that falls.
+        if fell is not None and not inside and self._untouched(fell[0], weights.free):
+            self._say(Anomaly("loose", *fell))
+        if slid is not None:
+            self._say(Anomaly("slip", *slid))
+        self._creep(row, weights)
+        if self._count % EVERY == 0 and self._count >= ROWS:
+            self._look()
+
+    def _say(self, found: Anomaly | None) -> None:
+        """A fault stays, and what is wrong later may follow from it; a slip is over once it is said."""
+        if found is not None and (self.found is None or self.found.name == "slip"):
+            self.found = found
+
+    def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
+        """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
+        own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
+        return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
+
+    def _creep(self, row: Sequence[Vector], weights: Weights) -> None:
+        """What takes longer than a window."""
+        d, torque, velocity, side, *_ = row
+        if weights.lean is None:
+            return
+        tells = (np.abs(velocity) > MOVING) & weights.free
+        self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
+        if self._count % EVERY == EVERY // 2:
+            drifts = self._drift.look()
+            self._say(None if drifts is None else Anomaly("encoder_drift", *drifts))
+
+    @property
+    def due(self) -> bool:
+        """Whether the next period ends a row."""
+        return len(self._periods) == ROW - 1
+
+    def _keep(self, row: Sequence[NDArray[Any]]) -> None:
+        if not self._rows:
+            self._rows = [np.zeros((2 * LONGEST, *each.shape), each.dtype) for each in row]
+        for column, each in zip(self._rows, row, strict=True):
+            column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
+        self._count += 1
+
+    def _last(self, count: int) -> Window:
+        end = (self._count - 1) % LONGEST + LONGEST + 1
+        return Window(*(column[end - count : end] for column in self._rows))
+
+    def _look(self) -> None:
+        window = self._last(ROWS)
+        self.gains.append(largest(window, self._spec))
+        self._right |= (self.gains[-1] <= self._quiet) & (self._travelled(window) > ROWS / 2)
+        at_once = direct(window, self._spec)
+        if at_once is None and not (self.gains[-1] > self._quiet).any():
+            self._sign = -1
+            return
+        if self._sign < 0:
+            self._sign = self._count
+        if at_once is None:
+            self._say(self._shaped())
+        elif not _falling(at_once, window):
+            self._say(at_once)
+
+    def _shaped(self) -> Anomaly | None:
+        """From what was seen since the first sign."""
+        waited = self._count - self._sign
+        window = self._last(min(max(SOONEST, waited), LONGEST))
+        seen = shaped(window, self._quiet, self._spec)
+        if seen is None:
+            return None
+        if seen.name == "wrong_file":
+            return seen if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS else None
+        wait = LONGEST if seen.lead < CLEAR else ROWS if still(window)[seen.joint] else WAIT
+        if waited < wait:
+            return None
+        return None if self._drift.grew(seen.name, seen.joint, seen.gain) else seen
+
+    def _travelled(self, window: Window) -> Vector:
+        """In how many rows each finger's second busiest joint moves, (fingers,)."""
+        moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
+        return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
+
+
+def _falling(seen: Anomaly, window: Window) -> bool:
+    """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
+    return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

@@ -1,0 +1,283 @@
+"""The mirror: a stage over samples, so it works on a bus, on a virtual hand and on a recording alike."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from allegro_twin.backend import limp_of, position_of, torque_of
+from allegro_twin.errors import ConfigError, HandFault
+from allegro_twin.sim.observer.loop_observer import LoopObserver
+from allegro_twin.sim.observer.observer import Estimate, Observer
+from allegro_twin.spec import HandSpec
+from allegro_twin.twin.mirror.contact_detection import PERIODS, SETTLED, Pace, axes, outermost, pushed
+from allegro_twin.twin.mirror.fault_detection import Calm, Diagnosis, Weights
+from allegro_twin.twin.mirror.faults import NAMES, Anomaly, words
+from allegro_twin.types import Array, HandState, Sample, Vector
+
+STOPS = ("contact", *NAMES)
+"""What can stop a hand."""
+BLIND = 0.1
+"""s without a report after which the mirror begins again: by then 2 mN·m a period have carried it 20 mrad away."""
+DIM = 0.02
+"""s without a report after which no new touch is told for as long again. Ours: friction that breaks away carries a
+joint off its mirror by no linear law, and what is left of that is gone by then."""
+COUNTS = 4
+"""States within which a host counts a period of which it heard nothing (`wire.host.clock.PATIENCE`), and one more."""
+CLEARLY = 0.25
+"""Of the squares by which a step is off: of fewer a period that nobody counted explains it. Half of each is none."""
+NOISIER = 1.25
+"""Times the noise that it was made for: with more in the first half of SETTLED a mirror takes the hand's own."""
+
+
+class Mirror:
+    """Keeps up with samples: with the torques that a hand reports, or, where it closes its own loop, with what it is
+    told. `torque_constant`: with which the host's counts became N·m, (n,); of the former alone."""
+
+    def __init__(
+        self,
+        spec: HandSpec,
+        observer: Observer | LoopObserver,
+        torque_constant: Vector,
+        calm: Calm | None = None,
+        stop: Collection[str] = (),
+        gravity: Vector | None = None,
+    ) -> None:
+        """`calm`: what free motions do not reach; `stop`: of STOPS, what leaves the hand limp; `gravity`: in the palm
+        frame, (3,), m/s², where the hand does not report it."""
+        self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
+        self._gravity, self._told = gravity, limp_of(spec)
+        self._calm = calm or Calm.usual(spec)
+        self._estimate: Estimate | None = None
+        self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new touch is told.
+        self._over = np.zeros(len(spec.fingers), dtype=int)
+        self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
+        self._lost = Lost(observer.period)
+        self._noise: Noise | None = Noise(spec.n_joints)
+        self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
+        self._diagnosis = Diagnosis(spec, self._calm, observer.period)
+
+    @property
+    def spec(self) -> HandSpec:
+        return self._spec
+
+    @property
+    def observer(self) -> Observer | LoopObserver:
+        """The simulation beside the hand."""
+        return self._observer
+
+    @property
+    def external_torque(self) -> Vector:
+        """What pushes the joints from outside, (n,), N·m; NaN before the second sample."""
+        return self.latest()["disturbance"]
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """The fingers that something touches."""
+        return tuple(f.name for f, over in zip(self._spec.fingers, self._over, strict=True) if over >= PERIODS)
+
+    @property
+    def touched_joints(self) -> dict[str, int]:
+        """Of every finger that something touches the outermost joint that is pushed beyond its own axis: it touches the
+        link that this joint moves, or one further out; -1 where that cannot be told."""
+        share = np.square(self.external_torque / self.above)
+        return {f.name: outermost(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Which joints have moved for a while, (n,)."""
+        return self._moving
+
+    @property
+    def above(self) -> Vector:
+        """More than this is a touch now, (n,), N·m: what free motions do not reach, and further out while the
+        disturbance is known less well than in them."""
+        wider = self._observer.spread / self._calm.spread
+        return np.asarray(axes(self._calm.above, self._moving) * np.maximum(wider, 1.0))
+
+    @property
+    def unnamed(self) -> tuple[str, ...]:
+        """Faults that it cannot name: nobody told what is usual."""
+        return self._calm.unnamed
+
+    @property
+    def anomaly(self) -> Anomaly | None:
+        """What is wrong with the hand, once that is sure."""
+        return self._diagnosis.found
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """For thresholds: its windows."""
+        return self._diagnosis
+
+    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+        """A stage that passes the samples on. Raises ConfigError for a hand that does not say where down is, HandFault
+        for what is to stop it."""
+        for sample in samples:
+            self.see(sample)
+            yield sample
+
+    def see(self, sample: Sample) -> None:
+        """The next sample; periods that are missing before it, by its tick, pass without a report. Raises as
+        `watched`."""
+        state = sample.state
+        gone = self._lost.gone(state, max(state.tick - self._tick, 1), self._estimate)
+        if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
+            self._begin(state)
+        else:
+            heard, blind = np.isfinite(state.position), gone * self._observer.period
+            if blind > DIM:
+                self._clear = max(self._clear, state.t + blind)
+            self._since += gone
+            for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
+                ends = lost == gone
+                known = heard & ends
+                position = np.where(known, state.position, estimate.predicted)
+                self._estimate, self._moving = estimate, self._pace(estimate.velocity)
+                if state.t > self._begun + SETTLED:
+                    self._judge(replace(state, position=position), torque, np.where(known, self._since, 0))
+            self._since[heard] = 0
+            self._listen(state, gone)
+        self._told, self._tick = sample.command, state.tick
+
+    def _passed(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
+        """The periods that ended with a state, and what the motors gave in each by the model, (n,), N·m. A host that
+        waits for a report sends nothing new, so the torque is that of the whole gap; a log that lost rows has it of the
+        last period alone, and the command that came before the first: between these it changed somehow."""
+        observer, down = self._observer, self.down(state)
+        if isinstance(observer, LoopObserver):
+            told = position_of(self._told, self._spec)
+            for _ in range(gone - 1):
+                yield observer.missed(told, down), observer.torque
+            yield observer.step(told, down, state.position), observer.torque
+            return
+        limit, duty = self._spec.actuation.torque_limit, state.torque / self._constant
+        if gone > 1:
+            first = np.clip(torque_of(self._told, self._spec), -limit, limit) / self._constant
+            for part in np.linspace(0.0, 1.0, gone)[:-1]:
+                between = first + part * (duty - first)
+                yield observer.missed(between, down, np.abs(duty - first)), between * observer.torque_constant
+        yield observer.step(duty, down, state.position), duty * observer.torque_constant
+
+    def _listen(self, state: HandState, gone: int) -> None:
+        """How noisy the hand's reports are, at first."""
+        if self._noise is None:
+            return
+        self._noise.add(state.position, gone)
+        if state.t > self._begun + SETTLED / 2.0:
+            found, self._noise = self._noise.found(), None
+            if (found > NOISIER * self._observer.noise).any():
+                self._observer.noisier(np.maximum(found, self._observer.noise))
+
+    def down(self, state: HandState) -> Vector:
+        """Gravity in the palm frame, (3,), m/s²: as it was told, or as the hand reports it."""
+        return state.gravity if self._gravity is None else self._gravity
+
+    def latest(self) -> dict[str, Array]:
+        """Further columns of a recording. `event`: 1 for every finger that is touched, then which anomaly, counted from
+        1 in the order of `anomalies.NAMES`, and its joint; 0 and -1 where there is none."""
+        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.anomaly
+        which = (0.0, -1.0) if found is None else (1.0 + NAMES.index(found.name), float(found.joint))
+        return {
+            "predicted": unknown if estimate is None else estimate.predicted,
+            "disturbance": unknown if estimate is None else estimate.disturbance,
+            "event": np.array([*(self._over >= PERIODS), *which], dtype=float),
+        }
+
+    def _begin(self, state: HandState) -> None:
+        if not np.isfinite(self.down(state)).all():
+            raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
+        if not np.isfinite(state.position).all():
+            return  # Nothing can begin at a place that is not known.
+        self._begun, self._clear, self._estimate = state.t, 0.0, None
+        self._since[:], self._over[:] = 0, 0
+        self._observer.reset(state.position)
+        self._lost = Lost(self._observer.period)
+        self._pace = Pace(self._spec.n_joints, self._observer.period)
+        self._diagnosis.interrupted()
+        if self._noise is not None:
+            self._noise = Noise(self._spec.n_joints)
+
+    def _weights(self, down: Vector, velocity: Vector) -> Weights:
+        observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
+        for finger, over in zip(self._spec.fingers, self._over, strict=True):
+            free[list(finger.joints)] = over < PERIODS
+        if isinstance(observer, Observer):
+            return Weights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
+        return Weights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
+
+    def _judge(self, state: HandState, torque: Vector, since: NDArray[np.int_]) -> None:
+        """`state`: with predicted positions where none were reported; `since`: periods from each joint's last report to
+        this one, 0 where there is none, (n,)."""
+        estimate, diagnosis = self._estimate, self._diagnosis
+        assert estimate is not None
+        off = state.position - estimate.predicted
+        weights = self._weights(self.down(state), estimate.velocity) if diagnosis.due else None
+        diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
+        if not since.any():
+            return  # What nobody saw counts for nothing.
+        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+        if state.t < self._clear:
+            over &= self._over >= PERIODS
+        self._over = np.where(over, self._over + 1, 0)
+        if "contact" in self._stop and self.contacts:
+            joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
+            raise HandFault(
+                f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
+                f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"
+            )
+        if self.anomaly is not None and self.anomaly.name in self._stop:
+            raise HandFault(f"{words(self.anomaly, self._spec)}, at {state.t:.3f} s")
+
+
+class Lost:
+    """Tells a period of which a host heard nothing at once: its `tick` counts it with the third state that is late, for
+    one that is merely late is followed by one that is not. How far the joints went tells before."""
+
+    def __init__(self, period: float) -> None:
+        self._period, self._t, self._at = period, np.inf, np.zeros(0)
+        self._ahead, self._left = 0, 0  # Periods that `tick` lacks, and states in which it is to count them.
+
+    def gone(self, state: HandState, counted: int, last: Estimate | None) -> int:
+        """Periods from the last state to this one; `counted`: by the ticks."""
+        stamped = round((state.t - self._t) / self._period) if np.isfinite(self._t) else counted
+        gone, step = counted, state.position - self._at if last is not None else np.zeros(0)
+        self._t, self._at, self._left = state.t, state.position, self._left - 1
+        if self._left < 0:
+            self._ahead = 0
+        if counted > 1 and stamped < counted:
+            caught = min(self._ahead, counted - 1)
+            self._ahead, gone = self._ahead - caught, counted - caught
+        elif last is not None and stamped == counted + 1:
+            went = self._period * last.velocity
+            off = [float(np.nansum(np.square(step - periods * went))) for periods in (counted, stamped)]
+            if off[1] < CLEARLY * off[0]:
+                self._ahead, self._left, gone = self._ahead + 1, COUNTS, stamped
+        return gone
+
+
+class Noise:
+    """How noisy reports are, from third differences of positions in successive periods, to which a motion below 15 Hz
+    adds nothing: those of white noise have the variance 20 σ²."""
+
+    def __init__(self, n: int) -> None:
+        self._last: deque[Vector] = deque(maxlen=4)
+        self._third: list[Vector] = [np.zeros(n)]
+
+    def add(self, position: Vector, gone: int) -> None:
+        """What is reported, (n,), rad, some periods after the last."""
+        if gone > 1:
+            self._last.clear()
+        self._last.append(position)
+        if len(self._last) == 4:
+            self._third.append(np.abs(np.diff(np.array(self._last), n=3, axis=0)[0]))
+
+    def found(self) -> Vector:
+        """Standard deviation, (n,), rad. Differences beyond thrice the usual count as that: something struck."""
+        third = np.nan_to_num(np.array(self._third))
+        most = 3.0 * np.median(third, axis=0) / 0.6745
+        return np.asarray(np.sqrt(np.square(np.minimum(third, most)).mean(axis=0) / 20.0))

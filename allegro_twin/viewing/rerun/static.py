@@ -1,0 +1,101 @@
+"""What Rerun is told once: the shapes, the names and colours of the series, the phases, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+
+from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
+from allegro_twin.hands.description.shapes import Shape
+from allegro_twin.spec import Finger, HandSpec
+from allegro_twin.viewing.rerun.scene import Scenery
+from allegro_twin.viewing.surfaces import joined, surface
+
+_GHOST = (40, 140, 240, 90)
+"""RGBA of a hand that is only wanted, or expected."""
+_THINNER = 0.0012  # m: such a hand is hidden in the real one where that is where it should be.
+
+
+def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
+    """Everything that does not move of itself."""
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for body in scene.bodies:
+        path = f"world/palm/{body.name}" if body.parent >= 0 else "world/palm"
+        draw_shapes(stream, f"{path}/look", body.shapes)
+    for name, shapes in scene.objects.items():
+        draw_shapes(stream, f"world/objects/{name}/look", shapes)
+    draw_shapes(stream, "world/fixed", scene.fixed)
+    for finger in spec.fingers:
+        _series(stream, spec, finger, scene)
+    parts = [finger.name for finger in spec.fingers] + ["palm"]
+    colors = [_rgb(of_series(k)) for k in range(len(parts))]
+    stream.log("contact/force", rr.SeriesLines(names=parts, colors=colors), static=True)
+    stream.log("world/contact", rr.Arrows3D.from_fields(colors=colors, radii=[0.002]), static=True)
+    if scene.link:
+        stream.log("mirror/link", rr.SeriesLines(names=list(scene.link)), static=True)
+    if scene.phases:
+        begins = [begin for _, begin, _ in scene.phases]
+        _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])
+
+
+def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:
+    """The links of the hand that is only wanted."""
+    for body in scene.bodies:
+        if body.parent >= 0:
+            draw_shapes(stream, f"world/palm/target/{body.name}/look", body.shapes, ghost=True)
+
+
+def draw_ghost_object(stream: rr.RecordingStream, scene: Scenery) -> None:
+    """The object that is grasped, where it only was."""
+    name, shapes = next(iter(scene.objects.items()))
+    draw_shapes(stream, f"world/ghosts/{name}/look", shapes, ghost=True)
+
+
+def draw_verdict(stream: rr.RecordingStream, scene: Scenery, held: Mapping[str, bool], words: str) -> None:
+    """Beside the phases that were checked whether it was `held` in them, and the `words` (Markdown) for all of it."""
+    times, states = [0.0], [""]
+    for name, begin, end in scene.phases:
+        if name in held:
+            if times[-1] == begin:
+                del times[-1], states[-1]
+            times += [begin, end]
+            states += ["held" if held[name] else "not held", ""]
+    _states(stream, "trial/verdict", times, states)
+    stream.log("verdict", rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def _states(stream: rr.RecordingStream, path: str, times: list[float], names: list[str]) -> None:
+    columns = rr.StateChange.columns(state=names)
+    stream.send_columns(path, indexes=[rr.TimeColumn("time", duration=times)], columns=columns)
+
+
+def draw_shapes(stream: rr.RecordingStream, path: str, shapes: Sequence[Shape], *, ghost: bool = False) -> None:
+    """One mesh of all of them, at rest in the frame of its path."""
+    if not shapes:
+        return
+    whole = joined([surface(shape) for shape in shapes])
+    vertices = whole.vertices - _THINNER * whole.normals if ghost else whole.vertices
+    look = {"albedo_factor": _GHOST} if ghost else {"vertex_colors": whole.colors}
+    mesh = rr.Mesh3D(vertex_positions=vertices, vertex_normals=whole.normals, **look)
+    stream.log(path, mesh, static=True)
+
+
+def _series(stream: rr.RecordingStream, spec: HandSpec, finger: Finger, scene: Scenery) -> None:
+    names = [spec.readable[joint] for joint in finger.joints]
+    colors = [of_series(k) for k in range(len(names))]
+    for kind in ("position", "velocity", "torque", "command", *scene.more):
+        lines = rr.SeriesLines(names=names, colors=[_rgb(color) for color in colors], widths=[1.5])
+        stream.log(f"joints/{kind}/{finger.name}", lines, static=True)
+    wanted = rr.SeriesLines(
+        names=[f"{n} {scene.ghost}" for n in names], colors=[_rgb(lighter(c)) for c in colors], widths=[1]
+    )
+    stream.log(f"joints/target/{finger.name}", wanted, static=True)
+    count = len(np.unique(spec.actuation.torque_limit[list(finger.joints)]))
+    limits = rr.SeriesLines(names=["limit"] * count + ["- limit"] * count, colors=[_rgb(LIMIT)] * 2 * count, widths=[1])
+    stream.log(f"joints/torque_limit/{finger.name}", limits, static=True)
+
+
+def _rgb(color: Color) -> list[int]:
+    return [round(255 * part) for part in color]

@@ -1,0 +1,67 @@
+"""Rows of the study as arrays: whose outcome it is, trial by trial, so that policies stand beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from allegro_twin.grasping.statistics import Paired, paired
+from allegro_twin.types import Array
+from studies.preemption.draws import block
+from studies.preemption.protocol import Set, Study
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcomes:
+    """Of one hand on one set: trials that every policy has made, in whole blocks."""
+
+    trials: tuple[int, ...]
+    rows: Mapping[str, Sequence[Row]]
+    """By policy, in the order of `trials`."""
+
+    def held(self, policy: str) -> list[bool]:
+        return [bool(row["held"]) for row in self.rows[policy]]
+
+    def numbers(self, policy: str, column: str) -> Array:
+        """(trials,); NaN for what a trial has not shown."""
+        return np.array([row[column] for row in self.rows[policy]], dtype=np.float64)
+
+    def objects(self) -> list[str]:
+        return [str(row["object"]) for row in next(iter(self.rows.values()))]
+
+    def pairs(self, first: str, second: str) -> Paired:
+        return paired(self.held(first), self.held(second))
+
+
+def outcomes_of(rows: Iterable[Row], study: Study, hand: str, set_: Set) -> Outcomes:
+    """What there is of a hand on a set."""
+    names = [policy.name for policy in study.policies]
+    if set_ == "train":
+        names = [study.analysis.baseline, *study.analysis.candidates]
+    found: dict[str, dict[int, Row]] = {name: {} for name in names}
+    for row in rows:
+        if row["hand"] == hand and row["set"] == set_ and not row["control"] and row["policy"] in found:
+            found[row["policy"]][int(row["trial"])] = row
+    whole = _whole(study, set_, set.intersection(*(set(each) for each in found.values())))
+    return Outcomes(whole, {name: [found[name][trial] for trial in whole] for name in names})
+
+
+def _whole(study: Study, set_: Set, there: set[int]) -> tuple[int, ...]:
+    """The trials of a prefix of whole blocks, or of the whole set."""
+    count, size = getattr(study.pairs, set_), block(study, set_)
+    done = 0
+    while done < count and set(range(done, min(done + size, count))) <= there:
+        done = min(done + size, count)
+    return tuple(range(done))
+
+
+def control_of(rows: Iterable[Row], study: Study, hand: str, control: str) -> list[tuple[Row, Row | None]]:
+    """The rows of a control, each beside what the study itself has of the trial under the same policy."""
+    mine = [row for row in rows if row["hand"] == hand and row["set"] == "test"]
+    plain = {(row["trial"], row["policy"]): row for row in mine if not row["control"]}
+    return [(row, plain.get((row["trial"], row["policy"]))) for row in mine if row["control"] == control]

@@ -1,0 +1,124 @@
+"""One hand's scenes: for every object a model that is compiled once, and changed a little for each trial."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from allegro_twin.control.controllers import Gravity
+from allegro_twin.grasping import scenario as rules
+from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.library.gains import load_gains
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.hands.library.named import load_grasp
+from allegro_twin.hands.limits import LimitSettings, hand_limits
+from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.sim.model.statics import hand_model
+from allegro_twin.types import Array
+from studies.preemption.draws import Case
+from studies.preemption.protocol import Arm, Control, Policy, Study
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+class Job(NamedTuple):
+    """One trial that is asked for."""
+
+    policy: Policy
+    case: Case
+    control: Control | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """One trial, ready to be simulated."""
+
+    job: Job
+    model: mujoco.MjModel
+    grasp: Grasp
+    thing: Array
+    """Where the object is at the beginning: position and quaternion, (7,), m, world."""
+    width: float
+    """Of the object, where it is narrowest, m."""
+    goal: Array
+    """Where the palm grasps, (3,), m, world."""
+    drive: Array
+    """The arm's set-points from the retreat to the end, without what it waits, (steps, 6)."""
+    weight: float
+    """What the hand weighs, N."""
+
+
+class Bench:
+    """Makes trials of one hand. Raises ConfigError for a hand, or an object, that has no scenario."""
+
+    def __init__(self, study: Study, hand: str) -> None:
+        self.study, self.hand = study, hand
+        self.spec = load_spec(hand)
+        self.limits = hand_limits(LimitSettings(), self.spec)
+        self.gains = load_gains("default", self.spec)
+        self.gravity = Gravity(hand_model(self.spec).gravity_torque)
+        self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]] = {}
+
+    def setup(self, job: Job) -> Setup:
+        """Everything that one trial needs."""
+        physics = self._physics(job.control)
+        base, scene, scenario, grasp = self._base(job.case.object, physics)
+        model = copy.copy(base)
+        model.geom_friction[:, 0] = job.case.friction
+        if job.control is not None and job.control.frozen:
+            grasp = replace(grasp, close=grasp.preshape, squeeze=grasp.preshape)
+        placed = Draw(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
+        goal = scene.position - np.array(scenario.wrist.retreat)
+        down = -physics.physics().gravity[2]
+        load = wrist.load(model)
+        return Setup(
+            job, model, grasp, np.array([*placed.position, *placed.quaternion]),
+            2.0 * float(placed.thing.half_extents().min()), goal,
+            self._drive(job.case.approach, goal - scene.position, base.opt.timestep, load, down), load * down,
+        )  # fmt: skip
+
+    def _drive(self, seconds: float, way: Array, timestep: float, load: float, gravity: float) -> Array:
+        """Approach, lift, hold and shake without a stop between them, (steps, 6)."""
+        motion, still = self.study.motion, np.zeros(6)
+        shake = np.array([*[motion.shake.acceleration] * 3, 0.0, 0.0, 0.0])
+        segments = [
+            wrist.Segment(seconds, np.array([*way, 0.0, 0.0, 0.0]), still),
+            wrist.Segment(motion.lifting, np.array([0.0, 0.0, motion.lift, 0.0, 0.0, 0.0]), still),
+            wrist.Segment(motion.hold, still, still),
+            wrist.Segment(motion.shaking, still, shake, motion.shake.frequency),
+        ]
+        return wrist.commands(segments, timestep, load, gravity, servo_of(self.study.arm, load))
+
+    def _physics(self, control: Control | None) -> rules.PhysicsSettings:
+        physics = self.study.physics
+        if control is None:
+            return physics
+        gravity = None if control.gravity is None else (0.0, 0.0, -control.gravity)
+        changed = {"timestep": control.timestep, "cone": control.cone, "gravity": gravity}
+        return physics.model_copy(update={key: value for key, value in changed.items() if value is not None})
+
+    def _base(self, thing: str, physics: rules.PhysicsSettings) -> tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]:
+        key = (thing, physics.model_dump_json())
+        if key not in self._made:
+            name = self.study.hands[self.hand].format(object=thing)
+            scenario, path = rules.load_scenario(name)
+            approach = rules.Phase(name="approach", seconds=1.0, wrist="approach")
+            protocol = rules.Protocol(version=1, physics=physics, phases=(approach,), reference="approach")
+            scene = stage(scenario, protocol, self.spec.side, path.parent)
+            model = compile_scene(self.spec, scene)
+            wrist.soften(model, servo_of(self.study.arm, wrist.load(model)))
+            self._made[key] = model, scene, scenario, load_grasp(scenario.grasp, self.spec)
+        return self._made[key]
+
+
+def servo_of(arm: Arm, load: float) -> wrist.Servo:
+    """The spring that carries a hand of that mass, kg."""
+    stiffness = np.array([arm.stiffness] * 3 + [arm.rotation] * 3)
+    return wrist.Servo(stiffness, np.array([arm.inertia + load] * 3 + [arm.turning] * 3))
