@@ -33,7 +33,7 @@ types: $(READY)
 # Learning: PyTorch and its learners, which are gigabytes.
 RL := $(VENV)/.rl
 test-rl: $(RL)
-	$(PYTEST) -m 'not long and not realtime' --whole rl tests/train tests/policy tests/gym tests/lab/test_pick.py tests/test_arrays.py tests/test_examples.py
+	$(PYTEST) -m 'not long and not realtime' --whole rl tests/learning/training tests/learning/policy tests/learning/environments tests/cell/test_pick.py tests/test_arrays.py tests/test_examples.py
 
 $(RL): $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[rl,rsl]'
@@ -42,7 +42,7 @@ $(RL): $(READY)
 # The panel in a browser: apt-get install chromium.
 PANEL := $(VENV)/.panel
 test-panel: $(PANEL)
-	$(PYTEST) -m 'not long and not realtime' --whole panel tests/panel
+	$(PYTEST) -m 'not long and not realtime' --whole panel tests/surfaces/panel
 
 $(PANEL): $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[panel]' playwright
@@ -79,8 +79,8 @@ mutants: $(RL)
 # A newer click's warnings about an older typer are not ours.
 LOWEST := .venv-lowest
 CORE := tests/test_architecture.py tests/test_safety.py tests/test_spec.py tests/test_types.py tests/test_loop.py \
-        tests/look tests/contract tests/control tests/description tests/library tests/replay tests/sim \
-        tests/cli/test_wrong_inputs.py tests/cli/test_doctor.py tests/policy tests/panel tests/ros tests/teleop
+        tests/viewing tests/contract tests/control tests/hands/description tests/hands/library tests/recording tests/sim \
+        tests/surfaces/cli/test_wrong_inputs.py tests/surfaces/cli/test_doctor.py tests/learning/policy tests/surfaces/panel tests/surfaces/ros tests/surfaces/teleop
 test-lowest: $(LOWEST)/.ready
 	$(LOWEST)/bin/pytest -o filterwarnings=default -p no:cacheprovider $(CORE)
 	$(LOWEST)/bin/allegro-twin run lemon

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import allegro_twin
-from tests.cli.conftest import Run, command
+from tests.surfaces.cli.conftest import Run, command
 
 __all__ = ["command"]  # The command line in this process, as a fixture.
 ROOT = Path(__file__).resolve().parents[1]

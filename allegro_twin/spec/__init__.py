@@ -230,7 +230,7 @@ class HandSpec:
 GIVE = 0.02
 """rad that a joint position read from a hand may lie beyond the joint's limit: a joint that leans on its stop gives. By
 the models of the five hands 0.0007 rad under gravity, and 0.011 rad where a joint meets its stop under all its torque
-(tests/test_set_points.py); about twice that, for a real stop is softer or harder than a model's."""
+(tests/surfaces/hand/test_set_points.py); about twice that, for a real stop is softer or harder than a model's."""
 
 
 def aliases(fingers: Sequence[Finger], n_joints: int) -> tuple[str, ...]:

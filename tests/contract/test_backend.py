@@ -30,9 +30,9 @@ from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand
 from tests.conftest import MakeSim, on_a_bus
+from tests.drivers.serial.polled_rigs import on_a_polled_line
+from tests.drivers.serial.rigs import MODEL_O, on_a_line
 from tests.hands.models import hand
-from tests.serial.polled_rigs import on_a_polled_line
-from tests.serial.rigs import MODEL_O, on_a_line
 
 Make = Callable[[], HandBackend]
 

@@ -1,0 +1,96 @@
+"""docs/your_task.md does what it says, from an empty folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.learning.environments.env import HandEnv
+from allegro_twin.learning.environments.settings import EnvSettings
+from allegro_twin.learning.training.settings import load_recipe
+
+ROOT = Path(__file__).resolve().parents[3]
+BLOCK = re.compile(r"```python\n# (\w+\.py)\n(.*?)```", re.DOTALL)
+BOX = {"name": "soap", "shape": "box", "size": [0.055, 0.055, 0.08], "mass": 0.1}
+
+
+@pytest.mark.slow
+def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
+    blocks = BLOCK.findall((ROOT / "docs" / "your_task.md").read_text())
+    assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "use.py"]
+    for name, text in blocks:
+        (tmp_path / name).write_text(text)
+    for name in ("objects.py", "use.py"):
+        done = subprocess.run(
+            [sys.executable, "-W", "error", name],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr[-2000:]
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        ("no_such_module:Stack", "task 'no_such_module:Stack': no module 'no_such_module' can be imported"),
+        (
+            "allegro_twin.errors:Stack",
+            "'Stack' in allegro_twin.errors is no class of allegro_twin.learning.tasks.base.Task",
+        ),
+    ],
+)
+def test_a_task_that_is_none_is_named(task: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        HandEnv(task)
+
+
+def test_an_object_that_nobody_knows_how_to_grasp_is_refused_with_the_ways_out() -> None:
+    with pytest.raises(ConfigError, match="how the hand should grasp soap is not said: give it like="):
+        HandEnv("Grasp", objects=(BOX,))
+    with pytest.raises(ConfigError, match="no object named 'aple'; did you mean 'apple'"):
+        HandEnv("Grasp", objects=(BOX | {"like": "aple"},))
+    with pytest.raises(ConfigError, match="objects: shpae: unknown key; did you mean 'shape'"):
+        HandEnv("Grasp", objects=({"name": "soap", "shpae": "box"},))
+
+
+def test_a_scenario_is_an_object_of_its_own(tmp_path: Path) -> None:
+    scenario = (ROOT / "scenarios" / "demo" / "lemon.yaml").read_text().replace("name: lemon", "name: orange")
+    (tmp_path / "mine.yaml").write_text(scenario)
+    env = HandEnv("Lift", objects=(str(tmp_path / "mine.yaml"),))
+    assert env.reset(seed=0)[1]["object"] == "orange"
+
+
+def test_a_recipe_takes_a_task_and_objects_of_one_s_own() -> None:
+    assert load_recipe("my_tasks:Level").task == "my_tasks:Level"
+    settings = EnvSettings(objects=(BOX | {"like": "apple"}, "my.obj"))  # type: ignore[arg-type]  # As a user writes it.
+    again = EnvSettings.model_validate(settings.model_dump(mode="json"))
+    assert again == settings
+
+
+CORNERS = [(x, y, z) for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (-0.03, 0.03)]
+SIDES = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+
+
+def test_a_mesh_keeps_its_size_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "die.obj"
+    lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
+    path.write_text("\n".join([*lines, *(f"f {a} {b} {c} {d}" for a, b, c, d in SIDES)]))
+    die = {"name": "die", "shape": "mesh", "file": str(path), "mass": 0.1, "like": "rubiks_cube"}
+    env = HandEnv("Lift", objects=(die,), randomise={"size": (0.8, 0.9), "mass": (2.0, 2.0)}, timestep=0.003)
+    _, info = env.reset(seed=0)
+    assert info["randomised"]["size"] == 1.0
+    thing = env.engine.task.thing
+    assert thing is not None
+    assert thing.pose[0, 2] == pytest.approx(0.03, abs=1e-3)
+    with pytest.raises(ConfigError, match="a mesh keeps its size in an episode: leave out the option size"):
+        env.reset(options={"size": 0.9})
+    cube = HandEnv("Lift", objects=("rubiks_cube",), randomise={"size": (0.8, 0.9)}, timestep=0.003)
+    assert 0.8 <= cube.reset(seed=0)[1]["randomised"]["size"] <= 0.9

@@ -1,0 +1,205 @@
+"""`allegro-twin calibrate` writes what it found into a hand's own file, and the hand that uses the file is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from allegro_twin.app import assemble
+from allegro_twin.app.backends import can as wired
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.virtual.firmware import Firmware
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.loop import run, until
+from allegro_twin.spec import HandSpec, Side
+from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand, store_limits
+from allegro_twin.twin.identify.motions.encoders import centred
+from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits
+from allegro_twin.types import frozen
+from tests.surfaces.cli.conftest import Run
+
+COUNT = np.radians(333.3 / 65536)  # rad, v1 to v4.
+MINE = "# My hand, bought 2019.\nactuation:\n  damping: 0.08  # measured\n"
+
+
+def config_file(path: Path, version: Version, side: Side, serial: Path | None) -> Path:
+    hand = {"side": side} | ({} if serial is None else {"serial": str(serial)})
+    backend = {"kind": "can", "version": version, "interface": "allegro-virtual", "gravity": [0, 0, -9.81]}
+    path.write_text(
+        yaml.safe_dump({"hand": hand, "backend": backend, "task": {"posture": "home"}, "controller": {"kind": "pid"}})
+    )
+    return path
+
+
+@pytest.fixture
+def hide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], tuple[int, ...]]:
+    """Have the encoders of the virtual hand at the far end of the bus be off by up to so many counts, by how many
+    each; its user does not know."""
+    path, real = tmp_path / "hidden.yaml", wired.firmware_of
+
+    def firmware_of(config: RunConfig, scene: wired.Scene, *, step: float, restart: bool) -> Firmware:
+        hand = config.hand.model_copy(update={"serial": str(path)})
+        return real(config.model_copy(update={"hand": hand}), scene, step=step, restart=restart)
+
+    def hidden(most: int) -> tuple[int, ...]:
+        offset = np.random.default_rng(4).integers(-most, most, 16).tolist()
+        path.write_text(yaml.safe_dump({"wire": {"encoder_offset": offset}}))
+        monkeypatch.setattr(wired, "firmware_of", firmware_of)
+        return tuple(offset)
+
+    return hidden
+
+
+def misread(config: Path) -> float:
+    """How wrong the hand's positions are once it is home, rad, the worst joint."""
+    rig = assemble(load_config(config))
+    assert rig.sim is not None
+    *_, last = until(2.0, run(rig.backend, rig.controller))
+    rig.backend.close()
+    return float(np.abs(last.state.position - rig.sim.read().position).max())
+
+
+def calibrated(command: Run, config: Path, target: Path) -> tuple[int, ...]:
+    """Calibrate, and what the file then says of the encoders."""
+    code, shown, errors = command("calibrate", "limits", "-c", config, "--into", target, "--offsets")
+    assert (code, errors) == (0, "")
+    assert f"Limits and encoder offsets are in {target}" in shown
+    return load_wiring(serial=str(target)).calibration.encoder_offset
+
+
+@pytest.mark.slow
+def test_a_hand_whose_encoders_are_off_is_right_once_it_was_calibrated(
+    hide: Callable[[int], tuple[int, ...]], command: Run, tmp_path: Path
+) -> None:
+    target, hidden = tmp_path / "mine.yaml", hide(1100)  # 0.1 rad.
+    target.write_text(MINE)
+    before = config_file(tmp_path / "before.yaml", "v2", "left", None)
+    after = config_file(tmp_path / "after.yaml", "v2", "left", target)
+    assert misread(before) > 0.05
+    assert np.abs(np.subtract(calibrated(command, before, target), hidden)).max() < 0.005 / COUNT
+    assert misread(after) < 0.005
+    wiring, spec, model = (
+        load_wiring(serial=str(target)),
+        load_spec("allegro", "left", str(target)),
+        load_spec(side="left"),
+    )
+    assert (wiring.version, wiring.side) == ("v2", "left")
+    np.testing.assert_allclose([spec.lower, spec.upper], [model.lower, model.upper], atol=0.01)
+    text = target.read_text()
+    assert text.startswith(MINE)
+    note = f"# Measured by `allegro-twin calibrate limits`, {datetime.now(UTC).date()}, {before}, pressed with at most "
+    assert text.count(note) == 2
+
+
+@pytest.mark.long
+def test_encoders_that_are_far_off_are_right_after_the_second_time(
+    hide: Callable[[int], tuple[int, ...]], command: Run, tmp_path: Path
+) -> None:
+    """The first time the fingers are not out of each other's way where they should be, and some meet. What was written
+    then is used and replaced: nothing is applied twice, and no line is added."""
+    target, hidden = tmp_path / "mine.yaml", hide(2000)  # 0.18 rad.
+    config = config_file(tmp_path / "c.yaml", "v4", "right", None)
+    calibrated(command, config, target)
+    lines = len(target.read_text().splitlines())
+    config_file(config, "v4", "right", target)
+    assert np.abs(np.subtract(calibrated(command, config, target), hidden)).max() < 0.005 / COUNT
+    assert misread(config) < 0.005
+    assert len(target.read_text().splitlines()) == lines
+
+
+@pytest.mark.parametrize("version", ["v1", "v3", "v4", "v5", "v5plus"])
+def test_what_is_written_reads_the_middle_of_what_was_found_as_the_models(version: Version, side: Side) -> None:
+    model, generator = load_spec(side=side), np.random.default_rng(0)
+    shift = generator.uniform(-0.2, 0.2, 16)
+    found = FoundLimits(frozen(model.lower + shift - 0.01), frozen(model.upper + shift + 0.01))
+    old = make_codec(version)
+    right = centred(found, model, old)
+    new = make_codec(version, type(old.calibration)(encoder_offset=right.offset))
+    report = bytes(generator.integers(0, 64, 32, dtype=np.uint8))
+    moved = new.positions.values(report) - old.positions.values(report)
+    np.testing.assert_allclose(moved, -shift, atol=8e-4)  # Half a count of the coarsest encoder, v5.
+    np.testing.assert_allclose(right.limits.lower, found.lower + moved, atol=1e-12)
+    assert centred(right.limits, model, new).offset == right.offset
+    np.testing.assert_allclose(right.limits.upper + right.limits.lower, model.upper + model.lower, atol=1.6e-3)
+
+
+def test_a_joint_that_was_not_at_both_its_ends_gets_no_offset(spec: HandSpec) -> None:
+    upper = spec.upper.copy()
+    upper[1] = spec.lower[1] + 0.3
+    with pytest.raises(
+        ConfigError, match=r"index_1 was seen from -0\.196 to \+0\.104 rad, which are not both its ends"
+    ):
+        centred(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
+    upper = spec.upper.copy()
+    upper[6] += BEYOND  # No stop: it went as far as it was sent.
+    with pytest.raises(ConfigError, match="middle_2 was seen"):
+        centred(FoundLimits(spec.lower, frozen(upper)), spec, make_codec("v4"))
+
+
+@pytest.mark.parametrize("arguments", [["--offsets"], ["--offsets", "--into", "mine.yaml"]])
+def test_offsets_need_encoders_and_a_file(
+    arguments: list[str], command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, errors = command("calibrate", "limits", *arguments)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert ("backend sim, which has no encoders" if "--into" in arguments else "name it with --into") in errors
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_measured_on_one_hand_does_not_go_into_the_file_of_another(tmp_path: Path) -> None:
+    target = tmp_path / "mine.yaml"
+    config = str(config_file(tmp_path / "c.yaml", "v4", "right", None))
+    target.write_text("wire: {version: v2, encoder_offset: 7}\n")
+    with pytest.raises(ConfigError, match="is of a v2 hand, .* of a v4 one"):
+        refuse_another_hand(target, load_config(config), config, make_codec("v4"))
+    with pytest.raises(ConfigError, match="has encoder offsets that .* does not use"):
+        refuse_another_hand(target, load_config(config), config, None)
+    target.write_text("wire: {side: left}\n")
+    with pytest.raises(ConfigError, match="is of a left hand, .* of a right one"):
+        refuse_another_hand(target, load_config(config), config, make_codec("v4"))
+    refuse_another_hand(target, load_config(config), config, None)
+
+
+@pytest.mark.parametrize(
+    "start", ["# mine\n", "# mine", "# mine\r\n# more\r\n", "---\n# mine\n", "# a\nlimits:\n  # b\n"]
+)
+def test_a_file_of_comments_keeps_them(start: str, spec: HandSpec, tmp_path: Path) -> None:
+    target = tmp_path / "mine.yaml"
+    target.write_bytes(start.encode())
+    for _ in range(2):  # The second time there is more than comments.
+        store_limits(target, FoundLimits(spec.lower, spec.upper), ", today")
+        text = target.read_bytes().decode()
+        assert all(line in text for line in start.splitlines() if "#" in line)
+        assert text.count("# Measured by `allegro-twin calibrate limits`, today; rad") == 1
+        assert ("\r\n" in start) == (text.count("\r\n") == text.count("\n"))
+    np.testing.assert_allclose(load_spec(serial=str(target)).upper, spec.upper, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", "limits", "--into", "conf/hands/SAH030C033R.yaml"],
+        ["teach", "mine", "--seconds", "0.1", "--into", "conf/postures/home.yaml"],
+        ["hand", "new", "models/mjcf/leap_right.xml", "--name", "leap", "--out", "conf/hands", "--force"],
+        ["identify", "conf/sim_right.yaml", "--hand", "SAH030C033R"],
+        ["panel", "--into", "conf/grasps/rock.yaml"],
+    ],
+)
+def test_no_command_writes_over_a_file_that_ships(command: Run, arguments: list[str]) -> None:
+    root = data_root()
+    before = {path: path.read_bytes() for path in (root / "conf").rglob("*.*")}
+    code, _, err = command(*(str(root / each) if "/" in each else each for each in arguments))
+    assert code == 2
+    assert "what ships with the package is not changed" in " ".join(err.split())
+    assert {path: path.read_bytes() for path in (root / "conf").rglob("*.*")} == before

@@ -1,0 +1,39 @@
+"""The list of environments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.surfaces.cli.main import app
+from tests.surfaces.cli.conftest import Run
+
+
+def test_the_environments_are_listed_with_their_spaces_and_what_they_are_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("allegro_twin.surfaces.cli.console.console.width", 200, raising=False)
+    text = " ".join(CliRunner().invoke(app, ["envs", "Reorient"]).stdout.split())
+    for part in ("AllegroTwin/Reorient-v0", "observation 77", "16 in [-1, 1]", "privileged", "769"):
+        assert part in text
+
+
+def test_an_unknown_task_is_answered_with_the_nearest() -> None:
+    result = CliRunner().invoke(app, ["envs", "Lfit"])
+    assert isinstance(result.exception, ConfigError)
+    assert "did you mean 'Lift'" in str(result.exception)
+
+
+def test_episodes_are_kept_and_of_them_only_those_that_ended_well(
+    tmp_path: Path, command: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "quick.yaml").write_text("task: Pinch\nenvironment: {level: easy, timestep: 0.003, decimation: 100}\n")
+    monkeypatch.chdir(tmp_path)
+    code, shown, errors = command("collect", "quick.yaml", "set", "--episodes", 4, "--only-success")
+    assert (code, errors) == (0, "")
+    kept = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())["total_episodes"]
+    assert 0 < kept <= 4
+    assert f"set/: {kept} episodes" in shown
+    assert f"{kept} of 4 ended well" in shown

@@ -1,0 +1,152 @@
+"""The command line does what it says, answers with its exit codes, and never shows a traceback.
+
+Once as a program of its own; the rest in this process, which is many times faster.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import pytest
+
+from tests.surfaces.cli.conftest import Run
+
+SUITE = Path(__file__).resolve().parents[3]
+
+
+def allegro_twin(*arguments: str | Path, cwd: Path = SUITE) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "allegro_twin", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
+
+
+@pytest.fixture(autouse=True)
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the folder of the repository, from which README.md and conf/ are typed."""
+    monkeypatch.chdir(SUITE)
+
+
+def test_a_config_runs_records_and_replays_through_the_same_loop(tmp_path: Path, command: Run) -> None:
+    recording = tmp_path / "home.arrow"
+    code, shown, errors = command("run", "conf/sim_right.yaml", "--seconds", "1.5", "--record", recording)
+    assert code == 0, errors
+    assert "allegro_right at 1.500 s" in shown
+    config = tmp_path / "replay.yaml"
+    config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
+    code, shown, errors = command("run", config)
+    assert code == 0, errors
+    assert "allegro_right at 1.500 s" in shown
+
+
+def test_a_scenario_ends_with_a_table_and_its_files(tmp_path: Path) -> None:
+    done = allegro_twin("run", "lemon", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "lemon, right hand: held" in done.stdout
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["engine"].startswith("mujoco 4.0")
+    assert report["trials"]["lemon_right"]["held"] is True
+    assert (tmp_path / "lemon_right.arrow").stat().st_size > 1_000_000
+
+
+def test_a_grasp_that_fails_is_exit_code_5(tmp_path: Path, command: Run) -> None:
+    text = (SUITE / "scenarios/demo/lemon.yaml").read_text()
+    rules = (SUITE / "conf/protocols/table_pick.yaml").read_text().replace("4.5, shake", "0.3, shake")
+    (tmp_path / "short.yaml").write_text(rules.replace("seconds: 2.0", "seconds: 0.3"))
+    text = text.replace("friction: 0.8", "friction: 0.05") + f"protocol: {tmp_path}/short.yaml\n"
+    (tmp_path / "bare.yaml").write_text(text)
+    code, shown, _ = command("run", tmp_path / "bare.yaml")
+    assert code == 5
+    assert "not held" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "conf/sim_rigt.yaml"], "conf/sim_rigt.yaml: no such config or scenario file"),
+        (["run", "sim_rigt"], "no config or scenario named 'sim_rigt'; did you mean 'sim_right'"),
+        (["run", "lemmon"], "did you mean 'lemon'"),
+        (["run", "lemon", "--seconds", "-1"], "--seconds must be positive and finite, not -1.0"),
+        (["run", "lemon", "mug", "--record", "x.arrow"], "2 runs cannot share one output; use --out FOLDER"),
+        (["list", "grasp"], "no list named 'grasp'; did you mean 'grasps'"),
+        (["export", "nothing.arrow", "x.csv"], "no recording at nothing.arrow"),
+        (["export", "README.md", "x.csv"], "README.md is not a recording: expected an Arrow IPC stream"),
+        (["export", "README.md", "x.xlsx"], "no export format named '.xlsx'"),
+        (["view", "nothing.arrow"], "no recording at nothing.arrow"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], message: str, command: Run) -> None:
+    code, _, errors = command(*arguments)
+    assert code == 2
+    assert message in errors
+    assert errors.count("\n") == 1
+    assert "Traceback" not in errors
+
+
+def test_a_fault_is_exit_code_4(tmp_path: Path, command: Run) -> None:
+    config = tmp_path / "fast.yaml"
+    config.write_text(
+        "backend: {kind: sim}\ncontroller: {kind: torque, torque: 0.3}\nlimits: {velocity: 0.5}\nseconds: 1\n"
+    )
+    code, _, errors = command("run", config, "--record", tmp_path / "fault.arrow")
+    assert code == 4
+    assert "over its limit of 0.50 rad/s; reset to go on" in errors
+    assert errors.count("\n") == 1
+    assert command("export", tmp_path / "fault.arrow", tmp_path / "fault.csv")[0] == 0
+
+
+def test_a_period_that_does_not_fit_is_refused(tmp_path: Path, command: Run) -> None:
+    config = tmp_path / "odd.yaml"
+    config.write_text("backend: {kind: sim}\ncontroller: {kind: torque}\nperiod: 0.0025\n")
+    code, _, errors = command("run", config)
+    assert (code, errors.count("\n")) == (2, 1)
+    assert "period 0.0025 s is not a whole number of physics steps of 0.001 s" in errors
+
+
+def test_a_replay_of_another_hand_is_refused(tmp_path: Path, command: Run) -> None:
+    recording = tmp_path / "left.arrow"
+    assert command("run", "conf/sim_left.yaml", "--seconds", "0.1", "--record", recording)[0] == 0
+    config = tmp_path / "replay.yaml"
+    config.write_text((SUITE / "conf/replay.yaml").read_text().replace("out/recording.arrow", str(recording)))
+    code, _, errors = command("run", config)
+    assert code == 2
+    assert "is of the hand allegro_left; the config says allegro_right: change `hand`" in errors
+
+
+def test_everything_that_ships_can_be_listed(command: Run) -> None:
+    code, shown, _ = command("list")
+    assert code == 0
+    for word in ("tomato_soup_can", "home", "quadpod", "golf_ball", "conf/replay.yaml", "menagerie_right"):
+        assert word in shown
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".rrd"])
+def test_a_recording_exports(suffix: str, tmp_path: Path, recording_path: Path, command: Run) -> None:
+    code, _, errors = command("export", recording_path, tmp_path / f"r{suffix}")
+    assert code == 0, errors
+    assert (tmp_path / f"r{suffix}").stat().st_size > 10_000
+
+
+def test_pictures_and_films_are_made_or_their_absence_is_explained(tmp_path: Path, command: Run) -> None:
+    image, video = tmp_path / "a.png", tmp_path / "a.mp4"
+    code, _, errors = command("run", "conf/sim_right.yaml", "--seconds", "0.3", "--image", image, "--video", video)
+    assert code == 0
+    if image.exists():
+        assert image.read_bytes().startswith(b"\x89PNG")
+        assert video.stat().st_size > 1000
+    else:
+        assert "headless rendering needs EGL: apt-get install" in " ".join(errors.split())
+
+
+def test_a_compiled_library_that_does_not_load_is_one_line_that_leads_to_the_doctor(tmp_path: Path) -> None:
+    (tmp_path / f"pinocchio{EXTENSION_SUFFIXES[0]}").write_bytes(b"no library")
+    done = subprocess.run(
+        [sys.executable, "-m", "allegro_twin", "run", "lemon"],
+        cwd=tmp_path, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": f"{tmp_path}:{SUITE}"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith("allegro-twin: ")
+    assert "`allegro-twin doctor` says which package of the system has it" in done.stderr

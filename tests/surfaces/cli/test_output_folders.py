@@ -1,0 +1,303 @@
+"""An output folder is one run or none, and one program writes into it at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from allegro_twin.errors import RecordingError
+from allegro_twin.files.output_folder import FILES, UNFINISHED, add_to_run, locked, one_run, undisturbed
+from allegro_twin.recording.reader import load
+from allegro_twin.surfaces.cli import options
+from tests.surfaces.cli.conftest import Run
+from tests.surfaces.cli.wrong import built
+
+POSE = "backend: {kind: sim}\ntask: {posture: home}\ncontroller: {kind: pd}\nseconds: 3\n"
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from allegro_twin.files.output_folder import locked
+with locked(Path(sys.argv[1])):
+    print(1, flush=True)
+    sys.stdin.read()
+"""
+RECORDER = """
+import fcntl, sys
+file = open(sys.argv[1], "ab")
+fcntl.flock(file, fcntl.LOCK_EX)
+print(1, flush=True)
+sys.stdin.read()
+"""
+
+
+@contextmanager
+def another_writer(path: Path, code: str = HOLDER) -> Iterator[None]:
+    """A program that holds the lock of a folder, or of a file."""
+    with subprocess.Popen([sys.executable, "-c", code, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as program:
+        assert program.stdout is not None
+        program.stdout.readline()
+        yield
+        program.kill()
+
+
+@pytest.fixture(scope="module")
+def lemon(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a run."""
+    out = tmp_path_factory.mktemp("lemon") / "f"
+    subprocess.run([sys.executable, "-m", "allegro_twin", "run", "lemon", "--out", out], check=True)
+    return out
+
+
+def rows(path: Path) -> int:
+    """How many rows of a recording are on disk, whole."""
+    try:
+        return len(load(path, partial=True))
+    except RecordingError:
+        return 0
+
+
+def interrupted(arguments: list[str], folder: Path, how: signal.Signals) -> tuple[int, str]:
+    """A run that is stopped once its recording has rows."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "allegro_twin", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as program:
+        while not any(rows(path) >= 100 for path in (folder / UNFINISHED).glob("*.arrow")):
+            assert program.poll() is None, program.stderr and program.stderr.read()
+        program.send_signal(how)
+        _, said = program.communicate()
+    return program.returncode, said
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGKILL])
+def test_a_run_that_is_stopped_leaves_the_run_before_it_as_it_was(
+    lemon: Path, tmp_path: Path, how: signal.Signals
+) -> None:
+    out = tmp_path / "f"
+    shutil.copytree(lemon, out)
+    before = content(out)
+    assert json.loads(before["report.json"])["trials"]["lemon_right"]["held"]
+    code, said = interrupted(["run", "lemon", "--out", str(out)], out, how)
+    assert code == (-signal.SIGKILL if how is signal.SIGKILL else 130)
+    after = content(out)
+    left = {name: after.pop(name) for name in list(after) if name.startswith(f"{UNFINISHED}/")}
+    assert after == before
+    assert f"{UNFINISHED}/lemon_right.arrow" in left
+    assert len(load(out / UNFINISHED / "lemon_right.arrow", partial=True)) >= 100
+    if how is not signal.SIGKILL:
+        assert f"written until then is in {out / UNFINISHED}" in said
+    with locked(out), one_run(out) as staging:  # The next one.
+        (staging / "next").touch()
+    assert set(content(out)) == {"next", FILES}
+
+
+@pytest.mark.slow
+def test_a_stopped_first_run_is_no_run(tmp_path: Path) -> None:
+    out = tmp_path / "f"
+    interrupted(["run", "lemon", "--out", str(out)], out, signal.SIGINT)
+    assert [path.name for path in out.iterdir()] == [UNFINISHED]
+
+
+def test_another_run_takes_the_place_of_the_one_before_and_of_nothing_else(
+    command: Run, lemon: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "p.yaml").write_text(POSE)
+    out = tmp_path / "f"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    shutil.copytree(lemon, out, dirs_exist_ok=True)
+    assert command("run", tmp_path / "p.yaml", "--out", out)[0] == 0
+    assert {path.name for path in out.iterdir()} == {"notes.txt", "p.arrow", "p.png", FILES}
+
+
+@pytest.mark.slow
+def test_a_disk_that_is_full_leaves_the_run_before_it_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "p.yaml").write_text(POSE)
+    out, run = tmp_path / "f", [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out"]
+    assert subprocess.run([*run, out], capture_output=True).returncode == 0
+    before = content(out)
+    size = len(before["p.arrow"]) // 2
+    full = subprocess.run(
+        [*run, out],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+    )
+    assert full.returncode == 2
+    assert "cannot go on recording" in full.stderr
+    after = content(out)
+    assert {name: data for name, data in after.items() if not name.startswith(UNFINISHED)} == before
+
+
+WRITERS = {
+    "run": ["run", "lemon"],
+    "evaluate": ["evaluate", "lemon"],
+    "plan": ["plan", "lemon"],
+    "new": ["new", "lemon"],
+    "improve": ["improve", "lemon"],
+    "lab": ["lab", "conf/lab_allegro.yaml"],
+    "train": ["train", "Reach"],
+    "collect": ["collect", "Reach"],
+    "excite": ["excite", "can_virtual", "--pose", "up"],
+    "schemas": ["schemas"],
+    "gallery": ["gallery"],
+    "examples": ["examples"],
+}
+
+
+def test_every_command_that_writes_a_folder_is_tried_here() -> None:
+    def below(group: Any, name: str) -> Iterator[str]:
+        for key, each in getattr(group, "commands", {}).items():
+            yield from below(each, f"{name} {key}".strip())
+            if any(getattr(param.callback, "__wrapped__", None) is options.folder for param in each.params):
+                yield f"{name} {key}".strip()
+
+    assert {*below(built(), "")} == set(WRITERS)
+
+
+@pytest.mark.parametrize("name", sorted(WRITERS))
+def test_the_second_writer_into_a_folder_is_refused_in_one_line(command: Run, tmp_path: Path, name: str) -> None:
+    with another_writer(tmp_path / "f"):
+        where = [tmp_path / "f"] if name in ("collect", "schemas", "gallery", "examples") else ["--out", tmp_path / "f"]
+        code, _, said = command(*WRITERS[name], *where)
+    assert code == 2
+    assert "another program writes into this folder; wait for it to end" in said
+    assert said.count("\n") == 1
+
+
+def test_a_default_folder_has_one_writer_too(command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with another_writer(tmp_path / "runs" / "reach"):
+        code, _, said = command("train", "Reach")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "runs/reach: another program writes into this folder" in said
+
+
+@pytest.mark.slow
+def test_two_programs_at_once_are_one_run_and_one_refusal(tmp_path: Path) -> None:
+    (tmp_path / "p.yaml").write_text(POSE)
+    run = [sys.executable, "-m", "allegro_twin", "run", str(tmp_path / "p.yaml"), "--out", str(tmp_path / "f")]
+    both = [subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
+    said = [program.communicate()[1] for program in both]
+    codes = sorted(program.returncode for program in both)
+    assert codes in ([0, 2], [0, 0])  # The first may have ended before the second began.
+    if codes == [0, 2]:
+        assert b"another program writes into this folder" in b"".join(said)
+    assert set(content(tmp_path / "f")) == {"p.arrow", "p.png", FILES}
+
+
+def test_a_folder_that_stayed_empty_is_gone_and_one_that_was_there_is_not(tmp_path: Path) -> None:
+    with locked(tmp_path / "new"):
+        assert (tmp_path / "new").is_dir()
+    assert not (tmp_path / "new").exists()
+    with locked(tmp_path):
+        pass
+    assert tmp_path.is_dir()
+
+
+def test_a_folder_of_the_user_named_unfinished_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / UNFINISHED).mkdir()
+    (tmp_path / UNFINISHED / "thesis.txt").write_text("mine")
+    with pytest.raises(RecordingError, match="stands where a run is written"), one_run(tmp_path):
+        pass
+    assert (tmp_path / UNFINISHED / "thesis.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"files": ["../../else"]}', '{"files": ["/etc/hosts"]}', '{"files": 3}'])
+def test_a_list_that_is_not_of_this_folder_is_refused_before_the_work(tmp_path: Path, text: str) -> None:
+    (tmp_path / FILES).write_text(text)
+    with pytest.raises(RecordingError, match=rf"{FILES}: .*delete"), one_run(tmp_path):
+        pytest.fail("begun")
+    assert [path.name for path in tmp_path.iterdir()] == [FILES]
+
+
+def test_the_files_of_a_run_change_together_and_what_was_added_goes_with_them(tmp_path: Path) -> None:
+    with one_run(tmp_path, "report.json") as staging:
+        (staging / "grasps").mkdir()
+        (staging / "grasps" / "a.yaml").write_text("a")
+        (staging / "report.json").write_text("1")
+    (tmp_path / "a.png").write_text("picture")
+    add_to_run(tmp_path, [tmp_path / "a.png"])
+    with pytest.raises(RuntimeError), one_run(tmp_path, "report.json", keep=True) as staging:
+        (staging / "b").write_text("b")
+        raise RuntimeError
+    assert set(content(tmp_path)) == {
+        "grasps/a.yaml",
+        "report.json",
+        "a.png",
+        FILES,
+        "unfinished/b",
+        "unfinished/run.json",
+    }
+    with one_run(tmp_path, "report.json") as staging:
+        (staging / "b").write_text("b")
+    assert set(content(tmp_path)) == {"b", FILES}
+    assert not (tmp_path / "grasps").exists()
+
+
+def test_a_program_killed_between_two_files_leaves_no_verdict_and_the_next_run_clears_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("report.json", "old.arrow"):
+        with one_run(tmp_path, "report.json") as staging:
+            (staging / name).write_text(name)
+            (staging / "report.json").write_text("held")
+    moves = iter([None, None, OSError(5, "power lost")])  # Two lists and a recording.
+    replace = Path.replace
+
+    def stopping(self: Path, target: Path) -> Path:
+        if UNFINISHED in self.parts and isinstance(error := next(moves, None), OSError):
+            raise error
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", stopping)
+    with pytest.raises(RecordingError, match="power lost"), one_run(tmp_path, "report.json") as staging:
+        for name in ("1.arrow", "2.arrow", "3.arrow", "report.json"):
+            (staging / name).write_text(name)
+    assert not (tmp_path / "report.json").exists()
+    with one_run(tmp_path, "report.json") as staging:
+        (staging / "9.arrow").write_text("")
+    assert set(content(tmp_path)) == {"9.arrow", FILES}
+
+
+def test_a_signal_waits_for_files_that_belong_together() -> None:
+    done = False
+    with pytest.raises(KeyboardInterrupt), undisturbed():
+        os.kill(os.getpid(), signal.SIGINT)
+        done = True
+    assert done
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_two_programs_do_not_record_into_one_file(command: Run, tmp_path: Path) -> None:
+    path = tmp_path / "r.arrow"
+    path.write_bytes(b"theirs")
+    with another_writer(path, RECORDER):
+        status, _, said = command("run", "lemon", "--record", path)
+    assert (status, said.count("\n")) == (2, 1)
+    assert "another program records to it" in said
+    assert path.read_bytes() == b"theirs"
+
+
+def test_a_place_where_no_folder_can_be_is_refused_and_not_tried_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere" / "else")
+    for place in (Path("/proc/nowhere"), tmp_path / "file", tmp_path / "file" / "below", tmp_path / "dangling"):
+        with pytest.raises(RecordingError, match="cannot be a folder to write into"), locked(place):
+            pass

@@ -1,0 +1,395 @@
+"""A hidden hand is found out from its own recordings, with intervals, and what cannot be known is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.assets import data_root
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import load_wiring
+from allegro_twin.recording.reader import load
+from allegro_twin.recording.recorder import recorded
+from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
+from allegro_twin.surfaces.cli.twins.identifying import lines, table
+from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
+from allegro_twin.twin.identify.page.page import page
+from allegro_twin.twin.identify.results import hand_file, pipeline
+from allegro_twin.twin.identify.results.pipeline import gaps, identify
+from allegro_twin.twin.identify.results.uncertainty import SOLVED, Value, seen, values
+from allegro_twin.types import HandState, Sample, TorqueCommand
+from tests.twin.identify import hidden
+
+COUNT = np.radians(333.3 / 65536)
+
+
+def reasons(motions: list[Motion], name: str) -> tuple[str, ...]:
+    """Why values are not determined by some motions, were the fit as good as that of all."""
+    return values(hidden.found().fit, seen(motions, Player(motions[0].spec, 0.003)))[name].reason
+
+
+def motions() -> list[Motion]:
+    return list(hidden.found().motions)
+
+
+@pytest.mark.slow
+def test_a_hidden_hand_is_found_out() -> None:
+    drive, late = hidden.found().fit.drive, hidden.found().values["delay"]
+    constant = np.abs(drive.torque_constant / hidden.CONSTANT - 1.0)
+    assert np.median(constant) < 0.005
+    assert constant.max() < 0.05
+    assert np.median(np.abs(drive.damping / hidden.DAMPING - 1.0)) < 0.01
+    assert np.median(np.abs(drive.armature / hidden.ARMATURE - 1.0)) < 0.02
+    assert np.median(np.abs(drive.frictionloss - hidden.FRICTION)) < 0.5e-3
+    assert np.median(np.abs(drive.offset - hidden.OFFSET)) < 2e-3
+    assert abs(late.value[0] - hidden.DELAY) < 0.3e-3
+
+
+@pytest.mark.slow
+def test_intervals_hold_what_is_hidden() -> None:
+    truth = {
+        "torque_constant": hidden.CONSTANT,
+        "armature": hidden.ARMATURE / hidden.CONSTANT,
+        "damping": hidden.DAMPING / hidden.CONSTANT,
+        "frictionloss": hidden.FRICTION / hidden.CONSTANT,
+        "offset": hidden.OFFSET,
+    }
+    for name, true in truth.items():
+        value = hidden.found().values[name]
+        assert (np.abs(value.value - true) <= value.half).mean() >= 0.9, name
+
+
+@pytest.mark.slow
+def test_friction_that_is_not_in_the_model_makes_no_torque_constant_doubtful() -> None:
+    constant, damping = (hidden.found().values[name] for name in ("torque_constant", "damping"))
+    assert np.median(constant.half / constant.value) < 0.01
+    assert (damping.half > SOLVED["damping"][0] * damping.value).all()
+
+
+@pytest.mark.slow
+def test_intervals_hold_what_the_engines_two_ways_to_solve_dry_friction_differ_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told = hidden.found().values
+    monkeypatch.setattr("allegro_twin.twin.identify.results.uncertainty.SOLVED", {})
+    alone = values(hidden.found().fit, hidden.found().seen)
+    for name, (share, more) in SOLVED.items():
+        wider = told[name].half - alone[name].half
+        np.testing.assert_allclose(wider, share * told[name].value + more, rtol=1e-9, atol=1e-15)
+        assert wider.min() > 0.0
+
+
+@pytest.mark.slow
+def test_what_is_left_is_the_noise_of_the_encoders() -> None:
+    floor = np.hypot(5e-5, COUNT / np.sqrt(12.0))
+    np.testing.assert_allclose(hidden.found().fit.floor, floor, rtol=0.25)
+    assert hidden.found().fit.spread.residual.max() < 2.5
+    assert noise_floor(motions()[0].position).shape == (16,)
+
+
+@pytest.mark.slow
+def test_a_joint_that_long_pieces_do_not_explain_has_the_interval_of_short_ones_and_keeps_its_value() -> None:
+    fit = hidden.found().fit
+    left = fit.spread.residual.copy()
+    left[3] = 2.0
+    wide = replace(fit.spread, covariance=100.0 * fit.spread.covariance)
+    doubted = replace(fit, spread=replace(fit.spread, residual=left), shorter=wide)
+    plain, found = (values(each, hidden.found().seen)["damping"] for each in (fit, doubted))
+    assert found.half[3] > 5.0 * plain.half[3]
+    np.testing.assert_array_equal(found.half[left < 1.0], plain.half[left < 1.0])
+    assert found.reason == plain.reason
+
+
+@pytest.mark.long
+def test_friction_that_breaks_away_and_grows_with_the_load_is_recovered_and_is_what_auto_chooses() -> None:
+    result = identify(hidden.recordings(breaking=True), (), masses_known=True)
+    drive, spread = result.fit.drive, result.fit.spread
+    assert result.fit.bristly
+    assert not result.fit.loose
+    assert np.median(spread.residual) < 1.3
+    assert spread.residual.max() < 4.0
+    for name, true in hidden.SHAPE.items():
+        assert np.median(np.abs(getattr(drive, name) - true)) < 0.1 * true, name
+    for name, hid in (("torque_constant", hidden.CONSTANT), ("damping", hidden.DAMPING)):
+        off = np.abs(getattr(drive, name) / hid - 1.0)
+        assert np.median(off) < 0.02, name
+        assert off.max() < 0.15, name
+    value = result.values["torque_constant"]
+    assert (np.abs(value.value - hidden.CONSTANT) <= value.half).mean() >= 0.8
+
+
+@pytest.mark.slow
+def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
+    result = hidden.found()
+    assert not result.fit.loose
+    assert "backlash" not in result.values
+    assert "backlash: none seen" in str(table(result).caption)
+    assert "backlash none seen" in page(result)
+
+
+@pytest.mark.slow
+def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> None:
+    result, file = hidden.found(), tmp_path / "mine.yaml"
+    reason = ("",) * 8 + ("its interval is ± 3 mrad: record more",) * 8
+    play = Value(np.full(16, 2e-3), np.tile([5e-4, 3e-3], 8), reason)
+    loose = replace(result.fit, loose=True, drive=replace(result.fit.drive, backlash=play.value))
+    hand_file.store(file, loose, {**result.values, "backlash": play}, result.motions, "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["drive"]["backlash"] == [2e-3, 0.0] * 4 + [0.0] * 8
+    assert (written["identified"]["backlash"], written["identified"]["value"]["backlash"][1]) == ("seen", 2e-3)
+    other = tmp_path / "other.yaml"
+    other.write_text("drive: {backlash: 0.004}\n")
+    hand_file.store(other, result.fit, result.values, result.motions, "2026-01-02")
+    assert "backlash" not in yaml.safe_load(other.read_text())["drive"]
+
+
+@pytest.mark.slow
+def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
+    looked = seen(motions(), Player(motions()[0].spec, 0.003))
+    said = values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
+    light = looked.pull < 0.05
+    assert 4 <= light.sum() <= 12
+    assert all("behind backlash 50 tell: `calibrate limits --offsets`" in why for why in np.array(said)[light])
+    assert not any("behind backlash" in why for why in np.array(said)[~light])
+
+
+@pytest.mark.slow
+def test_one_pose_tells_weight_from_friction_for_no_joint() -> None:
+    for name in ("torque_constant", "offset"):
+        assert all("all recordings are in one pose" in reason for reason in reasons(motions()[:1] * 2, name))
+    assert not any("pose" in reason for reason in reasons(motions(), "torque_constant"))
+
+
+@pytest.mark.slow
+def test_an_axis_along_gravity_in_all_poses_is_named_with_the_pose_that_is_missing() -> None:
+    tilted = [replace(motions()[0], gravity=np.array([0.0, 0.0, -9.81])) for _ in range(2)]
+    leaning = replace(tilted[1], gravity=np.array([0.0, 0.0, 9.81]))  # Fingers up, and fingers down.
+    said = reasons([tilted[0], leaning], "torque_constant")
+    assert "record a pose in which its weight acts across its axis" in said[4]
+    assert not said[5]
+
+
+@pytest.mark.slow
+def test_too_short_still_and_slow_joints_are_not_determined_because() -> None:
+    short = [replace(m, position=m.position[:900], duty=m.duty[:900], good=m.good[:900]) for m in motions()]
+    assert all("s of it can be used: record at least 10 s" in reason for reason in reasons(short, "damping"))
+    still = []
+    for motion in motions():
+        position = motion.position.copy()
+        position[:, 2] = position[0, 2]
+        position[:, 9] = position[0, 9] + 0.2 * (position[:, 9] - position[0, 9])
+        still.append(replace(motion, position=position))
+    assert "it moved by 0.00 rad only" in reasons(still, "armature")[2]
+    assert "rad/s one way, and damping shows from 0.5 rad/s" in reasons(still, "damping")[9]
+    assert not reasons(still, "damping")[5]
+
+
+@pytest.mark.slow
+def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("# Bought 2019.\nactuation:\n  damping: 0.08  # a guess\nlimits: null\n")
+    result = hidden.found()
+    hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    assert file.read_text().startswith("# Bought 2019.\n")
+    spec, wiring = load_spec(serial=str(file)), load_wiring(serial=str(file))
+    assert spec.drive is not None
+    np.testing.assert_allclose(spec.actuation.damping, hidden.DAMPING, rtol=0.05)
+    known = result.values["offset"].determined
+    assert known.sum() >= 10
+    np.testing.assert_allclose(
+        np.array(wiring.calibration.encoder_offset)[known] * COUNT, hidden.OFFSET[known], atol=0.01
+    )
+    assert not np.array(wiring.calibration.encoder_offset)[~known].any()
+    basis = yaml.safe_load(file.read_text())["identified"]
+    assert (basis["date"], len(basis["recordings"])) == ("2026-01-02", 3)
+    assert basis["engine"].startswith("mujoco ")
+    assert set(basis["interval"]) == {"torque_constant", "armature", "damping", "frictionloss", "offset", "delay"}
+    (gap,) = gaps([hidden.recordings()[1]], str(file))
+    assert gap.horizons == (0.1, 0.3, 1.0, 5.0)
+    assert gap.before.all[3] > 0.05
+    assert gap.after.all[3] < gap.before.all[3] / 20.0
+
+
+@pytest.mark.slow
+def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    result = hidden.found()
+    one = values(result.fit, seen(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
+    hand_file.store(file, result.fit, one, result.motions[:1], "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["wire"]["torque_constant"] == [1.0] * 16
+    assert written["wire"]["encoder_offset"] == [0] * 16
+    assert "one pose" in written["identified"]["not_determined"]["torque_constant"]["index_0"]
+
+
+@pytest.mark.slow
+def test_an_identification_that_breaks_off_leaves_the_file_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("actuation: {damping: 0.08}\n")
+
+    def broken(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(hand_file, "with_note", broken)
+    with pytest.raises(KeyboardInterrupt):
+        hand_file.store(file, hidden.found().fit, hidden.found().values, hidden.found().motions, "2026-01-02")
+    assert file.read_text() == "actuation: {damping: 0.08}\n"
+
+
+@pytest.mark.slow
+def test_another_hands_file_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("wire: {version: v3}\n")
+    with pytest.raises(ConfigError, match="is of a v3 hand, .* of a v4 one: choose another file"):
+        hand_file.check(file, yaml.safe_load(file.read_text()), hidden.found().motions)
+
+
+def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, recording_path: Path) -> None:
+    with pytest.raises(ConfigError, match="does not say with which torque constant .* record it again"):
+        read_motion(recording_path)
+    first = load(hidden.recordings()[0])
+    for name, rows, torque, said in (
+        ("short", 500, 0.1, r"is 1\.5 s long: record at least 3 s"),
+        ("still", 1400, 0.0, "holds positions without torques"),
+    ):
+        path = tmp_path / f"{name}.arrow"
+        columns = first.columns
+        samples = (
+            Sample(
+                HandState(
+                    float(columns["t"][k]), int(columns["tick"][k]), columns["position"][k], columns["velocity"][k],
+                    np.full(16, torque), columns["temperature"][k], columns["gravity"][k],
+                ),
+                TorqueCommand(np.zeros(16)),
+            )
+            for k in range(rows)
+        )  # fmt: skip
+        for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+            pass
+        with pytest.raises(ConfigError, match=said):
+            read_motion(path)
+    with pytest.raises(RecordingError, match="no recording at"):
+        read_motion(tmp_path / "none.arrow")
+
+
+def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("identified: {engine: mujoco 3.1.0}\n")
+    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.doubtful(file)
+    file.write_text("actuation: {damping: 0.08}\n")
+    assert not hand_file.doubtful(file)
+
+
+@pytest.mark.slow
+def test_recordings_of_two_hands_are_not_one() -> None:
+    other = replace(motions()[1], spec=load_spec(side="left"), name="b.arrow")
+    from allegro_twin.twin.identify.motions.motion import same_hand
+
+    with pytest.raises(ConfigError, match=r"b\.arrow is of the hand 'allegro_left', .* of 'allegro_right'"):
+        same_hand([motions()[0], other])
+
+
+@pytest.mark.slow
+def test_a_gap_in_time_and_a_clipped_command_are_left_out(tmp_path: Path) -> None:
+    first, path = load(hidden.recordings()[0]), tmp_path / "gap.arrow"
+    columns = {name: np.array(values) for name, values in first.columns.items()}
+    columns["torque"][1000, 0] = 0.3125  # What the driver sends at most.
+    kept = [k for k in range(1400) if k not in range(500, 510)]
+    samples = (
+        Sample(
+            HandState(float(columns["t"][k]), int(columns["tick"][k]), *(
+                columns[name][k] for name in ("position", "velocity", "torque", "temperature", "gravity"))),
+            TorqueCommand(np.zeros(16)),
+        )
+        for k in kept
+    )  # fmt: skip
+    for _ in recorded(samples, path, first.spec, 0.003, meta={"calibration": first.meta["calibration"]}):
+        pass
+    motion, whole = read_motion(path), motions()[0]
+    np.testing.assert_array_equal(motion.position[510:], whole.position[510:1400])
+    bad = np.flatnonzero(motion.good[:, 5] < whole.good[:1400, 5])
+    np.testing.assert_array_equal(bad, np.arange(500, 516))  # And while what was commanded then may still act.
+    assert motion.good[1000, 0] == 0.0
+    assert motion.good[1000, 1] == 1.0
+
+
+def test_a_weight_is_told_with_its_recording() -> None:
+    weight = weight_of("tip=0.050@rec/side_1.arrow")
+    assert (weight.at, weight.mass, weight.recording) == ("tip", 0.05, "side_1.arrow")
+    for wrong in ("tip", "tip=0.05", "tip=x@r", "tip=5@r"):
+        with pytest.raises(ConfigError, match="say where, kg below 1, and in which recording"):
+            weight_of(wrong)
+    with pytest.raises(ConfigError, match="recording"):
+        identify(hidden.recordings()[:1], [weight], masses_known=False)
+
+
+@pytest.mark.slow
+def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> None:
+    nominal, found = load_spec(), hidden.found()
+    shift = np.linspace(-0.02, 0.02, 16)
+    own = replace(nominal, lower=nominal.lower + shift, upper=nominal.upper + shift)
+    stops = pipeline._stops(own, nominal)
+    np.testing.assert_allclose(stops, shift, atol=1e-12)
+    assert np.isnan(pipeline._stops(nominal, nominal)).all()
+    with_stops = replace(found, stops=stops)
+    off = found.values["offset"]
+    first = int(np.flatnonzero(off.determined)[0])
+    row = page(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
+    assert f"{1e3 * (off.value[first] - shift[first]):+.1f}</td>" in row
+    apart = np.abs(off.value - shift)[off.determined]
+    said = next(line for line in lines(with_stops) if "end stops" in line)
+    assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
+    assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))
+
+
+@pytest.mark.slow
+def test_offsets_that_the_file_has_from_calibrate_stay_and_that_is_said(tmp_path: Path) -> None:
+    file, result = tmp_path / "mine.yaml", hidden.found()
+    offsets = [40 - 5 * joint for joint in range(16)]
+    file.write_text(yaml.safe_dump({"wire": {"encoder_offset": offsets}, "mine": {"kept": 1}}))
+    said = hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+    written = yaml.safe_load(file.read_text())
+    assert written["wire"]["encoder_offset"] == offsets
+    assert written["mine"] == {"kept": 1}
+    assert "stay as they were" in said
+    file.unlink()
+    assert not hand_file.store(file, result.fit, result.values, result.motions, "2026-01-02")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["allegro", "SAH030C033R"])
+def test_a_file_that_ships_is_refused_and_a_copy_is_not(name: str, tmp_path: Path) -> None:
+    path = data_root() / "conf" / "hands" / f"{name}.yaml"
+    before = path.read_bytes()
+    with pytest.raises(ConfigError, match=rf"what ships .* is not changed; .*copy it, `cp .* my_{name}\.yaml`"):
+        hand_file.check(path, {}, hidden.found().motions)
+    with pytest.raises(ConfigError, match="what ships .* is not changed"):
+        refuse_another_hand(path, hidden.config(), "can_v4", None)
+    with pytest.raises(ConfigError, match="is not changed; choose a file of your own; name one elsewhere"):
+        hand_file.check(path.with_name("mine.yaml"), {}, hidden.found().motions)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_strength_that_a_file_has_goes_into_the_torque_constant_and_out_of_the_file(tmp_path: Path) -> None:
+    result = hidden.found()
+    plain, weak = tmp_path / "plain.yaml", tmp_path / "weak.yaml"
+    weak.write_text("drive: {strength: 0.5}\n")
+    for path in (plain, weak):
+        said = hand_file.store(path, result.fit, result.values, result.motions, "2026-01-02")
+    assert "drive.strength is out of" in said
+    one, other = (yaml.safe_load(path.read_text()) for path in (plain, weak))
+    assert "strength" not in other["drive"]
+    factor = np.array(other["wire"]["torque_constant"]) / one["wire"]["torque_constant"]
+    determined = result.values["torque_constant"].determined
+    np.testing.assert_allclose(factor[determined], 1.0, rtol=0.2)
+    np.testing.assert_allclose(factor[~determined], 0.5, rtol=1e-4)
