@@ -5,9 +5,9 @@ What is named here is loaded when it is first asked for, so `import allegro_twin
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from allegro_twin._lazy import exports
 from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
@@ -59,25 +59,28 @@ __all__ = [
     "run",
     "until",
 ]
-_HOMES = {
-    "backend": ("HandBackend",),
-    "app.config": ("load_config",),
-    "hands.library.library": ("Library",),
-    "loop": ("paced", "run", "until"),
-    "spec": ("HandSpec",),
-    "surfaces.hand": ("Hand",),
-    "types": ("Command", "HandState", "PositionCommand", "Sample", "TorqueCommand"),
-}
-
-
-def __getattr__(name: str) -> object:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = next((home for home, names in _HOMES.items() if name in names), "errors")
-    value: object = getattr(import_module(f"{__name__}.{home}"), name)
-    globals()[name] = value  # Asked for once.
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "app.config": ("load_config",),
+        "backend": ("HandBackend",),
+        "errors": (
+            "CommandError",
+            "ConfigError",
+            "EndOfRecording",
+            "HandError",
+            "HandFault",
+            "LinkError",
+            "LinkTimeout",
+            "MotionStalled",
+            "ProtocolError",
+            "RecordingError",
+            "SelfCollision",
+        ),
+        "hands.library.library": ("Library",),
+        "loop": ("paced", "run", "until"),
+        "spec": ("HandSpec",),
+        "surfaces.hand": ("Hand",),
+        "types": ("Command", "HandState", "PositionCommand", "Sample", "TorqueCommand"),
+    },
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
 LAYERS = [
-    {"errors", "types", "version"},
+    {"_lazy", "errors", "types", "version"},
     {"array_api", "spec"},
     {"backend"},
     {"loop", "safety", "files"},
@@ -226,6 +227,24 @@ def test_every_name_of_the_package_is_there_and_is_shown() -> None:
     assert raised - {"unknown"} <= set(allegro_twin.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Hnad'"):
         allegro_twin.Hnad  # noqa: B018  # Asking is what fails.
+
+
+def wings() -> list[str]:
+    """Folders of the package that declare public names."""
+    names = [path.parent.name for path in sorted(PACKAGE.glob("*/__init__.py"))]
+    return [name for name in names if hasattr(importlib.import_module(f"allegro_twin.{name}"), "__all__")]
+
+
+@pytest.mark.parametrize("wing", wings())
+def test_a_wing_has_at_most_twelve_public_names_each_with_a_docstring(wing: str) -> None:
+    module = importlib.import_module(f"allegro_twin.{wing}")
+    assert 0 < len(module.__all__) <= 12
+    for name in module.__all__:
+        value = getattr(module, name)
+        assert value is not None
+        assert not (PACKAGE / wing / f"{name}.py").exists(), f"{wing}.{name} is a module, too, which hides it"
+        if callable(value):
+            assert value.__doc__, f"{wing}.{name} has no docstring"
 
 
 def test_replay_runs_without_mujoco(recording_path: Path) -> None:

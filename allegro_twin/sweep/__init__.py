@@ -5,8 +5,9 @@ What is named here is loaded when it is first asked for: a process that computes
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.sweep.cluster import RayCluster
@@ -16,11 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.sweep.store import Store
 
 __all__ = ["Local", "RayCluster", "Store", "Sweep", "run"]
-_HOMES = {"Local": "local", "RayCluster": "cluster", "Store": "store", "Sweep": "jobs", "run": "runner"}
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    return found
+__getattr__, __dir__ = exports(
+    __name__,
+    {"local": ("Local",), "cluster": ("RayCluster",), "store": ("Store",), "jobs": ("Sweep",), "runner": ("run",)},
+)

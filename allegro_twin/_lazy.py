@@ -1,0 +1,25 @@
+"""Public names of a wing, imported when they are first asked for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+
+
+def exports(
+    package: str, homes: Mapping[str, tuple[str, ...]]
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of a package whose public names live in modules below it.
+
+    `homes`: for each module, relative to the package, its public names. No module may have a public name's own name: once
+    it is imported it would hide that.
+    """
+    module_of = {name: module for module, names in homes.items() for name in names}
+
+    def getattribute(name: str) -> object:
+        if name not in module_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{module_of[name]}"), name)
+
+    return getattribute, lambda: sorted({*module_of, *vars(sys.modules[package])})
