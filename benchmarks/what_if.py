@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.twin.branch import Wanted, branch

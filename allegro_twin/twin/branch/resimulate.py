@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.rig import Rig
 from allegro_twin.errors import ConfigError
 from allegro_twin.loop import Controller

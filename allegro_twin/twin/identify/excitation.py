@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import VIRTUAL, CanSettings, RunConfig, TaskSettings
 from allegro_twin.app.rig import Rig
 from allegro_twin.errors import ConfigError, RecordingError

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.backends.dynamixel import calibration_of
 from allegro_twin.app.config import DynamixelSettings, RunConfig, load_config
 from allegro_twin.app.session import recording_meta

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.session import recording_meta
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import CanSettings, RunConfig, load_config
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.hands.description.calibration import Calibration

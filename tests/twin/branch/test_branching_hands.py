@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.app.assemble import assemble
+from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import CanSettings, RunConfig
 from allegro_twin.app.session import Outputs, perform, recording_meta
 from allegro_twin.control.controllers import PD, Follow

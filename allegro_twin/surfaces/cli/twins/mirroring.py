@@ -39,7 +39,7 @@ def live(
     config: RunConfig, hand: str, wanted: Wanted, advance: Callable[[float], None], tell: Callable[[str], None]
 ) -> Mirrored:
     """Run a config's hand with its mirror beside it. Raises HandError; HandFault for what is to stop it."""
-    from allegro_twin.app.assemble import assemble
+    from allegro_twin.app.assembly import assemble
     from allegro_twin.app.config import CanSettings, DynamixelSettings
     from allegro_twin.loop import run, to_the_end, until
     from allegro_twin.twin.mirror.contact_detection import contacts
