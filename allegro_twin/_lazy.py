@@ -12,8 +12,8 @@ def exports(
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package whose public names live in modules below it.
 
-    `homes`: for each module, relative to the package, its public names. A module must not have the name of a public name,
-    which it would hide once it is imported.
+    `homes`: for each module, relative to the package, its public names. A module must not have the name of a
+    public name, which it would hide once it is imported.
     """
     module_of = {name: module for module, names in homes.items() for name in names}
 
