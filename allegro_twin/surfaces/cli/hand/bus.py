@@ -14,7 +14,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.app.backends.can import Scene
+    from allegro_twin.app.rig import Scene
     from allegro_twin.drivers.can.virtual.serve import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
     from allegro_twin.grasping.verdict import Report
@@ -34,8 +34,8 @@ def check(
     """Walk the link to a hand step by step, at zero torque, and stop at the first thing that is broken."""
     from rich.live import Live
 
-    from allegro_twin.app.backends.can import checkup_of
     from allegro_twin.app.config import load_config
+    from allegro_twin.app.serve_can import checkup_of
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand import monitor
     from allegro_twin.surfaces.cli.performers import on_hand
@@ -68,7 +68,7 @@ def sniff(
     lines: Annotated[bool, typer.Option(help="One line a frame, as in a pipe, instead of a table.")] = False,
 ) -> None:
     """Listen to any bus and say what the frames mean. Sends nothing. A serial adapter serves one program at a time."""
-    from allegro_twin.app.backends.bus_listener import ears_of
+    from allegro_twin.app.bus_listener import ears_of
     from allegro_twin.drivers.can.tools.sniff import listened
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand import monitor
@@ -112,11 +112,14 @@ def firmware(
     ] = None,
 ) -> None:
     """Be a hand: physics behind the real protocol, in real time, for any driver on the config's bus or port."""
-    from allegro_twin.app.backends.serve_can import far_end, local, virtual_hands
-    from allegro_twin.app.config import CanSettings, DynamixelSettings, PolledSettings, load_config
+    from allegro_twin.app.config import load_config
+    from allegro_twin.app.serve_can import far_end, local, virtual_hands
+    from allegro_twin.drivers.can.config import CanSettings
     from allegro_twin.drivers.can.driver import realtime
     from allegro_twin.drivers.can.tools.log import LoggedBus, WireLog
     from allegro_twin.drivers.can.virtual.serve import serve
+    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+    from allegro_twin.drivers.polled.config import PolledSettings
     from allegro_twin.grasping.evaluation.report_file import write_reports
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand.servos import be_servos
@@ -155,7 +158,7 @@ def _be(
     serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
 ) -> tuple[Served | None, dict[str, Report]]:
     """Serve until the time is over or Ctrl-C; what happened, and the verdicts on scenarios."""
-    from allegro_twin.app.backends.serve_can import judged
+    from allegro_twin.app.serve_can import judged
     from allegro_twin.surfaces.cli import console
 
     served, verdicts = None, dict[str, "Report"]()

@@ -7,8 +7,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from allegro_twin.app.config import VIRTUAL_PORT, DynamixelSettings, PolledSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.errors import ConfigError
+from allegro_twin.plugins import BACKENDS
 
 _SWITCH = 0.0005
 """s after which the thread that computes physics lets the one that answers have Python."""
@@ -17,9 +21,8 @@ _SWITCH = 0.0005
 def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float | None, *, more: bool) -> None:
     """Serve the config's hand in real time at a pseudo-terminal in place of its port. `more`: a report or a bus log was
     asked for. Raises ConfigError or LinkError."""
-    from allegro_twin.app.backends import dynamixel, polled
-    from allegro_twin.app.backends.can import Scene
-    from allegro_twin.drivers.base.serve import Device, serve
+    from allegro_twin.app.rig import Scene, context_of
+    from allegro_twin.drivers.base.serve import serve
     from allegro_twin.drivers.base.terminal import Terminal
     from allegro_twin.drivers.can.driver.realtime import ask_short_slice
     from allegro_twin.hands.description.hands import load_spec
@@ -33,12 +36,10 @@ def be_servos(configs: Sequence[RunConfig], step: float | None, seconds: float |
     if settings.port == VIRTUAL_PORT:
         raise ConfigError(f"port {VIRTUAL_PORT} is a line inside one program; give the path that a terminal shall have")
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    if isinstance(settings, PolledSettings):
-        hand: Device = polled.virtual_hand(config, settings, spec, Scene(), step or config.period)
-        who: str = settings.kind
-    else:
-        hand = there = dynamixel.virtual_hand(config, settings, spec, Scene(), step or config.period)
-        who = "ids " + ", ".join(str(servo.id) for servo in there.servos)
+    hand = BACKENDS.kind(settings.kind).virtual(settings, context_of(config, Scene()), step or config.period)
+    who: str = settings.kind
+    if isinstance(settings, DynamixelSettings):
+        who = "ids " + ", ".join(str(servo.id) for servo in hand.servos)
     terminal, served = Terminal(Path(settings.port)), None
     ask_short_slice()
     sys.setswitchinterval(_SWITCH)

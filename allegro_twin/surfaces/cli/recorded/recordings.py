@@ -52,10 +52,11 @@ def record(targets: Sequence[Target], rows: Sequence[dict[str, Any]], wanted: Re
 
 def _made(target: Target, row: Mapping[str, Any], path: Path) -> bool:
     """Whether there is one: a trial in which the guard stops the hand has none."""
-    from allegro_twin.app.backends.simulated import following
-    from allegro_twin.app.config import HandSettings, RunConfig
+    from allegro_twin.app.config import RunConfig
     from allegro_twin.app.portraits import staged
     from allegro_twin.app.session import Outputs, perform
+    from allegro_twin.app.simulated import following
+    from allegro_twin.hands.settings import HandSettings
 
     hand = HandSettings(model=target.spec.model, side=target.side)
     config = RunConfig.model_validate(

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.app import Rig, scenario_config
-from allegro_twin.app.backends.simulated import following
-from allegro_twin.app.config import PositionSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.app.session import Outputs
+from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import parse
@@ -141,7 +142,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
     """Make a recording of a bus log; its rows, and what is not as it should be. Raises RecordingError, ConfigError."""
     if config is None:
         raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
-    from allegro_twin.app.backends.bus_log import make_recording
+    from allegro_twin.app.bus_log import make_recording
 
     found = make_recording(load_config(config), path, target, bus)
     return found.states, found.summary()

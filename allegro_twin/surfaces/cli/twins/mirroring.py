@@ -39,8 +39,9 @@ def live(
     config: RunConfig, hand: str, wanted: Wanted, advance: Callable[[float], None], tell: Callable[[str], None]
 ) -> Mirrored:
     """Run a config's hand with its mirror beside it. Raises HandError; HandFault for what is to stop it."""
-    from allegro_twin.app.assembly import assemble
-    from allegro_twin.app.config import CanSettings, DynamixelSettings
+    from allegro_twin.app.rig import assemble
+    from allegro_twin.drivers.can.config import CanSettings
+    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.loop import run, to_the_end, until
     from allegro_twin.twin.mirror.contact_detection import contacts
     from allegro_twin.twin.mirror.for_hand import Mirrored
@@ -70,8 +71,8 @@ def live(
 
 def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> Mirror:
     """Raises HandError."""
-    from allegro_twin.app.backends.can import codec_of
-    from allegro_twin.app.config import CanSettings
+    from allegro_twin.drivers.can.config import CanSettings
+    from allegro_twin.drivers.can.opening import codec_of
     from allegro_twin.twin.mirror.fault_detection import Calm
     from allegro_twin.twin.mirror.for_hand import limits, make_loop_mirror, make_mirror
 
@@ -80,7 +81,7 @@ def _mirror(config: RunConfig, rig: Rig, hand: str, wanted: Wanted) -> Mirror:
     calm = Calm.usual(rig.spec) if wanted.free is None else limits(wanted.free, file, gravity)
     if not isinstance(config.backend, CanSettings):
         return make_loop_mirror(rig.spec, config.period, calm, wanted.stop, gravity)
-    codec = codec_of(config, config.backend)
+    codec = codec_of(config.backend, config.hand)
     return make_mirror(
         rig.spec, file, codec.version, codec.calibration, config.period, calm, wanted.stop, wanted.gravity
     )
@@ -95,9 +96,9 @@ def _down(rig: Rig, wanted: Wanted) -> Vector | None:
 def _kept(samples: Iterator[Sample], config: RunConfig, rig: Rig, mirror: Mirror, wanted: Wanted) -> Iterator[Sample]:
     from allegro_twin.recording.recorder import recorded
 
-    if wanted.record is None or rig.there is None:
+    if wanted.record is None:
         return samples
-    meta: dict[str, object] = {"calibration": rig.there.calibration, "config": config.model_dump(mode="json")}
+    meta: dict[str, object] = {"calibration": dict(rig.device.calibration), "config": config.model_dump(mode="json")}
     gravity = _down(rig, wanted)
     meta |= {} if gravity is None else {"gravity": gravity.tolist()}
     meta |= rig.sim.meta() if rig.sim is not None else {}
@@ -115,7 +116,7 @@ def _drawn(
     viewer_of, _ = rerun_stage()
     from allegro_twin.twin.mirror.rerun_view import RATE, drawn, stage
 
-    health = rig.wire.health if rig.wire is not None else None
+    health = getattr(rig.driver, "health", None)
     if wanted.rrd is not None:
         temporary = stack.enter_context(whole_file(wanted.rrd))
         viewer = viewer_of(rig.spec, stage(rig.spec), rate=RATE)
@@ -128,7 +129,7 @@ def _drawn(
             tell(f"Open {viewer.serve()}")
         else:
             viewer.spawn()
-        samples = drawn(paced(samples) if not rig.live else samples, mirror, viewer, health)
+        samples = drawn(paced(samples) if not rig.device.live else samples, mirror, viewer, health)
     return samples
 
 
