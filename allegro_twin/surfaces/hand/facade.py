@@ -47,7 +47,7 @@ class Hand:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, Bounds(rig.spec)
-        self._mover = Mover(rig, gains, background=background or rig.device.live)
+        self._mover = Mover(rig, gains, background=background or rig.live)
         self.direct = Direct(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 
