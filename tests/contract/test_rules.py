@@ -204,6 +204,22 @@ def test_what_says_nothing_of_its_time_is_taken_for_live_behind_a_guard_too() ->
         rules.says_whether_it_is_live(Silent)
 
 
+def test_a_live_hand_that_stands_in_front_of_a_simulation_is_live() -> None:
+    """It may call what is behind it as it likes: only a guard passes on what is behind it."""
+
+    class InFrontOfSimulation(Good):
+        def __init__(self) -> None:
+            super().__init__()
+            self.inner = Good()
+
+        def __getattribute__(self, name: str) -> Any:
+            if name == "live":
+                raise AttributeError(name)
+            return super().__getattribute__(name)
+
+    assert device_of(InFrontOfSimulation()).live
+
+
 def test_whatever_a_factory_raises_is_a_row_of_the_table() -> None:
     def broken() -> Good:
         raise ValueError("what is this")

@@ -132,7 +132,7 @@ desk.host.close()
     ("block_", "said"),
     [
         ("backend: {kind: freindly}", "no backend kind named 'freindly'; did you mean 'friendly'"),
-        ("backend: {kind: nothing}", "installed packages add broken, friendly, wrong (entry points allegro_twin.backends)"),
+        ("backend: {kind: nothing}", "installed packages add broken, friendly, wrong (entry points "),
         ("backend: {kind: broken}", "backend.kind broken: no_such_module:backend cannot be imported: No module named"),
         ("backend: {kind: wrong}", "backend.kind wrong: friendly_hand:Wave is no allegro_twin.BackendKind"),
         ("backend: {kind: friendly, maas: 1}", "backend.friendly.maas: unknown key; did you mean 'mass'?"),
