@@ -13,7 +13,7 @@ from allegro_twin.control.controllers import PD, PID, Gravity
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.controller import Controller
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.hand import HandKinematics
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded

@@ -19,8 +19,8 @@ from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
 
