@@ -6,6 +6,7 @@ of the batch it stands in.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -16,13 +17,10 @@ from numpy.typing import NDArray
 from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.geometry import has_closed_form
-from allegro_twin.kinematics.closed_form.tips import Fingertips
-from allegro_twin.kinematics.numeric_tips import ChainTips
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.learning.policy.memory import Course, Memory
 from allegro_twin.learning.policy.numbers import Lifted, numbers_of, radian_of
 from allegro_twin.learning.policy.script import Scripts
-from allegro_twin.sim.model.statics import tree_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -223,13 +221,12 @@ class Interface:
     def fingertips(self, position: Array) -> Array:
         """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
         tips = self._fingertips(position)
-        return tips.reshape(*tips.shape[:-2], -1)
+        flat: Array = tips.reshape(*tips.shape[:-2], -1)
+        return flat
 
     @cached_property
-    def _fingertips(self) -> Fingertips | ChainTips:
-        if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
-            return Fingertips(self.spec, self.xp)
-        return ChainTips(self.spec, tree_of(self.spec))
+    def _fingertips(self) -> Callable[[Array], Array]:
+        return hand_kinematics(self.spec).batch_fingertips(self.xp)
 
 
 def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:

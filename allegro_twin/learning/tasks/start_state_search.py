@@ -10,7 +10,7 @@ import numpy as np
 from allegro_twin.control import laws
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.closed_form.tips import Fingertips
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector
 from allegro_twin.learning.environments.randomise import Physics
 from allegro_twin.learning.environments.settings import EnvSettings
@@ -66,7 +66,7 @@ class Search:
 
     def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> Tries:
         """For objects so high (n,), m."""
-        n, tips = len(height), Fingertips(spec)
+        n, tips = len(height), hand_kinematics(spec).batch_fingertips()
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
         missing = np.arange(n)
         while len(missing):

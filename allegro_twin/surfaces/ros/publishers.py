@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import states
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames, description
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.topics import WRENCH
 from allegro_twin.types import Sample, Vector
@@ -23,7 +23,7 @@ class Reports:
 
     def __init__(self, hand: Hand, words: v.Vocabulary) -> None:
         self._hand, self._words, self._spec = hand, words, hand.spec
-        self._frames, self._model = Frames(hand.spec), hand_model(hand.spec)
+        self._frames, self._model = Frames(hand.spec), hand_kinematics(hand.spec)
         self._missed, self._tick = 0, -1
 
     def at_first(self, stamp: int) -> Iterator[Report]:

@@ -10,10 +10,10 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.recording.messages import states
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames, description
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
 from allegro_twin.surfaces.ros.idl import struct
@@ -92,7 +92,7 @@ def matrix(transform: Any) -> Array:
 
 def test_frames_end_where_the_kinematics_have_the_fingertips(words: v.Vocabulary, side: Side) -> None:
     spec = load_spec(side=side)
-    frames, model = Frames(spec), hand_model(spec)
+    frames, model = Frames(spec), hand_kinematics(spec)
     assert frames.root == "palm_link"
     for seed in range(5):
         position = np.random.default_rng(seed).uniform(spec.lower, spec.upper)

@@ -9,11 +9,11 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gravity
 from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.excite import APPROACH, Excitation
 from allegro_twin.twin.identify.motions.poses import Pose
@@ -37,7 +37,7 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0
-    carried = Gravity(hand_model(spec).gravity_torque)
+    carried = Gravity(hand_kinematics(spec).gravity_torque)
     for scale, number in product(SCALES, range(TRIES)):
         excitation = Excitation(spec, seed + 1000 * number, carried, scale)
         backend = SimBackend(spec, model, posture=excitation.middle)

@@ -1,4 +1,4 @@
-"""What inverse kinematics answers: every branch, which of them are inside the limits, and what else to do."""
+"""Results of inverse kinematics: all postures found, the best one, and the nearest where none reaches the target."""
 
 from __future__ import annotations
 
@@ -8,22 +8,33 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import finite, rows
-from allegro_twin.kinematics.closed_form.forms.planar import Flags
-from allegro_twin.kinematics.closed_form.search.nearest import Nearest
 from allegro_twin.types import Array, Vector
 
+Flags = NDArray[np.bool_]
+"""True or false for each of many."""
 _ALIKE = 1e-6  # rad: orientations no further apart count as equally near.
 
 
-class Best(NamedTuple):
-    """One posture a target, inside the limits."""
+class Nearest(NamedTuple):
+    """The posture that brings the tip nearest to a target, in straight-line distance of the tip's centre."""
 
     posture: Array
-    """Joints, shape (..., 4), rad: the chosen branch, or where none is inside the limits the nearest posture."""
+    """Joints, shape (..., k), rad; NaN where no posture has the angle asked for."""
+    point: Array
+    """Where the tip then is, in the palm frame, shape (..., 3), m."""
+    distance: Array
+    """From there to the target, shape (...), m; inf where no posture has the angle asked for."""
+
+
+class Best(NamedTuple):
+    """One posture for each target, inside the limits."""
+
+    posture: Array
+    """Joints, shape (..., k), rad: the chosen branch, or where none is inside the limits the nearest posture."""
     reached: Flags
     """Whether the tip is then on the target, shape (...)."""
     distance: Array
@@ -34,23 +45,26 @@ class Best(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solutions:
-    """All branches for a batch of targets of shape (...)."""
+    """The postures of a finger of k joints for targets of shape (...): b branches for each.
+
+    An iterative solver has one branch, the posture that it finds.
+    """
 
     position: Array
-    """Joints of each branch, shape (..., k, 4), rad; NaN where a branch does not exist."""
+    """Joints of each branch, shape (..., b, k), rad; NaN where a branch does not exist."""
     within: Flags
-    """Which branches are inside the limits less the margin, to 1e-9 rad, shape (..., k)."""
+    """Which branches are inside the limits less the margin, to 1e-9 rad, shape (..., b)."""
     angle: Array
-    """From each branch's orientation to the one asked for, shape (..., k), rad; zero where none was asked for."""
+    """From each branch's orientation to the one asked for, shape (..., b), rad; zero where none was asked for."""
     lower: Vector
-    """The limits with the margin taken off, shape (4,), rad."""
+    """The limits with the margin taken off, shape (k,), rad."""
     upper: Vector
     search: Callable[[Flags, bool], Nearest]
     """Finds the nearest reachable point for the marked targets (...); used by `nearest`."""
 
     @property
     def exists(self) -> Flags:
-        """Which branches reach their target, inside the limits or not, shape (..., k)."""
+        """Which branches reach their target, inside the limits or not, shape (..., b)."""
         return np.asarray(~np.isnan(self.position[..., 0]))
 
     @property
@@ -59,11 +73,11 @@ class Solutions:
         return np.asarray(self.within.any(axis=-1))
 
     def nearest(self, *, limits: bool = True) -> Nearest:
-        """For every target the posture that brings the tip nearest to it, with the angle of the mode held.
+        """For every target the posture that brings the tip nearest to it.
 
         The nearest point is the one at the least straight-line distance among the tip positions of all postures that
-        are inside the limits less the margin (`limits`), or of all postures, and that have the pitch, q0, q1 or psi
-        asked for. A full pose and a position alone hold no angle: there the position comes first.
+        are inside the limits less the margin (`limits`), or of all postures, and that have the angle that was held. An
+        orientation is not held: the position comes first. An iterative solver finds a local minimum of the distance.
         Targets that are reached have distance zero and their first branch.
         """
         good = self.within if limits else self.exists
@@ -75,7 +89,7 @@ class Solutions:
         return found._replace(posture=np.where(good.any(axis=-1, keepdims=True), first, found.posture))
 
     def best(self, near: ArrayLike | None = None) -> Best:
-        """One posture a target: of the branches inside the limits the one nearest to `near`, shape (..., 4), rad.
+        """One posture for each target: of the branches inside the limits the one nearest to `near`, (..., k), rad.
 
         Without `near`, the one furthest from its nearest limit; a full pose prefers the least angle first.
         Where no branch is inside the limits, the nearest posture, and its distance. Raises ConfigError for a `near`
@@ -104,7 +118,7 @@ class Solutions:
         )
 
     def _wished(self, near: ArrayLike) -> Array:
-        wish, targets = rows("near", near, 4), self.within.shape[:-1]
+        wish, targets = rows("near", near, len(self.lower)), self.within.shape[:-1]
         try:
             fits = np.broadcast_shapes(wish.shape[:-1], targets) == targets
         except ValueError:

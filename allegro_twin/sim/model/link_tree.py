@@ -1,4 +1,4 @@
-"""Kinematics and statics of the model in use: ours from its URDF, somebody else's from the very MJCF."""
+"""The links and joints of a hand's MJCF as plain data, for kinematics without MuJoCo."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.model import HandModel
-from allegro_twin.kinematics.tree import Hinge, Link, Placed, Tree
+from allegro_twin.kinematics.tree import Placement, Tree, TreeJoint, TreeLink
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -16,12 +15,7 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def hand_model(spec: HandSpec) -> HandModel:
-    """Gravity, Jacobians and fingertips of the hand that a spec simulates. Raises ConfigError."""
-    return HandModel(spec) if spec.foreign is None else HandModel(spec, tree_of(spec))
-
-
-def tree_of(spec: HandSpec) -> Tree:
+def read_link_tree(spec: HandSpec) -> Tree:
     """The links of a hand's MJCF as plain data, under our names; a joint that the spec does not know stays where the
     MJCF has it. Raises ConfigError for a joint that is neither a hinge nor a slide."""
     from allegro_twin.sim.model.scene import hand_spec
@@ -33,7 +27,7 @@ def tree_of(spec: HandSpec) -> Tree:
     tips = {}
     for finger in spec.fingers:
         site = model.site(finger.tip)
-        tips[finger.tip] = (bodies.index(int(site.bodyid[0])), Placed(site.pos.copy(), _matrix(site.quat)))
+        tips[finger.tip] = (bodies.index(int(site.bodyid[0])), Placement(site.pos.copy(), _matrix(site.quat)))
     return Tree(links, tips)
 
 
@@ -45,16 +39,16 @@ def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
     return found
 
 
-def _link(model: mujoco.MjModel, body: int, bodies: list[int], spec: HandSpec) -> Link:
+def _link(model: mujoco.MjModel, body: int, bodies: list[int], spec: HandSpec) -> TreeLink:
     first = body == bodies[0]
-    placed = Placed(np.zeros(3), np.eye(3))
+    placement = Placement(np.zeros(3), np.eye(3))
     if not first:
-        placed = Placed(model.body_pos[body].copy(), _matrix(model.body_quat[body]))
+        placement = Placement(model.body_pos[body].copy(), _matrix(model.body_quat[body]))
     turned = _matrix(model.body_iquat[body])
-    return Link(
+    return TreeLink(
         model.body(body).name,
         0 if first else bodies.index(int(model.body_parentid[body])),
-        placed,
+        placement,
         () if first else _hinges(model, body, spec),
         float(model.body_mass[body]),
         model.body_ipos[body].copy(),
@@ -62,7 +56,7 @@ def _link(model: mujoco.MjModel, body: int, bodies: list[int], spec: HandSpec) -
     )
 
 
-def _hinges(model: mujoco.MjModel, body: int, spec: HandSpec) -> tuple[Hinge, ...]:
+def _hinges(model: mujoco.MjModel, body: int, spec: HandSpec) -> tuple[TreeJoint, ...]:
     import mujoco
 
     found, known = [], {*spec.joints, *(each.name for each in spec.followers)}
@@ -74,7 +68,7 @@ def _hinges(model: mujoco.MjModel, body: int, spec: HandSpec) -> tuple[Hinge, ..
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             raise ConfigError(f"hand {spec.serial or spec.model}: joint {joint.name} is neither a hinge nor a slide")
         slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
-        found.append(Hinge(joint.name, joint.axis.copy(), joint.pos.copy(), float(joint.qpos0[0]), slides))
+        found.append(TreeJoint(joint.name, joint.axis.copy(), joint.pos.copy(), float(joint.qpos0[0]), slides))
     return tuple(found)
 
 

@@ -1,8 +1,6 @@
-"""All fingertips of a hand at once: what `FingerKinematics.tip` says of each, in a third of the operations.
+"""All fingertips of many postures at once, by one table of angles where there is a closed form, else chain by chain.
 
-Every finger turns about one axis and bends in the plane that it turns; the thumb's whole chain turns once more
-(docs/kinematics.md#finger, #thumb). So one table of angles serves them all:
-(x, y, z) = offset + (r cos q_t, r sin q_t, h), r = Σ lₖ sin αₖ, h = Σ lₖ cos αₖ.
+A row of a result is the same to the bit whatever the size of its batch.
 """
 
 from __future__ import annotations
@@ -13,12 +11,19 @@ import numpy as np
 
 from allegro_twin.array_api import take
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
+from allegro_twin.kinematics.tree import Placement, Tree, TreeJoint
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 
-class Fingertips:
-    """Sums are written out or run over a row, so that a row comes out the same whatever the size of its batch."""
+class ClosedFormFingertips:
+    """Fingertips of a hand whose fingers all have a closed form: one third of the operations of finger by finger.
+
+    Every finger turns about one axis and bends in the plane that it turns; the thumb's whole chain turns once more
+    (docs/kinematics.md#finger, #thumb). So one table of angles serves them all:
+    (x, y, z) = offset + (r cos q_t, r sin q_t, h), r = Σ lₖ sin αₖ, h = Σ lₖ cos αₖ.
+    Sums are written out or run over a row, so that they do not depend on the size of the batch.
+    """
 
     def __init__(self, spec: HandSpec, xp: Any = np) -> None:
         """`xp`: the library of the arrays that it is called with (allegro_twin/array_api.py)."""
@@ -90,3 +95,58 @@ class _Constants(NamedTuple):
     """Of the chains' bases in the palm frame, (3, fingers, 3)."""
     origin: Array
     """(fingers, 3), m."""
+
+
+class ChainFingertips:
+    """Fingertips of a hand whose fingers are any chains of hinges and slides. Joints that follow a motor are where they
+    are when nothing is in their way: where a motor moves several joints, a fingertip is an estimate."""
+
+    def __init__(self, spec: HandSpec, tree: Tree) -> None:
+        self._spec = spec
+        columns = {name: column for column, name in enumerate(spec.moving)}
+        self._chains = [_chain(tree, finger.tip, columns) for finger in spec.fingers]
+
+    def __call__(self, position: Array) -> Array:
+        """Motors (..., n), rad → fingertips in the palm frame, in the spec's order, (..., fingers, 3), m."""
+        moved = self._spec.moved(position)
+        return np.stack([_tip(chain, moved) for chain in self._chains], axis=-2)
+
+
+_Step = tuple[TreeJoint, int] | Placement
+"""A joint with its column, or a placement in the frame before."""
+
+
+def _chain(tree: Tree, tip: str, columns: dict[str, int]) -> list[_Step]:
+    """The steps from a fingertip to the palm. A joint that the spec does not know is not in the tree."""
+    link, placement = tree.tips[tip]
+    steps: list[_Step] = [placement]
+    while link:
+        steps += [(joint, columns[joint.name]) for joint in reversed(tree.links[link].joints)]
+        steps.append(tree.links[link].placement)
+        link = tree.links[link].parent
+    return steps
+
+
+def _tip(chain: list[_Step], moved: Array) -> Array:
+    """Positions of all that moves (..., k), rad → the fingertip (..., 3), m."""
+    point = np.zeros((*moved.shape[:-1], 3))
+    for step in chain:
+        if isinstance(step, Placement):
+            x, y, z = step.rotation.T
+            point = point[..., :1] * x + point[..., 1:2] * y + point[..., 2:] * z + step.position
+        else:
+            joint, column = step
+            point = _move(joint, point, moved[..., column, None] - joint.zero)
+    return point
+
+
+def _move(joint: TreeJoint, point: Array, by: Array) -> Array:
+    """A point of the link's frame, moved with its joint; a turn by Rodrigues' formula."""
+    axis: Array = joint.axis / np.sqrt((joint.axis * joint.axis).sum())
+    if joint.slides:
+        slid: Array = point + by * axis
+        return slid
+    arm = point - joint.anchor
+    along = (arm * axis).sum(axis=-1, keepdims=True) * axis
+    turned: Array = joint.anchor + along + np.cos(by) * (arm - along) + np.sin(by) * np.cross(axis, arm)
+    return turned
