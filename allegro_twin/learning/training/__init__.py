@@ -32,6 +32,6 @@ def train(
             import_module(name)
         except ImportError as error:
             raise ConfigError(f"training needs {name}: pip install 'allegro-twin[{extra}]'") from error
-    module = {"rsl-rl": "tensors.ppo", "dagger": "tensors.dagger"}.get(recipe.learner, "stable.ppo")
+    module = {"rsl-rl": "rsl.ppo", "dagger": "rsl.dagger"}.get(recipe.learner, "sb3.ppo")
     trained: Trained = import_module(f"allegro_twin.learning.training.{module}").learn(recipe, folder, advance)
     return trained
