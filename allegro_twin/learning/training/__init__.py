@@ -12,7 +12,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.learning.training.settings import Recipe, load_recipe
 
 if TYPE_CHECKING:
-    from allegro_twin.learning.training.learned import Trained
+    from allegro_twin.learning.training.progress import Trained
 
 _STABLE = "rl", ("torch", "stable_baselines3", "onnx", "tensorboard")
 _RSL = "rsl", ("torch", "rsl_rl", "onnx", "onnxruntime", "tensorboard")
