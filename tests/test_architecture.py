@@ -83,11 +83,12 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "hands": ["description", "generate", "library", "settings", "limits"],
     "learning": ["policy", {"tasks", "environments"}, "training"],
     "sim": [
-        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop", "observer",
+        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop",
+        "observer",
     ],
     "surfaces": ["hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch"],
-    "twin/identify": ["motions", "fitting", "results", "page", "excitation"],
+    "twin/identify": ["motions", "fitting", "results", "pipeline", "report", "record_excitation"],
 }  # fmt: skip
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple, Protocol
 import pyarrow as pa
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.recording.format import FORMAT, SHARED
 
 END = bytes.fromhex("ffffffff00000000")
 """Of a stream: Arrow's columnar format, "IPC Streaming Format"."""
@@ -157,3 +156,10 @@ class _Track:
 
     def close(self) -> None:
         """The file goes on."""
+
+
+FORMAT = "allegro_twin.recording"
+VERSION = 1
+"""Of one device."""
+SHARED = 2
+"""Of several tracks, each of which has what a file of one device has."""

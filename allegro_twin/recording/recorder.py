@@ -12,8 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from allegro_twin.errors import RecordingError
-from allegro_twin.recording.arrow_writer import END, FileSink, Sink
-from allegro_twin.recording.format import FORMAT, VERSION
+from allegro_twin.recording.arrow_writer import END, FORMAT, VERSION, FileSink, Sink
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Command, PositionCommand, Sample, TorqueCommand

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_folder
-from allegro_twin.recording.exchange.lerobot import Told, write_set
-from allegro_twin.recording.exchange.lerobot_meta import Origin
+from allegro_twin.recording.exchange.lerobot import Origin, Told, write_set
 from allegro_twin.recording.exchange.minari import DATA, METADATA, VERSION, hdf5, identifier
 
 OBSERVATION = "observation"

@@ -15,8 +15,7 @@ pytest.importorskip("rosbags", reason="needs the extra ros2")
 
 from allegro_twin.app.config import load_config
 from allegro_twin.errors import ConfigError, RecordingError
-from allegro_twin.recording.exchange.from_rosbag import from_bag, is_bag
-from allegro_twin.recording.exchange.to_rosbag import to_mcap, to_rosbag2
+from allegro_twin.recording.exchange.rosbag import from_bag, is_bag, to_mcap, to_rosbag2
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.recorded import NAMESPACE, STATES, topics_of
 from allegro_twin.recording.messages.states import joint_state
