@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from allegro_twin.errors import RecordingError
 from allegro_twin.files.atomic_write import whole_folder
+from allegro_twin.recording.arrow_writer import arrow_column
 from allegro_twin.recording.exchange.episodes import KEPT, action_of, begin, rebuilt, task_of
-from allegro_twin.recording.reader import Recording
+from allegro_twin.recording.reader import Recording, numpy_of
 
 VERSION = "v3.0"
 CHUNK = 1000  # Files a folder: the format's own default.
@@ -28,7 +29,19 @@ DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 OURS = "meta/allegro_twin.jsonl"
 """What the format has no place for: the metadata of every recording."""
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_INDEX = "__index_level_0__"  # How pandas names an index that has no name.
 Columns = dict[str, NDArray[Any]]
+
+
+class Origin(NamedTuple):
+    """Where a set comes from."""
+
+    robot: str
+    period: float
+    """Between two frames, s."""
+    labels: Mapping[str, list[str]]
+    """Names of the numbers of some features."""
 
 
 class Told(NamedTuple):
@@ -103,7 +116,7 @@ def from_lerobot(folder: Path, episode: int = 0) -> Recording:
     except (OSError, pa.ArrowException) as error:
         raise RecordingError(f"{folder}: not a readable episode: {' '.join(str(error).split())}") from error
     kept = [name for name in table.column_names if name.startswith(f"{KEPT}.")]
-    columns = {name.removeprefix(f"{KEPT}."): _numpy(table.column(name)) for name in kept}
+    columns = {name.removeprefix(f"{KEPT}."): numpy_of(table.column(name)) for name in kept}
     return rebuilt(path, metas[episode], columns)
 
 
@@ -120,7 +133,7 @@ def _data(episodes: Sequence[Columns], folder: Path) -> Iterator[Place]:
     number, size, index = 0, 0, 0
     writer: Any = None
     for columns in episodes:
-        table = pa.table({name: _arrow(values) for name, values in columns.items()})
+        table = pa.table({name: arrow_column(values) for name, values in columns.items()})
         if writer is not None and size + table.nbytes > MEGABYTES * 2**20:
             writer.close()
             writer, size, number = None, 0, number + 1
@@ -158,45 +171,6 @@ def _numbered(told: Told, period: float, episode: int, index: int, task: int) ->
     }
 
 
-def _arrow(values: NDArray[Any]) -> pa.Array:
-    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
-    return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
-
-
-def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:
-    whole = column.combine_chunks()
-    if pa.types.is_fixed_size_list(whole.type):
-        return np.array(whole.flatten()).reshape(len(whole), whole.type.list_size)
-    return np.array(whole)
-
-
-QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-_INDEX = "__index_level_0__"  # How pandas names an index that has no name.
-
-
-class Placed(Protocol):
-    """Where the rows of an episode are."""
-
-    @property
-    def chunk(self) -> int: ...
-    @property
-    def file(self) -> int: ...
-    @property
-    def begin(self) -> int: ...
-    @property
-    def end(self) -> int: ...
-
-
-class Origin(NamedTuple):
-    """Where a set comes from."""
-
-    robot: str
-    period: float
-    """Between two frames, s."""
-    labels: Mapping[str, list[str]]
-    """Names of the numbers of some features."""
-
-
 def info(origin: Origin, columns: Mapping[str, NDArray[Any]], count: int, tasks: int, frames: int) -> dict[str, Any]:
     """The part of info.json that depends on what is in the set: `count` episodes."""
     features = {}
@@ -227,7 +201,7 @@ def statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
 
 
 def episode_rows(
-    places: Sequence[Placed], tasks: Sequence[str], stats: Sequence[Mapping[str, Mapping[str, list[Any]]]]
+    places: Sequence[Place], tasks: Sequence[str], stats: Sequence[Mapping[str, Mapping[str, list[Any]]]]
 ) -> pa.Table:
     """A row an episode: where it is, what it does, and its statistics."""
     rows = []

@@ -17,8 +17,8 @@ from allegro_twin.files.atomic_write import whole_file, whole_folder
 from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.episodes import rebuilt
 from allegro_twin.recording.messages import vocabulary as v
+from allegro_twin.recording.messages.build import in_order, row
 from allegro_twin.recording.messages.recorded import COLUMN, META, Topic, rows, topics_of
-from allegro_twin.recording.messages.states import in_order, row
 from allegro_twin.recording.messages.vocabulary import Vocabulary, vocabulary
 from allegro_twin.recording.reader import Recording
 from allegro_twin.recording.spec_json import spec_to_json
