@@ -14,7 +14,7 @@ from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.recording.events import Happening, Moved, Told
-from allegro_twin.recording.messages import cells
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell_reports import CellReports
@@ -146,11 +146,11 @@ class CellBridge:
 
     def _pose(self, data: bytes) -> Pose:
         message = self._words.decode(data, v.POSE)
-        pose, frame, base = cells.pose_in(message, "target_frame"), message.header.frame_id, self._reports.base
+        pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._reports.base
         if frame == base:
             return placed(self._room.cell.base, pose)
-        if frame not in ("", cells.WORLD):
-            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {cells.WORLD!r} and {base!r}")
+        if frame not in ("", build.WORLD):
+            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {build.WORLD!r} and {base!r}")
         return pose
 
 

@@ -101,7 +101,7 @@ def store_limits(path: Path, found: FoundLimits, note: str) -> None:
 def store_offsets(path: Path, found: FoundLimits, model: HandSpec, codec: Codec, note: str) -> None:
     """Write encoder offsets that centre what was found, and the limits as the hand then reads them, likewise. The file
     also says of which version and side the hand is. Raises ConfigError for a joint that was not at both its ends."""
-    from allegro_twin.twin.identify.motions.encoders import centred
+    from allegro_twin.twin.identify.motions.limits import centred
 
     right = centred(found, model, codec)
     own = {"version": codec.version, "side": model.side, "encoder_offset": list(right.offset)}

@@ -1,19 +1,76 @@
-"""A cell as messages: arm and hand in one, a pose, what the flange feels, and what the camera sees."""
+"""A hand's state as messages, and joints by name back."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.errors import ConfigError
+from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.messages.vocabulary import CLOUD, JOINT_STATE, POSE, VECTOR, WRENCH, Message, Vocabulary
+from allegro_twin.recording.messages.vocabulary import (
+    CLOUD,
+    DIAGNOSTICS,
+    JOINT_STATE,
+    POSE,
+    VECTOR,
+    WRENCH,
+    Message,
+    Vocabulary,
+)
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
+
+OK, WARN, ERROR = 0, 1, 2
+"""Levels of diagnostic_msgs/DiagnosticStatus."""
+
+
+def diagnostics(
+    words: Vocabulary, stamp: int, name: str, level: int, message: str, values: Mapping[str, str]
+) -> Message:
+    """One status with its values."""
+    pairs = [words.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    status = words.make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level, name=name, message=message, hardware_id=name, values=pairs,
+    )  # fmt: skip
+    return words.make(DIAGNOSTICS, header=words.header(stamp), status=[status])
+
+
+def in_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
+    """For each joint of the hand its place among `names`; no names at all: the hand's own order. Raises ConfigError
+    for a joint that is unknown, missing or named twice."""
+    if not names:
+        return list(range(spec.n_joints))
+    places: dict[int, int] = {}
+    for place, name in enumerate(names):
+        try:
+            joint = spec.joint(_ours(spec, name))
+        except ConfigError:
+            raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
+        if joint in places:
+            raise ConfigError(f"{what} names the joint {name} twice")
+        places[joint] = place
+    if missing := [spec.joints[joint] for joint in range(spec.n_joints) if joint not in places]:
+        raise ConfigError(f"{what} lacks {', '.join(missing)}: it needs all {spec.n_joints} joints of {spec.name}")
+    return [places[joint] for joint in range(spec.n_joints)]
+
+
+def row(spec: HandSpec, values: Sequence[float], order: Sequence[int], what: str) -> Vector:
+    """Numbers of a message in the hand's order, (n,), read-only. Raises ConfigError for a wrong length, or a number
+    that is not finite."""
+    if len(values) != len(order):
+        raise ConfigError(f"{what} has {len(values)} numbers for {len(order)} joints")
+    return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
+
+
+def _ours(spec: HandSpec, name: str) -> str:
+    """The hand's own name of a joint: ROS 2 has no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
+    return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
+
 
 WORLD = "world"
 """Its origin is the middle of the table's top."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,11 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.files.atomic_write import whole_file, whole_folder
+from allegro_twin.recording.arrow_writer import FORMAT, VERSION
 from allegro_twin.recording.exchange.episodes import rebuilt
-from allegro_twin.recording.format import FORMAT, VERSION
 from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.recording.messages.recorded import COLUMN, META
-from allegro_twin.recording.messages.states import in_order, row
+from allegro_twin.recording.messages.build import in_order, row
+from allegro_twin.recording.messages.recorded import COLUMN, META, Topic, rows, topics_of
+from allegro_twin.recording.messages.vocabulary import Vocabulary, vocabulary
 from allegro_twin.recording.reader import Recording
 from allegro_twin.recording.spec_json import spec_to_json
 from allegro_twin.spec import HandSpec
@@ -143,3 +147,55 @@ def _heard(path: Path, reader: Any, spec: HandSpec) -> _Heard:
         return _Heard(connection.topic, times, messages)
     there = "; ".join(reasons) or f"it has no {v.JOINT_STATE}"
     raise ConfigError(f"{path} is not of the hand {spec.name}: {there}")
+
+
+def to_mcap(recording: Recording, path: Path) -> None:
+    """One file, which Foxglove, PlotJuggler and `ros2 bag` open. Raises RecordingError."""
+    with whole_file(path) as temporary, tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        bag = Path(folder) / "bag"
+        _write(recording, bag, mcap=True)
+        shutil.move(next(bag.glob("*.mcap")), temporary)
+
+
+def to_rosbag2(recording: Recording, folder: Path) -> None:
+    """A folder with metadata.yaml and SQLite, which every distribution reads as it is installed. Raises ConfigError for
+    a folder that has something in it, and RecordingError."""
+    with whole_folder(folder) as temporary:
+        inner = temporary / "bag"
+        _write(recording, inner, mcap=False)
+        for file in inner.iterdir():
+            shutil.move(file, temporary / file.name)
+        inner.rmdir()
+
+
+def _write(recording: Recording, folder: Path, *, mcap: bool) -> None:
+    words = vocabulary()
+    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    try:
+        with Writer(folder, version=8, storage_plugin=plugin) as writer:
+            opened = {topic.name: _connection(writer, words, topic) for topic in topics_of(recording.columns)}
+            for name, at, message in rows(words, recording.spec, recording.meta, recording.columns):
+                writer.write(opened[name], at, words.encode(message))
+    except (OSError, WriterError) as error:
+        raise RecordingError(f"cannot write the bag {folder.parent}: {error}") from error
+
+
+def _connection(writer: object, words: Vocabulary, topic: Topic) -> object:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+    never = QosTime(0, 0)
+    quality = Qos(
+        QosHistory.KEEP_LAST, 1 if topic.latched else 10, QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE,
+        never, never, QosLiveliness.AUTOMATIC, never, False,
+    )  # fmt: skip
+    connection: object = writer.add_connection(  # type: ignore[attr-defined]  # rosbags is not typed here.
+        topic.name,
+        topic.kind,
+        msgdef=words.definition(topic.kind),
+        rihs01=words.hash(topic.kind),
+        offered_qos_profiles=[quality],
+    )
+    return connection

@@ -23,7 +23,7 @@ from allegro_twin.sim.model.friction_changes import Change
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.branch.futures import Wanted
+from allegro_twin.twin.branch.result import Wanted
 from allegro_twin.twin.identify.motions.motion import calibration_of, noise_floor
 from allegro_twin.twin.identify.results.hand_file import shift
 from allegro_twin.twin.mirror.for_hand import mirror_of, played

@@ -15,9 +15,7 @@ from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.identify.motions.collision_check import rehearsed
-from allegro_twin.twin.identify.motions.excite import APPROACH, Excitation
-from allegro_twin.twin.identify.motions.poses import Pose, pose
+from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, Pose, pose, rehearsed
 from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 

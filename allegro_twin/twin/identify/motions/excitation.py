@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +13,68 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Following, Gravity
 from allegro_twin.control.time_scaling import minimum_jerk
 from allegro_twin.control.trajectory import SetPoint
-from allegro_twin.spec import HandSpec
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics.orientation import quaternion_facing
+from allegro_twin.loop import run, until
+from allegro_twin.sim.engine.backend import SimBackend
+from allegro_twin.sim.model.scene import Stage, compile_scene
+from allegro_twin.spec import HandSpec, Side
 from allegro_twin.twin.identify.motions.limits import alike
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
+
+G = 9.81  # m/s²
+TILT = np.radians(15.0)  # rad. A stand that leans more is another pose.
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """One way to lay the hand."""
+
+    name: str
+    facing: tuple[float, float, float]
+    """Where the palm looks, world axes; z is up."""
+    fingers: tuple[float, float, float]
+    """Where stretched fingers point."""
+    words: str
+    """For a person."""
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """In the palm frame (x: where the palm looks, z: where the fingers point), m/s²."""
+        x, z = np.array(self.facing), np.array(self.fingers)
+        down = np.array([0.0, 0.0, -G])
+        a, b, c = (float(down @ axis) + 0.0 for axis in (x, np.cross(z, x), z))
+        return a, b, c
+
+    def check(self, measured: Vector) -> None:
+        """Raise ConfigError where gravity in the palm frame (3,), m/s², says that the hand lies otherwise."""
+        known = np.array(self.gravity)
+        length = float(np.linalg.norm(measured))
+        if not np.isfinite(length) or length < 0.1 * G:
+            return
+        lean = float(np.arccos(np.clip(measured @ known / length / G, -1.0, 1.0)))
+        if lean > TILT:
+            raise ConfigError(
+                f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.words}, or name the pose "
+                "that it has"
+            )
+
+
+def pose(name: str, side: Side) -> Pose:
+    """A pose by its name, for a hand of that side. Raises ConfigError with the nearest names."""
+    thumb = 1.0 if side == "right" else -1.0
+    known = (
+        Pose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
+        Pose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
+        Pose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
+        Pose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
+    )
+    for each in known:
+        if each.name == name:
+            return each
+    raise ConfigError(unknown("pose", name, [each.name for each in known]))
+
 
 KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Loose, so that torques are not all spent on holding a path.
 SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
@@ -107,3 +168,35 @@ def warp(t: float) -> tuple[float, float]:
     if part < fast:
         return whole * lap + part, 1.0
     return whole * lap + fast + RATE * (part - fast), RATE
+
+
+NEAR = 0.003  # m between two links that count as touching: the real hand is not quite the nominal one.
+SCALES, TRIES = (1.0, 0.85, 0.7), 6
+
+
+class Rehearsed(NamedTuple):
+    """An excitation that touches nothing, and what it does."""
+
+    excitation: Excitation
+    speed: Array
+    """Of each joint at the end of every period, (k, n), rad/s."""
+
+
+def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearsed:
+    """The first of a few excitations, each smaller than the one before it, in which the nominal hand meets neither
+    itself nor a joint limit. Raises ConfigError where none does."""
+    model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
+    model.geom_margin[:] = NEAR / 2.0
+    model.geom_gap[:] = NEAR / 2.0
+    carried = Gravity(hand_kinematics(spec).gravity_torque)
+    for scale, number in product(SCALES, range(TRIES)):
+        excitation = Excitation(spec, seed + 1000 * number, carried, scale)
+        backend = SimBackend(spec, model, posture=excitation.middle)
+        speed = []
+        for sample in until(seconds, run(backend, excitation)):
+            if sample.state.t > APPROACH and backend.data.ncon:
+                break
+            speed.append(sample.state.velocity)
+        else:
+            return Rehearsed(excitation, np.array(speed))
+    raise ConfigError(f"no excitation of {spec.name} found that does not touch itself: give another --seed")
