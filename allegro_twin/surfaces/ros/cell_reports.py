@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.camera.intrinsics import Intrinsics
-from allegro_twin.recording.events import Moved
+from allegro_twin.recording.events import DeviceSample
 from allegro_twin.recording.messages import cells
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames
@@ -51,9 +51,9 @@ class CellReports:
         still.transforms.append(cells.transform(words, stamp, cells.WORLD, self._arm.root, base))
         yield "/tf_static", still
 
-    def of(self, stamp: int, arm: Moved, hand: Moved) -> Iterator[Report]:
+    def of(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Report]:
         """What is said of a moment; `stamp`: ns since 1970."""
-        words, beside = self._words, arm.beside
+        words, beside = self._words, arm.extras
         states = (arm.sample.state, hand.sample.state)
         yield topics.STATES, cells.joint_states(words, stamp, list(zip(self._specs, states, strict=True)))
         yield topics.POSE, cells.pose(words, stamp, cells.WORLD, beside["tool"])
