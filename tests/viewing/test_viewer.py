@@ -21,9 +21,9 @@ from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand
 from allegro_twin.viewing.rerun.columns import AT_ONCE
-from allegro_twin.viewing.rerun.scene import scenery
 from allegro_twin.viewing.rerun.server import claim
 from allegro_twin.viewing.rerun.viewer import Viewer, shown, write_rrd
+from allegro_twin.viewing.scenery import scenery
 from tests.test_safety import state
 
 PHASES = [["close", 0.0, 0.1], ["shake", 0.1, 0.3]]

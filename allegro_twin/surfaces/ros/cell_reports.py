@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.camera.intrinsics import Intrinsics
-from allegro_twin.recording.events import Moved
+from allegro_twin.recording.events import DeviceSample
 from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames
@@ -51,15 +51,15 @@ class CellReports:
         still.transforms.append(build.transform(words, stamp, build.WORLD, self._arm.root, base))
         yield "/tf_static", still
 
-    def of(self, stamp: int, arm: Moved, hand: Moved) -> Iterator[Report]:
+    def of(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Report]:
         """What is said of a moment; `stamp`: ns since 1970."""
-        words, beside = self._words, arm.beside
-        now = (arm.sample.state, hand.sample.state)
-        yield topics.STATES, build.joint_states(words, stamp, list(zip(self._specs, now, strict=True)))
+        words, beside = self._words, arm.extras
+        states = (arm.sample.state, hand.sample.state)
+        yield topics.STATES, build.joint_states(words, stamp, list(zip(self._specs, states, strict=True)))
         yield topics.POSE, build.pose(words, stamp, build.WORLD, beside["tool"])
         yield topics.WRENCH, build.wrench(words, stamp, build.WORLD, beside["force"])
-        links = self._arm.at(words, stamp, now[0].position)
-        links.transforms.extend(self._hand.at(words, stamp, now[1].position).transforms)
+        links = self._arm.at(words, stamp, states[0].position)
+        links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
         for frame, name in ((self._hand.root, "tool"), (TARGET, "goal")):
             links.transforms.append(build.transform(words, stamp, build.WORLD, frame, beside[name]))
         yield "/tf", links

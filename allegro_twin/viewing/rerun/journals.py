@@ -1,4 +1,4 @@
-"""Events of a cell in Rerun: states, what perception found, pictures of its camera."""
+"""Journal entries in Rerun: states of a cell, detections of its perception, pictures of its camera."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from allegro_twin.recording.events import Told
+from allegro_twin.recording.events import JournalEntry
 from allegro_twin.types import Array
 
 _POINT, _AXES = 0.0012, 0.08  # m.
@@ -18,11 +18,11 @@ _JPEG = 85
 _PLANE = 0.08  # m: how far before the camera its picture hangs in the scene.
 
 
-def note(stream: rr.RecordingStream, told: Told) -> None:
-    """Draw one."""
-    row = told.row
+def draw_entry(stream: rr.RecordingStream, entry: JournalEntry) -> None:
+    """Draw one entry of a journal."""
+    row = entry.row
     stream.set_time("time", duration=float(row["t"]))
-    match told.track:
+    match entry.track:
         case "states":
             _state(stream, row)
         case "perception":
