@@ -18,7 +18,7 @@ import can
 import numpy as np
 
 from allegro_twin.drivers.can.codec.codec import Codec
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.codec.messages import (
     FingerPosition,
     Information,
@@ -102,7 +102,8 @@ class NoisyBus(can.BusABC):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         if not self._queue and timeout != 0.0:
             begin = self.now
-            real = self._harmed([(begin + PERIOD + k * GAP, frame) for k, frame in enumerate(self._hand.tick())])
+            frames = enumerate(single(self._hand.step()))
+            real = self._harmed([(begin + PERIOD + k * GAP, frame) for k, frame in frames])
             times = begin + PERIOD * (1.0 + self._rng.random(PER_PERIOD))
             unreal = [(float(t), next(self._noise)) for t in times]
             if not 2 < self._periods % 10 < 7:  # Faults are single: no lies near those of real frames.

@@ -103,10 +103,10 @@ def local(settings: CanSettings) -> bool:
 def judged(scene: Scene, hand: Firmware) -> Report | None:
     """Watch the scenario of a served hand; its verdict at the moment when it is over."""
     trial, state = scene.trial, hand.state
-    if trial is None or not hand.serving or state.t > trial.seconds + hand.step / 2:
+    if trial is None or not hand.serving or state.t > trial.seconds + hand.period / 2:
         return None
     trial.see(state)
-    return trial.report() if state.t >= trial.seconds - hand.step / 2 else None
+    return trial.report() if state.t >= trial.seconds - hand.period / 2 else None
 
 
 class VirtualBus(LockstepBus):

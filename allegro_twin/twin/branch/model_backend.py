@@ -101,7 +101,7 @@ class OnABus(Model):
         table, columns = recording.meta["calibration"], recording.columns
         used = calibration_of(table)
         self._observer, self._codec = observer, make_codec(table["version"], used)
-        self._limits, self._constant = np.array(table["pwm_limit"]), np.array(used.torque_constant, dtype=float)
+        self._limits, self._constant = table["pwm_limit"], np.array(used.torque_constant, dtype=float)
         self._rng, self._noise = (
             np.random.default_rng(0),
             noise_in(recording) if noisy else np.zeros(self.spec.n_joints),
@@ -115,7 +115,7 @@ class OnABus(Model):
         _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._limits)
         expected = self._observer.alone(torque / self._constant, gravity).predicted
         expected = expected + self._noise * self._rng.standard_normal(len(expected))
-        position = lanes.values(b"".join(frame.data for frame in lanes.frames(expected)))
+        position = lanes.values(lanes.frames(expected).data)
         return Heard(position, self._filter(position, self.period), torque)
 
 

@@ -87,7 +87,8 @@ class Codec(Protocol):
 
 def described(codec: Codec) -> dict[str, Any]:
     """What a recording should say of how counts became rad and N·m."""
-    return {"version": codec.version, **asdict(codec.calibration), "pwm_limit": codec.pwm_limits.tolist()}
+    limits = [int(limit) for limit in codec.pwm_limits]
+    return {"version": codec.version, **asdict(codec.calibration), "pwm_limit": limits}
 
 
 def no_such(message: Message, version: str) -> ProtocolError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 _FIXED_BITS = 47  # ISO 11898-1, base format: SOF, id, RTR, IDE, r0, DLC, CRC, ACK, EOF and interframe space.
@@ -19,8 +20,28 @@ class Frame(NamedTuple):
         return f"{self.id:03X}#{'R' if self.remote else self.data.hex().upper()}"
 
 
+class JointFrames(NamedTuple):
+    """The frames of all joints, a finger's each, index to thumb, that stand on the bus one after the other."""
+
+    id: tuple[int, int, int, int]
+    """Of each."""
+    data: bytes
+    """Of all four, 32 bytes."""
+    remote: bool = False
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """Each by itself."""
+        return tuple(Frame(k, self.data[8 * n : 8 * n + 8]) for n, k in enumerate(self.id))
+
+
 LOST = Frame(-1)
 """Stands among received frames where some were lost."""
+
+
+def single(frames: Iterable[Frame | JointFrames]) -> list[Frame]:
+    """Each frame by itself."""
+    return [frame for some in frames for frame in (some.frames if isinstance(some, JointFrames) else (some,))]
 
 
 def bits(length: int) -> int:

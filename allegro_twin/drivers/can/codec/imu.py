@@ -25,11 +25,12 @@ def gravity_of(orientation: Four) -> Vector:
 
 def orientation_of(gravity: Vector) -> Four:
     """A unit quaternion whose gravity this is, (3,) in the palm frame; which of them, about the vertical, is free."""
-    up = -gravity / np.linalg.norm(gravity)
-    # The shortest turn that brings `up` in the palm frame to z in the world.
-    w = 1.0 + up[2]
+    x, y, z = (-gravity).tolist()
+    length = math.sqrt(x * x + y * y + z * z)
+    w = 1.0 + z / length
     if w < 1e-9:
         return (0.0, 1.0, 0.0, 0.0)
-    q = np.array([w, up[1], -up[0], 0.0])
-    q /= np.linalg.norm(q)
-    return (float(q[0]), float(q[1]), float(q[2]), float(q[3]))
+    # The shortest turn that brings `up` in the palm frame to z in the world.
+    a, b = y / length, -x / length
+    size = math.sqrt(w * w + a * a + b * b)
+    return (w / size, a / size, b / size, 0.0)

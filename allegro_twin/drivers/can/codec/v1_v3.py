@@ -10,8 +10,6 @@ import math
 from struct import Struct
 from typing import ClassVar, Final, Literal
 
-import numpy as np
-
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, asked, exactly, malformed, no_such
 from allegro_twin.drivers.can.codec.counts import nearest
@@ -20,6 +18,7 @@ from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, Topic
 from allegro_twin.errors import ProtocolError
 from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
+from allegro_twin.types import frozen
 
 EVERYONE, HOST, FIRST_FINGER = 1, 2, 3  # ID_COMMON, ID_DEVICE_MAIN, ID_DEVICE_SUB_01 of L canDef.h.
 SYSTEM_ON, SYSTEM_OFF, SET_PERIOD, MODE_JOINT, MODE_TASK, SET_TORQUE = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -43,7 +42,7 @@ class V1To3:
         self.calibration = calibration
         self.identifies = version == "v3"
         self.count_limit = int(FULL_SCALE[version])
-        self.pwm_limits = np.array(calibration.pwm_limits(version))
+        self.pwm_limits = frozen(calibration.pwm_limits(version))
         self.torques = _torques(version, calibration)
         self.positions = _positions(calibration)
         self._decoders = self._decoding()

@@ -9,8 +9,6 @@ import math
 from struct import Struct
 from typing import ClassVar, Final
 
-import numpy as np
-
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Decoder, Encoder, ServoAnswer, answer, asked, exactly, no_such
 from allegro_twin.drivers.can.codec.counts import LITTLE, nearest, word
@@ -18,6 +16,7 @@ from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.lanes import Positions, Torques
 from allegro_twin.drivers.can.codec.messages import Message, Request, StatusBits, Topic
 from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version, geared
+from allegro_twin.types import frozen
 
 STATUS, POSITION, IMU, TEMPERATURE = 0x10, 0x20, 0x30, 0x38
 SERVO_ON, SERVO_OFF, SET_TORQUE, CONFIG = 0x40, 0x41, 0x60, 0x68
@@ -43,7 +42,7 @@ class V4:
 
     def __init__(self, calibration: Calibration, device: int = 0) -> None:
         self.device, self.calibration = device, calibration
-        self.pwm_limits = np.array(calibration.pwm_limits(self.version))
+        self.pwm_limits = frozen(calibration.pwm_limits(self.version))
         full, doubled = FULL_SCALE[self.version], geared(self.version)
         scale = [
             full / (2.0 * constant if joint in doubled else constant)

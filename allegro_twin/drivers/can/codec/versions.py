@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.v1_v3 import V1To3
 from allegro_twin.drivers.can.codec.v4 import V4
@@ -13,6 +15,7 @@ LAST_DEVICE: dict[Version, int] = {"v1": 0, "v2": 0, "v3": 0, "v4": 3, "v5": 0, 
 """Highest device id. v5: the low two bits of its identifiers are always zero (v5 manual, IC docs)."""
 
 
+@cache
 def make_codec(version: Version, calibration: Calibration | None = None, device: int = 0) -> Codec:
     """The codec of one hand on the bus. Raises ConfigError for a device id that the version does not have."""
     last = LAST_DEVICE[version]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import can
 
-from allegro_twin.drivers.can.codec.frames import LOST, Frame
+from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames, single
 from allegro_twin.drivers.can.driver.link import Link, Stamped, Way
 from allegro_twin.drivers.can.driver.timestamps import Stamps
 from allegro_twin.errors import LinkError
@@ -80,9 +80,9 @@ class AdapterLink(Link):
     def now(self) -> float:
         return float(self._bus.now) if self.lockstep else time.monotonic()  # type: ignore[attr-defined]
 
-    def _send(self, frames: Iterable[Frame]) -> bool:
+    def _send(self, frames: Sequence[Frame | JointFrames]) -> bool:
         try:
-            for frame in frames:
+            for frame in single(frames):
                 message = can.Message(
                     arbitration_id=frame.id,
                     is_extended_id=False,

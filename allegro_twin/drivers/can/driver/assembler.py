@@ -38,7 +38,8 @@ class Assembler:
 
     def __init__(self, period: float) -> None:
         self._gap = GAP * period
-        self._group: list[Any] = []
+        self.group: list[Any] = []
+        """The reports of a period that has begun."""
         self._trusted, self._gapped = True, False  # The order holds; the group has a gap.
         self._unused = 0  # Wholes in a row.
         self._last, self._finger = -math.inf, N_FINGERS
@@ -56,7 +57,7 @@ class Assembler:
     def add(self, report: tuple[int, Any], t: float) -> Whole | None:
         """Take in a finger's number and what it reports; the whole hand, when this completes one to trust."""
         finger, content = report
-        group, last = self._group, self._last
+        group, last = self.group, self._last
         self.heard[finger] = self._last = t
         self.reports += 1
         self.periods += finger <= self._finger
@@ -65,14 +66,14 @@ class Assembler:
             self._broken()
             if finger:
                 return None
-            group = self._group
+            group = self.group
         elif finger and t - last > self._gap:
             self._gapped = True
         group.append(content)
         if finger < N_FINGERS - 1:
             return None
         usable = self._trusted and not (self._gapped and self._unused < PATIENCE)
-        self._group, self._gapped, self._trusted = [], False, True
+        self.group, self._gapped, self._trusted = [], False, True
         if not usable:
             self._unused += 1
             self.doubtful += 1
@@ -80,10 +81,25 @@ class Assembler:
         self._unused = 0
         return Whole(group[0] + group[1] + group[2] + group[3], t)
 
+    def add_all(self, content: Any, t: float) -> Whole | None:
+        """Take in the reports of all fingers, joined, index to thumb, of one moment; as four times `add`. Only while
+        no report of a period waits for the others."""
+        self.heard = [t] * N_FINGERS
+        self._last, self._finger = t, N_FINGERS - 1
+        self.reports += N_FINGERS
+        self.periods += 1
+        if not self._trusted:
+            self._trusted = True
+            self._unused += 1
+            self.doubtful += 1
+            return None
+        self._unused = 0
+        return tuple.__new__(Whole, (content, t))
+
     def lost(self) -> None:
         """The receiver says that frames were lost: trust nothing until the order was seen again."""
-        self._group, self._gapped, self._trusted = [], False, False
+        self.group, self._gapped, self._trusted = [], False, False
 
     def _broken(self) -> None:
-        self.incomplete += self._trusted or bool(self._group)  # Once for what belongs together.
+        self.incomplete += self._trusted or bool(self.group)  # Once for what belongs together.
         self.lost()

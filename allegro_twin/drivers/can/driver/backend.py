@@ -83,12 +83,15 @@ class CanBackend:
 
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
-        return [*self._listener.health.lines(), *self._watch.warnings()]
+        return [*self.health.lines(), *self._watch.warnings()]
 
     @property
     def health(self) -> Health:
         """What was counted since reset."""
-        return self._listener.health
+        health = self._listener.health
+        if self._port is not None:
+            health.errors = self._port.link.error_frames - self._errors_before
+        return health
 
     def listen(self, log: Callable[[can.Message], None]) -> bool:
         """Pass every frame, sent or received, to a bus log until this bus is closed."""
@@ -108,6 +111,7 @@ class CanBackend:
                 self._listener.hear(*stamped)
             self._fault = None
             self._poll()  # A hand that is still hot says so before anything moves.
+            self._polled = 1
             caught_up = self._wait(max(self._settings.timeout, FIRST))
             if self._settings.imu_period and self._settings.gravity is None:
                 caught_up = self._level()
@@ -118,13 +122,15 @@ class CanBackend:
         return self._listener.state(self._torque, caught_up=caught_up)
 
     def write(self, command: Command) -> None:
-        port = self._ready()
+        if self._fault is not None or self._watch.armed:
+            self._ready()
+        port = self._port
+        assert port is not None
         torque = torque_of(command, self._spec)
         try:
             frames, applied = self._codec.torques.frames(torque, self._codec.pwm_limits)
-            if port.send(frames):
+            if port.send((frames,)):
                 self._refused = 0
-                applied.setflags(write=False)
                 self._torque = applied
             else:
                 self._refused += 1
@@ -133,12 +139,16 @@ class CanBackend:
                     raise LinkError(f"{port.link.name} takes no frames; is the hand powered and on this bus?")
         except HandError as error:
             raise self._stopped(error) from error.__cause__
-        self._ready()  # It may have been cut off meanwhile, and these torques came after the zeros.
+        if self._watch.armed:
+            self._ready()  # It may have been cut off meanwhile, and these torques came after the zeros.
 
     def read(self) -> HandState:
-        self._ready()
+        if self._fault is not None or self._watch.armed:
+            self._ready()
         try:
-            self._poll()
+            if self._polled % self._every == 0:
+                self._poll()
+            self._polled += 1
             caught_up = self._wait(self._settings.timeout)
         except HandError as error:
             raise self._stopped(error) from error.__cause__
@@ -169,38 +179,40 @@ class CanBackend:
         self._served = True
         self._watch.arm()
 
-    def _ready(self) -> Port:
-        """The bus, where the hand may be driven; also says that somebody still does."""
+    def _ready(self) -> None:
+        """Raises why the hand may not be driven; also says that somebody still does."""
         if self._fault is not None:
             raise self._fault
-        assert self._port is not None
         if fault := self._watch.fault():
             raise self._stopped(fault)
         self._watch.feed()
-        return self._port
 
     def _wait(self, timeout: float) -> bool:
         """Read until there is a whole hand, and on while more waits, but for a period at most; whether nothing is left.
         Raises LinkTimeout when none comes."""
         port, listener = self._port, self._listener
         assert port is not None
-        link, queue, hear = port.link, port.queue, listener.hear
-        listener.waiting()
-        deadline, until = link.now() + timeout, None
+        link, queue = port.link, port.queue
+        deadline, until, left = link.now() + timeout, None, timeout
         while True:
-            while queue:
-                hear(*queue.popleft())
+            if queue:
+                listener.hear_all(queue)
             if listener.whole is not None:
                 if link.lockstep or not link.pump(0.0):
-                    listener.health.errors = link.error_frames - self._errors_before
                     return True
                 until = until or link.now() + self.period
                 if link.now() > until:
                     return False
-            elif (left := deadline - link.now()) > 0.0:
-                self._watch.check()
-                self._watch.feed()
-                link.pump(min(left, self._watch.beat))
+            elif left > 0.0:
+                if self._watch.armed:
+                    self._watch.check()
+                    self._watch.feed()
+                    left = min(left, self._watch.beat)
+                link.pump(left)
+                if queue:
+                    listener.hear_all(queue)
+                if listener.whole is None:
+                    left = deadline - link.now()
             elif not link.pump(0.0):
                 raise listener.timeout(timeout, link.name)
 
@@ -217,11 +229,9 @@ class CanBackend:
 
     def _poll(self) -> None:
         """Ask for the status now and then, for no hand is known to report it by itself."""
-        if self._polled % self._every == 0:
-            assert self._port is not None
-            if self._settings.identify and self._codec.identifies:
-                self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
-        self._polled += 1
+        assert self._port is not None
+        if self._settings.identify and self._codec.identifies:
+            self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])
 
     def _stopped(self, error: HandError) -> HandError:
         """Leave the hand limp and remember why."""

@@ -19,6 +19,7 @@ from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.driver.assembler import Assembler, Whole
 from allegro_twin.drivers.can.driver.clock import Continuity, HandClock
 from allegro_twin.drivers.can.driver.health import Health
+from allegro_twin.drivers.can.driver.link import Stamped, StampedJoints
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.errors import ProtocolError
@@ -32,13 +33,16 @@ class Interpreter:
     """Takes frames in their order; `whole` is the newest hand that is not yet a state, and `state` makes it one."""
 
     def __init__(self, codec: Codec, settings: HostSettings, health: Health | None = None) -> None:
-        self._codec, self._settings, self.health = codec, settings, health or Health()
+        self._codec, self._settings, self._health = codec, settings, health or Health()
+        self._period = settings.period
         self._fingers, self._read = codec.positions.fingers, codec.positions.values
+        self._identifiers = codec.positions.identifiers
         self._assembler = Assembler(settings.period)
         self._clock: HandClock | None = None
         self._continuity: Continuity | None = None
         self._filter: VelocityFilter
-        self._from = (0, 0)  # Epoch and period of the position that the filter has.
+        self._epoch = self._periods = 0  # Of the position that the filter has.
+        self._before = 0  # Reports up to the last state.
         self.whole: Whole | None = None
         self.others: deque[Frame] = deque(maxlen=OTHERS)
         """The newest frames that are not this hand's."""
@@ -49,6 +53,12 @@ class Interpreter:
         """°C."""
         self.gravity: Vector = frozen(np.full(3, math.nan) if settings.gravity is None else settings.gravity)
         """In the palm frame, m/s²."""
+
+    @property
+    def health(self) -> Health:
+        """What was counted so far."""
+        self._health.incomplete, self._health.doubtful = self._assembler.incomplete, self._assembler.doubtful
+        return self._health
 
     @property
     def heard(self) -> list[float]:
@@ -65,6 +75,23 @@ class Interpreter:
         """Of fingers, taken in so far."""
         return self._assembler.reports
 
+    def hear_all(self, queue: deque[Stamped | StampedJoints]) -> None:
+        """Take in all frames of a queue, which is empty then, as `hear` does one after the other."""
+        while queue:
+            came = queue.popleft()
+            if type(came) is Stamped:
+                self.hear(*came)
+            elif came[0].id == self._identifiers and not self._assembler.group:
+                whole = self._assembler.add_all(came[0].data, came[1])
+                if whole is not None and self._continuity is not None:
+                    self.whole = whole
+                    self._continuity.hear(came[1], self._assembler.periods)
+                elif whole is not None:
+                    self._complete(whole)
+            else:
+                for frame in came.frames.frames:
+                    self.hear(frame, came.t)
+
     def hear(self, frame: Frame, t: float) -> Message | None:
         """Take one frame in, at `t` s, or LOST. What it said, but for
         reports of joints, and for what is nobody's or cannot be read."""
@@ -72,26 +99,23 @@ class Interpreter:
             self._assembler.lost()
             if self._continuity is not None:
                 self._continuity.lost()
-            self.health.note("overflows", "the receiver lost frames")
+            self._health.note("overflows", "the receiver lost frames")
             return None
         finger = self._fingers.get(frame.id)
         if finger is not None and len(frame.data) == 8 and not frame.remote:
             whole = self._assembler.add((finger, frame.data), t)
             if whole is not None:
-                self.whole = whole
-                if self._continuity is None:
-                    self._continuity = Continuity(self._settings.period, t, self._assembler.periods)
-                self._continuity.hear(t, self._assembler.periods)
+                self._complete(whole)
             return None
         try:
             message = self._codec.decode(frame)
         except ProtocolError as error:
-            self.health.note("malformed", error)
+            self._health.note("malformed", error)
             return None
         if message is None:
             self.others.append(frame)
             if not of_other_device(self._codec.version, frame.id):
-                self.health.note("unknown", f"frame {frame}")
+                self._health.note("unknown", f"frame {frame}")
             return None
         self._take(message, frame)
         return message
@@ -108,33 +132,40 @@ class Interpreter:
         """The newest whole hand as a state; `torque` was applied over the period that it ends, N·m. `caught_up`: there
         was nothing left to read. Where it is not known how long ago the last one was, the velocity is the last that is
         known."""
-        whole, self.whole, continuity = self.whole, None, self._continuity
+        whole, self.whole, continuity, health, clock = self.whole, None, self._continuity, self._health, self._clock
         assert whole is not None  # Callers look at `whole` first.
         assert continuity is not None
-        position, periods, now = self._read(whole.position), continuity.periods, (continuity.epoch, continuity.periods)
-        if self._clock is None:
-            self._clock = HandClock(self._settings.period, whole.t, periods)
-            self._filter, self._from = VelocityFilter(self._settings.velocity_cutoff, position), now
+        position, periods = self._read(whole.position), continuity.periods
+        if clock is None:
+            self._clock = clock = HandClock(self._settings.period, whole.t, periods)
+            self._filter = VelocityFilter(self._settings.velocity_cutoff, position)
+            self._epoch, self._periods = continuity.epoch, periods
         else:
-            gone = self._clock.advance(whole.t, periods, caught_up=caught_up and not continuity.backlog)
-            self.health.missed += gone - 1
+            gone = clock.advance(whole.t, periods, caught_up=caught_up and not continuity.backlog)
+            health.missed += gone - 1
             if continuity.certain:
-                if self._from[0] == now[0]:
-                    self._filter(position, (periods - self._from[1]) * self._settings.period)
+                if self._epoch == continuity.epoch:
+                    self._filter(position, (periods - self._periods) * self._period)
                 else:
                     self._filter.restart(position)
-                self._from = now
-        velocity = self._filter.velocity
-        self.health.states += 1
-        self.health.behind += not caught_up
-        self.health.incomplete, self.health.doubtful = self._assembler.incomplete, self._assembler.doubtful
-        return HandState(self._clock.t, self._clock.tick, position, velocity, torque, self.temperature, self.gravity)
+                self._epoch, self._periods = continuity.epoch, periods
+        health.states += 1
+        self._before = self._assembler.reports
+        if not caught_up:
+            health.behind += 1
+        return HandState(clock.t, clock.tick, position, self._filter.velocity, torque, self.temperature, self.gravity)
 
     def silent(self, timeout: float) -> str:
         """Which fingers have fallen silent; empty when all have, or none has."""
         heard = self._assembler.heard
         names = [FINGERS[k] for k in range(len(FINGERS)) if heard[k] < max(heard) - timeout / 2]
         return ", ".join(names)
+
+    def _complete(self, whole: Whole) -> None:
+        self.whole = whole
+        if self._continuity is None:
+            self._continuity = Continuity(self._settings.period, whole.t, self._assembler.periods)
+        self._continuity.hear(whole.t, self._assembler.periods)
 
     def _take(self, message: Message, frame: Frame) -> None:
         """Keep what it says."""

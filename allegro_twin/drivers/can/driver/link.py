@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import can
 
-from allegro_twin.drivers.can.codec.frames import LOST, Frame
+from allegro_twin.drivers.can.codec.frames import LOST, Frame, JointFrames
 from allegro_twin.drivers.can.driver.load import Load, check_load
 
 Message: TypeAlias = can.Message
@@ -27,6 +27,13 @@ class Stamped(NamedTuple):
     """A frame and when it came, s on the link's clock; LOST where some were lost."""
 
     frame: Frame
+    t: float
+
+
+class StampedJoints(NamedTuple):
+    """The reports of all joints, of one moment."""
+
+    frames: JointFrames
     t: float
 
 
@@ -48,11 +55,11 @@ class Link(ABC):
         """Seconds on a clock that never goes back."""
 
     @abstractmethod
-    def _send(self, frames: Iterable[Frame]) -> bool:
+    def _send(self, frames: Sequence[Frame | JointFrames]) -> bool:
         """Put frames on the bus. False when the transmit queue was full and some were lost."""
 
     @abstractmethod
-    def _receive(self, timeout: float) -> Sequence[Stamped]:
+    def _receive(self, timeout: float) -> Sequence[Stamped | StampedJoints]:
         """Wait for what comes; empty when nothing did."""
 
     @abstractmethod
@@ -76,19 +83,21 @@ class Link(ABC):
         """Tell of every frame, sent or received: for bus logs."""
         self._listeners.append(listener)
 
-    def send(self, frames: Iterable[Frame]) -> bool:
+    def send(self, frames: Sequence[Frame | JointFrames]) -> bool:
         """Put frames on the bus. False when the transmit queue was full and some were lost."""
         with self._sending:
             return self._send(frames)
 
     def pump(self, timeout: float) -> bool:
         """Wait for frames and hand them to all ports. False when none came."""
-        if not self._receiving.acquire(timeout=min(timeout, TURN)):
+        if not self._receiving.acquire(blocking=False) and not self._receiving.acquire(timeout=min(timeout, TURN)):
             return False  # Another hand's thread receives, for this one as well.
         try:
             came = self._receive(timeout)
             for port in self._ports:
-                port.take(came)
+                port.queue.extend(came)
+                if len(port.queue) > QUEUE:
+                    port.lose()
         finally:
             self._receiving.release()
         return bool(came)
@@ -105,19 +114,14 @@ class Port:
     """One hand's end of a link."""
 
     def __init__(self, link: Link, load: Load | None) -> None:
-        self.link, self.load = link, load
-        self.queue: deque[Stamped] = deque()
+        self.link, self.load, self.send = link, load, link.send
+        self.queue: deque[Stamped | StampedJoints] = deque()
 
-    def take(self, came: Iterable[Stamped]) -> None:
-        """Keep frames until they are read; where nobody reads, the old ones give way and are known to be lost."""
-        self.queue.extend(came)
-        if len(self.queue) > QUEUE:
-            t = self.queue[-1].t
-            self.queue.clear()
-            self.queue.append(Stamped(LOST, t))
-
-    def send(self, frames: Iterable[Frame]) -> bool:
-        return self.link.send(frames)
+    def lose(self) -> None:
+        """Where nobody reads, what came is lost, and known to be."""
+        t = self.queue[-1].t
+        self.queue.clear()
+        self.queue.append(Stamped(LOST, t))
 
     def receive(self, timeout: float) -> Stamped | None:
         """The next frame; None after `timeout` seconds without one."""
@@ -126,7 +130,12 @@ class Port:
             left = deadline - self.link.now()
             if not self.link.pump(max(left, 0.0)) and left <= 0.0:
                 return None
-        return self.queue.popleft()
+        came = self.queue.popleft()
+        if isinstance(came, Stamped):
+            return came
+        first, *others = (Stamped(frame, came.t) for frame in came.frames.frames)
+        self.queue.extendleft(reversed(others))
+        return first
 
     def close(self) -> None:
         self.link.leave(self)

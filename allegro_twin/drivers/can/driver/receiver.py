@@ -27,7 +27,6 @@ class Listener(Interpreter):
         super().__init__(codec, settings)
         self.serving = False
         """Whether the motors ought to be on."""
-        self._before = 0  # Reports when the wait began.
 
     def _take(self, message: Message, frame: Frame) -> None:
         super()._take(message, frame)
@@ -47,10 +46,6 @@ class Listener(Interpreter):
         version = self._codec.version
         who = f"the hand, a {version} (but {others} reports: correct `version`)," if others else "the hand"
         return LinkTimeout(f"no report from {who} for {seconds:g} s on {link}; is it powered and plugged in?")
-
-    def waiting(self) -> None:
-        """From now on a state is waited for."""
-        self._before = self.reports
 
     def _judge(self, message: Message, frame: Frame) -> None:
         match message:

@@ -27,7 +27,7 @@ class ShutdownSequence:
     def __init__(self, codec: Codec, *, asks: bool, period: float) -> None:
         """`asks`: this hand can be asked whether its motors are on."""
         self._codec = codec
-        self.frames: Sequence[Frame] = [*codec.torques.zero, *map(codec.encode, codec.closing())]
+        self.frames: Sequence[Frame] = [*codec.torques.zero.frames, *map(codec.encode, codec.closing())]
         self.answer = codec.servo_answer if asks else None
         self._quiet = PERIODS * period
 

@@ -44,7 +44,7 @@ def begin(
         identify(port, codec, spec, settings.timeout)
     serving()
     words = codec.opening(settings.period, settings.imu_period, settings.temperature_period)
-    return _say(port, [*map(codec.encode, words), *codec.torques.zero, codec.encode(m.ServoOn())])
+    return _say(port, [*map(codec.encode, words), *codec.torques.zero.frames, codec.encode(m.ServoOn())])
 
 
 def ask(port: Port, codec: Codec, topic: Topic, kind: type[Message], timeout: float) -> Message | None:

@@ -37,7 +37,11 @@ class VelocityFilter:
         """Speeds after `dt` seconds at a new position, both (n,); rad, rad/s."""
         if dt != self._dt:
             self._dt, self._share = dt, 1.0 - math.exp(-2.0 * math.pi * self._cutoff * dt)
-        self._velocity = self._velocity + self._share * ((position - self._position) / dt - self._velocity)
-        self._position = position
-        self._velocity.setflags(write=False)
-        return self._velocity
+        change: Vector = position - self._position
+        change /= dt
+        change -= self._velocity
+        change *= self._share
+        change += self._velocity
+        change.setflags(write=False)
+        self._position, self._velocity = position, change
+        return change

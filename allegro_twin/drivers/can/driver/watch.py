@@ -31,7 +31,7 @@ class Watch:
         self._patience = math.inf if settings.deadman is None else settings.deadman
         self._port: Port | None = None
         self._guard: Keeper | Deadman | None = None
-        self._armed, self._fed, self._alone = False, 0.0, ""
+        self.armed, self._fed, self._alone = False, 0.0, ""
         self._suspend = SuspendWatch()
         self._inhibitor: Inhibitor | None = None
 
@@ -71,24 +71,24 @@ class Watch:
 
     def arm(self) -> None:
         """The motors go on."""
-        self._fed, self._armed = time.monotonic(), self._guard is not None
+        self._fed, self.armed = time.monotonic(), self._guard is not None
         self._suspend.restart()
         if self._guard is not None:
             self._guard.arm()
 
     def feed(self) -> None:
         """Somebody drives the hand."""
-        if self._armed:
+        if self.armed:
             self._fed = time.monotonic()
             self._guard.feed()  # type: ignore[union-attr]  # There is one where it is armed.
 
     def struck(self) -> bool:
         """Whether the hand was cut off, or ought to have been: a machine that stalled stopped its watch as well."""
-        return self._armed and (time.monotonic() > self._fed + self._patience or self._guard.cut)  # type: ignore[union-attr]
+        return self.armed and (time.monotonic() > self._fed + self._patience or self._guard.cut)  # type: ignore[union-attr]
 
     def fault(self) -> HandFault | None:
         """Why the hand may not be driven on: the computer slept, the keeper is gone, or the hand was cut off."""
-        if not self._armed:
+        if not self.armed:
             return None
         if slept := self._suspend.fault():
             return slept
@@ -106,13 +106,13 @@ class Watch:
 
     def disarm(self) -> None:
         """The hand is limp."""
-        self._armed = False
+        self.armed = False
         if self._guard is not None:
             self._guard.disarm()
 
     def take_over(self) -> str:
         """The shutdown was not confirmed: what happens now."""
-        self._armed = False
+        self.armed = False
         if isinstance(self._guard, Keeper) and self._guard.alive:
             self._guard.take_over()
             return "its keeper goes on telling it to be; cut its power if it still pushes"
@@ -120,7 +120,7 @@ class Watch:
 
     def close(self) -> None:
         """Let the guard go; a keeper that has taken over goes on by itself."""
-        guard, self._guard, self._port, self._armed = self._guard, None, None, False
+        guard, self._guard, self._port, self.armed = self._guard, None, None, False
         if guard is not None:
             guard.close()
         if self._inhibitor is not None:

@@ -133,7 +133,7 @@ class Checkup:
         while link.now() < end:
             if (whole := self._next(min(end, ask_at))) is not None:
                 self._wholes.append(whole)
-                self._port.send(self._zero)
+                self._port.send([self._zero])
             if link.now() >= ask_at:
                 ask_at += _POLL
                 self._port.send([self._codec.encode(m.Request(Topic.INFORMATION))])

@@ -73,7 +73,7 @@ class Faults:
 
     def happen(self, now: float, hands: Sequence[Firmware]) -> None:
         """Let the events up to `now` happen."""
-        if self._plan.failures and self._chance.random() < self._plan.failures * hands[0].step / 60.0:
+        if self._plan.failures and self._chance.random() < self._plan.failures * hands[0].period / 60.0:
             what = list(AILMENTS)[self._chance.integers(len(AILMENTS))]
             joint, amount = int(self._chance.integers(16)), float(self._chance.uniform(*AILMENTS[what]))
             _suffer(hands, what, _tip(hands[0], joint) if what == "loose" else joint, amount)

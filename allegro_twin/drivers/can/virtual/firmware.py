@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.backend import HandBackend
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames
 from allegro_twin.drivers.can.codec.imu import orientation_of
 from allegro_twin.drivers.can.codec.messages import Message, StatusBits, Topic
 from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE, Motors
@@ -34,7 +34,7 @@ class Identity:
 
 
 class Firmware:
-    """A hand without a bus, a thread or a clock: `receive` what the host sends, `tick` to let a period pass.
+    """A hand without a bus, a thread or a clock: `receive` what the host sends, `step` to let a period pass.
 
     It says nothing by itself until its motors are on and a period is set, and keeps the last torque of every finger
     for ever. Frames that it cannot read it ignores, as a controller does whose filter they do not pass.
@@ -56,7 +56,8 @@ class Firmware:
         self._backend, self._codec, self._identity = backend, codec, identity or Identity()
         self._pressures, self._restart, self._needs_servo = pressures, restart, servo
         self._motors = codec.torques.fingers
-        self.motors = Motors(backend.spec.actuation.torque_limit)
+        self.motors = Motors(backend.spec.actuation.torque_limit, backend.period)
+        self._torques = list[Vector]()  # Since the motors were warmed last.
         self.failed: StatusBits = StatusBits(0)
         """Faults that are injected, beside those that happen by themselves."""
         self._limp = TorqueCommand(np.zeros(backend.spec.n_actuators))
@@ -68,8 +69,8 @@ class Firmware:
         return self._codec.torques.values(self._counts)
 
     @property
-    def step(self) -> float:
-        """Seconds that a tick takes."""
+    def period(self) -> float:
+        """s of a step."""
         return self._backend.period
 
     @property
@@ -92,18 +93,23 @@ class Firmware:
 
     def power_up(self) -> None:
         """As after switching on: motors off, silent, no torque."""
-        self._counts = bytearray(2 * self._backend.spec.n_actuators)
+        self._counts = bytes(2 * self._backend.spec.n_actuators)
         self._told: TorqueCommand | None = None  # Of these counts, once it was needed.
         self._reports: list[tuple[int, Topic]] = []  # Every so many ticks.
         self._ticks = 0
         self._servo = self._fresh = False
         self._state = self._backend.reset()
 
-    def receive(self, frame: Frame) -> list[Frame]:
+    def receive(self, frame: Frame | JointFrames) -> list[Frame]:
         """What the hand answers at once."""
+        if type(frame) is JointFrames:
+            if frame.id != self._codec.torques.identifiers:
+                return [answer for each in frame.frames for answer in self.receive(each)]
+            self._counts, self._told = frame.data, None  # Latched, as on the real hand.
+            return []
         finger = self._motors.get(frame.id)
         if finger is not None and len(frame.data) == 8 and not frame.remote:
-            self._counts[8 * finger : 8 * finger + 8] = frame.data  # Latched, as on the real hand.
+            self._counts = self._counts[: 8 * finger] + frame.data + self._counts[8 * finger + 8 :]
             self._told = None
             return []
         try:
@@ -125,20 +131,27 @@ class Firmware:
                 pass  # Position set-points are "not implemented yet" (manual); the rest changes nothing here.
         return []
 
-    def tick(self) -> list[Frame]:
+    def step(self) -> list[Frame | JointFrames]:
         """Let one step pass; the reports that are due at its end."""
+        serving = self._servo if self._needs_servo else bool(self._reports)
         if self._fresh:
             self._fresh = False  # The first report is of the moment at which the motors went on.
         else:
-            self._advance()
-        self._ticks += 1
-        if not self.serving:
+            self._backend.write(self._obeyed() if serving and not int(self.failed) & _LIMP else self._limp)
+            self._state = state = self._backend.read()
+            self._torques.append(state.torque)
+            if len(self._torques) == self.motors.steps:
+                self.motors.warm(self._torques)
+                self._torques.clear()
+        tick, self._ticks = self._ticks, self._ticks + 1
+        if not serving:
             return []
-        due = [topic for every, topic in self._reports if (self._ticks - 1) % every == 0]
-        frames: list[Frame] = []
-        for topic in due:
+        frames = list[Frame | JointFrames]()
+        for every, topic in self._reports:
+            if tick % every:
+                continue
             if topic is Topic.POSITION:
-                frames += self._codec.positions.frames(self._state.position)
+                frames.append(self._codec.positions.frames(self._state.position))
                 if self._pressures is None:
                     continue
                 frames += self._frames(self._pressed(self._pressures()))
@@ -175,17 +188,13 @@ class Firmware:
         if self._restart:
             self._state = self._backend.reset()
 
-    def _advance(self) -> None:
-        self._backend.write(self._obeyed() if self.serving and not int(self.failed) & _LIMP else self._limp)
-        self._state = self._backend.read()
-        self.motors.warm(self._state.torque, self.step)
-
     def _obeyed(self) -> TorqueCommand:
         """What the motors make of the torques that they were told."""
         if not self.motors.cold:
             return TorqueCommand(self.torque * self.motors.share)
         if self._told is None:
-            self._told = TorqueCommand(self.torque)
+            self._told = object.__new__(TorqueCommand)  # Its checks take longer than all of this: counts are finite.
+            object.__setattr__(self._told, "torque", self._codec.torques.values(self._counts))
         return self._told
 
     def _set_periods(self, message: m.SetPeriod) -> None:
@@ -193,7 +202,7 @@ class Firmware:
         topics = (Topic.POSITION, Topic.IMU, Topic.TEMPERATURE, Topic.STATUS)
         periods = (message.position, message.imu, message.temperature, message.status or 0.0)
         self._reports = [
-            (max(round(seconds / self.step), 1), topic)
+            (max(round(seconds / self.period), 1), topic)
             for topic, seconds in zip(topics, periods, strict=True)
             if seconds > 0.0
         ]

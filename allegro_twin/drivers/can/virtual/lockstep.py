@@ -8,9 +8,9 @@ from typing import Any
 
 import can
 
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.driver.adapter import BUS_OFF, bus_off
-from allegro_twin.drivers.can.driver.link import Link, Stamped
+from allegro_twin.drivers.can.driver.link import Link, Stamped, StampedJoints
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 from allegro_twin.errors import LinkError
 
@@ -22,31 +22,33 @@ class Lockstep:
     slow the host is."""
 
     def __init__(self, hands: VirtualHands) -> None:
-        self.hands, self._idle = hands, 0.0
+        self.hands = hands
+        self.idle = 0.0
+        """s that the host has waited since the hands' last step."""
 
     @property
     def now(self) -> float:
         """Seconds that have passed for the hands, and that the host has waited since their last step."""
-        return self.hands.now + self._idle
+        return self.hands.now + self.idle
 
-    def wait(self, timeout: float) -> list[Frame]:
+    def wait(self, timeout: float) -> Sequence[Frame | JointFrames]:
         """Let at most `timeout` seconds pass, until frames come."""
         left, hands = timeout, self.hands
         while True:
-            to_step, due = hands.step - self._idle, hands.due
-            if due - self.now < min(to_step, left):
+            to_step = hands.period - self.idle
+            if hands.faults is not None and (due := hands.due) - self.now < min(to_step, left):
                 to_late = max(due - self.now, 0.0)
                 left -= to_late
-                self._idle += to_late
-                frames = hands.late(due)
-            elif left >= to_step - _EPSILON * hands.step:
+                self.idle += to_late
+                frames: Sequence[Frame | JointFrames] = hands.late(due)
+            elif left >= to_step - _EPSILON * hands.period:
                 left -= to_step
-                self._idle = 0.0
-                frames = hands.tick()
+                self.idle = 0.0
+                frames = hands.step()
             else:
-                self._idle += max(left, 0.0)
+                self.idle += max(left, 0.0)
                 return []
-            if frames or hands.bus_off:
+            if frames or (hands.faults is not None and hands.faults.bus_off):
                 return frames
 
 
@@ -57,40 +59,42 @@ class LockstepLink(Link):
 
     def __init__(self, hands: VirtualHands, name: str = "virtual", bitrate: int = 1_000_000) -> None:
         super().__init__(f"allegro-virtual {name}", bitrate)
-        self._time, self._answers = Lockstep(hands), list[Frame]()
+        self._hands, self._time, self._answers = hands, Lockstep(hands), list[Frame | JointFrames]()
 
     @property
     def way(self) -> str:
         return "it is inside this program"
 
     def now(self) -> float:
-        return self._time.now
+        return self._hands.now + self._time.idle
 
-    def _send(self, frames: Iterable[Frame]) -> bool:
-        receive = self._time.hands.receive
+    def _send(self, frames: Sequence[Frame | JointFrames]) -> bool:
+        if self._listeners:
+            self._log(single(frames), sent=True)
+        receive = self._hands.receive
         for frame in frames:
-            if self._listeners:
-                self._log([frame], sent=True)
             if answers := receive(frame):
                 self._answers += answers
         return True
 
-    def _receive(self, timeout: float) -> Sequence[Stamped]:
-        frames, self._answers = self._answers, []
-        if not frames:
+    def _receive(self, timeout: float) -> Sequence[Stamped | StampedJoints]:
+        frames: Sequence[Frame | JointFrames] = self._answers
+        if frames:
+            self._answers = []
+        else:
             frames = self._time.wait(timeout)
-            if self._time.hands.bus_off:
+            if self._hands.faults is not None and self._hands.faults.bus_off:
                 self.error_frames += 1
                 raise LinkError(bus_off(self.name))
         if self._listeners:
-            self._log(frames, sent=False)
-        now = self._time.now
-        return [Stamped(frame, now) for frame in frames]
+            self._log(single(frames), sent=False)
+        now, new = self._hands.now + self._time.idle, tuple.__new__
+        return [new(StampedJoints if type(f) is JointFrames else Stamped, (f, now)) for f in frames]
 
     def _close(self) -> None:
         pass
 
-    def _log(self, frames: list[Frame], *, sent: bool) -> None:
+    def _log(self, frames: Sequence[Frame], *, sent: bool) -> None:
         for listener in self._listeners:
             for frame in frames:
                 listener(_message(frame, self._time.now, sent=sent))
@@ -122,8 +126,8 @@ class LockstepBus(can.BusABC):
                 return can.Message(timestamp=self.now, arbitration_id=BUS_OFF, is_error_frame=True)
         return self._queue.popleft() if self._queue else None
 
-    def _enqueue(self, frames: Iterable[Frame]) -> None:
-        self._queue.extend(_message(frame, self.now, sent=False) for frame in frames)
+    def _enqueue(self, frames: Iterable[Frame | JointFrames]) -> None:
+        self._queue.extend(_message(frame, self.now, sent=False) for frame in single(frames))
 
 
 def _message(frame: Frame, t: float, *, sent: bool) -> can.Message:

@@ -7,6 +7,7 @@ torque for two or three minutes. They make throttling and faults happen for the 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,7 +24,8 @@ FAULT = 85.0  # °C at which it gives none. Assumed.
 class Motors:
     """First-order heating by the losses of a torque, ten times a second: T' = (T_a + ΔT mean(τ²)/τ_max² − T) / t."""
 
-    def __init__(self, full: Vector) -> None:
+    def __init__(self, full: Vector, period: float) -> None:
+        """`full`: the torque that each can give, (n,), N·m; `period`: s of a step."""
         self._rise = RISE / np.square(full)
         self.temperature: Vector = np.full(len(full), AMBIENT)
         """°C, (n,)."""
@@ -31,17 +33,14 @@ class Motors:
         """How much of a wanted torque each motor gives, (n,), 0 … 1."""
         self.cold = True
         """Whether every motor gives all of it."""
-        self._squares, self._seconds, self._steps = np.zeros(len(full)), 0.0, 0
+        self.steps, self._seconds = 0, 0.0
+        """Between two updates."""
+        while self._seconds < EVERY:
+            self.steps, self._seconds = self.steps + 1, self._seconds + period
 
-    def warm(self, torque: Vector, dt: float) -> None:
-        """Let a torque act for a while."""
-        self._squares += torque * torque
-        self._seconds += dt
-        self._steps += 1
-        if self._seconds < EVERY:
-            return
-        goal = AMBIENT + self._rise * self._squares / self._steps
+    def warm(self, torques: Sequence[Vector]) -> None:
+        """Let the torques of `steps` steps act, (n,) each, N·m."""
+        goal = AMBIENT + self._rise * np.square(torques).sum(axis=0) / len(torques)
         self.temperature += (goal - self.temperature) * (1.0 - math.exp(-self._seconds / TIME_CONSTANT))
         self.share = np.clip((FAULT - self.temperature) / (FAULT - THROTTLE), 0.0, 1.0)
         self.cold = bool((self.share == 1.0).all())
-        self._squares, self._seconds, self._steps = np.zeros_like(torque), 0.0, 0

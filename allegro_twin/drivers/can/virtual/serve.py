@@ -5,12 +5,12 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import can
 
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, JointFrames, single
 from allegro_twin.drivers.can.driver.adapter import full, number, received
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
 
@@ -55,16 +55,16 @@ def serve(
     """
     served, begin, skipped = Served(), clock(), 0
     while True:
-        due = begin + (served.ticks + skipped + 1) * hands.step
+        due = begin + (served.ticks + skipped + 1) * hands.period
         _listen(hands, bus, due, served, clock, local=local)
         late = clock() - due
         if late > BEHIND:
-            lost = int(late / hands.step)
+            lost = int(late / hands.period)
             skipped += lost
             served.lost += lost
-        served.late += late > hands.step
+        served.late += late > hands.period
         served.ticks += 1
-        _say(bus, [*hands.late(hands.now + hands.step), *hands.tick()], served)
+        _say(bus, [*hands.late(hands.now + hands.period), *hands.step()], served)
         yield served
 
 
@@ -95,8 +95,8 @@ def _received(bus: can.BusABC, timeout: float) -> can.Message | None:
         return None
 
 
-def _say(bus: can.BusABC, frames: list[Frame], served: Served) -> None:
-    for frame in frames:
+def _say(bus: can.BusABC, frames: Iterable[Frame | JointFrames], served: Served) -> None:
+    for frame in single(frames):
         message = can.Message(
             arbitration_id=frame.id, is_extended_id=False, is_remote_frame=frame.remote, data=frame.data
         )

@@ -168,6 +168,6 @@ def _be(
                 if (verdict := judged(scene, hand)) is not None:
                     verdicts[hand.backend.spec.name] = verdict
                     console.console.print(console.phases(hand.backend.spec.name, verdict))
-            if seconds is not None and served.ticks * hands.step >= seconds:
+            if seconds is not None and served.ticks * hands.period >= seconds:
                 break
     return served, verdicts

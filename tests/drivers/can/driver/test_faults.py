@@ -12,7 +12,7 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.driver.backend import PATIENCE
 from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
@@ -368,8 +368,8 @@ def test_versions_1_and_2_do_not_identify_and_are_not_asked() -> None:
 
 def test_a_hand_without_an_imu_says_so_where_gravity_was_expected_of_it() -> None:
     bench = Bench(settings=HostSettings(imu_period=0.03))
-    answers = bench.firmware.tick
-    bench.firmware.tick = lambda: [f for f in answers() if f.id != 0x0C0]  # type: ignore[method-assign]
+    answers = bench.firmware.step
+    bench.firmware.step = lambda: [f for f in single(answers()) if f.id != 0x0C0]  # type: ignore[method-assign]
     with pytest.raises(LinkTimeout, match="reports positions on .*, but no IMU; give `gravity` instead"):
         bench.reset()
     assert bench.limp()
@@ -396,7 +396,7 @@ def test_close_leaves_the_hand_limp_and_silent() -> None:
     assert not bench.limp()
     bench.backend.close()
     assert bench.limp()
-    assert bench.hands.tick() == []
+    assert bench.hands.step() == []
 
 
 def test_a_hand_whose_answers_are_late_is_known_when_the_settings_allow_for_it() -> None:

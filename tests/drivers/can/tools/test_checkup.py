@@ -11,7 +11,7 @@ import pytest
 from allegro_twin.app.rig import Scene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
@@ -45,10 +45,10 @@ class Room(VirtualHands):
         self.said.append(frame)
         return super().receive(frame)
 
-    def tick(self) -> list[Frame]:
+    def step(self) -> list[Frame]:
         if self.now >= self._off_at:
             self.firmwares[0].receive(self.firmwares[0].codec.encode(m.ServoOff()))
-        return [*self._noise, *super().tick()]
+        return [*self._noise, *single(super().step())]
 
 
 def walked(
@@ -96,7 +96,7 @@ def test_a_hand_of_every_version_passes_and_was_told_nothing_but_zero_torque(ver
     assert len(torques) > 1000
     assert {torque.torque for torque in torques} == {(0.0, 0.0, 0.0, 0.0)}
     assert not hand.serving
-    assert room.tick() == []
+    assert room.step() == []
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ import pytest
 from allegro_twin.app.rig import Scene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.codec.messages import StatusBits, Topic
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.virtual.firmware import Firmware
-from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE
+from allegro_twin.drivers.can.virtual.motors import FAULT, THROTTLE, Motors
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.hands import load_spec
@@ -50,15 +50,15 @@ def positions(hand: Firmware, frames: list[Frame]) -> np.ndarray[tuple[int], np.
 def test_it_is_silent_until_its_motors_are_on_and_a_period_is_set(version: Version) -> None:
     hand = virtual(version)
     on, period = hand.codec.encode(m.ServoOn()), hand.codec.encode(m.SetPeriod(PERIOD))
-    assert hand.tick() == []
+    assert hand.step() == []
     for first, second in ((on, period), (period, on)):
         hand.power_up()
         hand.receive(first)
-        assert hand.tick() == []
+        assert hand.step() == []
         hand.receive(second)
-        assert len(hand.tick()) >= 4
+        assert len(single(hand.step())) >= 4
     hand.receive(hand.codec.encode(m.ServoOff()))
-    assert hand.tick() == []
+    assert hand.step() == []
 
 
 def test_it_reports_as_often_as_it_is_told() -> None:
@@ -66,7 +66,7 @@ def test_it_reports_as_often_as_it_is_told() -> None:
     hand.receive(hand.codec.encode(m.SetPeriod(position=0.009, imu=0.006, temperature=0.03, status=0.015)))
     heard = dict.fromkeys((m.FingerPosition, m.Imu, m.FingerTemperature, m.Status), 0)
     for _ in range(30):
-        for frame in hand.tick():
+        for frame in single(hand.step()):
             heard[type(hand.codec.decode(frame))] += 1
     assert heard == {m.FingerPosition: 40, m.Imu: 15, m.FingerTemperature: 12, m.Status: 6}
 
@@ -76,11 +76,11 @@ def test_it_keeps_the_last_torque_of_every_finger_for_ever() -> None:
     hand.receive(hand.codec.encode(m.SetTorque(0, (0.1, 0.0, 0.0, 0.0))))
     hand.receive(hand.codec.encode(m.SetTorque(3, (0.05, 0.0, 0.0, 0.0))))
     for _ in range(200):
-        hand.tick()
+        hand.step()
     assert hand.state.torque[[0, 12]] == pytest.approx([0.1, 0.05])
     hand.receive(hand.codec.encode(m.SetTorque(0, (0.0, 0.0, 0.0, 0.0))))  # One finger alone.
-    hand.tick()
-    hand.tick()
+    hand.step()
+    hand.step()
     assert hand.state.torque[[0, 12]] == pytest.approx([0.0, 0.05])
 
 
@@ -88,11 +88,11 @@ def test_motors_that_are_off_do_nothing_whatever_was_said() -> None:
     hand = virtual()
     hand.receive(hand.codec.encode(m.SetTorque(0, (0.3, 0.3, 0.3, 0.3))))
     for _ in range(5):
-        hand.tick()
+        hand.step()
     assert not hand.state.torque.any()
     hand.receive(hand.codec.encode(m.ServoOn()))
-    hand.tick()
-    hand.tick()
+    hand.step()
+    hand.step()
     assert hand.state.torque[:4].any()
 
 
@@ -120,9 +120,9 @@ def test_period_payloads_of_six_and_eight_bytes_are_taken(data: str) -> None:
     hand = virtual()
     hand.receive(Frame(0x204, bytes.fromhex(data)))
     hand.receive(Frame(0x100))
-    assert positions(hand, hand.tick()).shape == (16,)
+    assert positions(hand, single(hand.step())).shape == (16,)
     hand.receive(Frame(0x204, bytes(len(data) // 2)))
-    assert hand.tick() == []
+    assert hand.step() == []
 
 
 INFO, SERIAL = Frame(0x200, remote=True), Frame(0x220, remote=True)
@@ -167,7 +167,7 @@ def test_the_manufacturers_start_sequences_bring_reports(version: Version, frame
     answers = []
     for frame in frames:
         answers += [type(hand.codec.decode(answer)) for answer in hand.receive(frame)]
-    assert len(positions(hand, hand.tick())) == 16
+    assert len(positions(hand, single(hand.step()))) == 16
     asked = version in ("v4", "v5", "v5plus")
     assert (m.Information in answers) == (asked or version == "v3" or frames[0].id == 0x40A)
     if asked:
@@ -181,10 +181,10 @@ def test_the_manufacturers_start_sequences_bring_reports(version: Version, frame
 def test_the_manufacturers_stop_sequences_end_the_reports(version: Version, stop: Frame, off: bool) -> None:
     hand = started(version)
     hand.receive(hand.codec.encode(m.SetTorque(0, (0.1, 0.0, 0.0, 0.0))))
-    hand.tick()
-    hand.tick()
+    hand.step()
+    hand.step()
     hand.receive(stop)
-    assert hand.tick() == []
+    assert hand.step() == []
     assert (hand.state.torque[0] == 0.0) == off  # With period 0 alone the hand keeps its last command (IC README:213).
     assert hand.serving is not off
 
@@ -195,7 +195,7 @@ def test_what_it_reports_is_true_within_half_a_count(version: Version) -> None:
     for k in range(60):
         for finger in range(4):
             hand.receive(hand.codec.encode(m.SetTorque(finger, (0.05 * math.sin(k / 9),) * 4)))
-        told = positions(hand, hand.tick())
+        told = positions(hand, single(hand.step()))
         assert np.abs(told - hand.state.position).max() <= half_count(version) * 1.000001
     assert np.ptp(hand.state.position - load_spec().lower) > 0.0
 
@@ -216,7 +216,7 @@ def test_a_published_hands_encoders_are_read_right_with_its_own_file_and_wrong_w
     hand = Firmware(make_sim(spec, posture=posture), codec)
     hand.receive(codec.encode(m.SetPeriod(PERIOD)))
     hand.receive(codec.encode(m.ServoOn()))
-    frames = hand.tick()
+    frames = single(hand.step())
     np.testing.assert_allclose(positions(hand, frames), posture, rtol=0, atol=half_count(wiring.version) * 1.000001)
     nominal = make_codec(wiring.version)
     naive = [nominal.decode(frame) for frame in frames]
@@ -226,7 +226,7 @@ def test_a_published_hands_encoders_are_read_right_with_its_own_file_and_wrong_w
     assert np.abs(wrong - posture).max() > 0.05
     torque = tuple(float(x) for x in rng.uniform(-0.2, 0.2, 4))
     hand.receive(codec.encode(m.SetTorque(1, torque)))  # type: ignore[arg-type]  # Four.
-    hand.tick()
+    hand.step()
     np.testing.assert_allclose(hand.state.torque[4:8], torque, atol=1 / 800)  # Directions and order undo each other.
 
 
@@ -239,7 +239,7 @@ def test_fingertips_of_a_v5_hand_feel_what_they_touch() -> None:
     hand.receive(hand.codec.encode(m.ServoOn()))
 
     def pressures() -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        told = [hand.codec.decode(frame) for frame in hand.tick()]
+        told = [hand.codec.decode(frame) for frame in single(hand.step())]
         return np.array([p for message in told if isinstance(message, m.FingertipPressure) for p in message.pressure])
 
     assert pressures().tolist() == [0.0] * 4
@@ -258,7 +258,7 @@ def test_full_torque_makes_a_motor_hot_and_heat_takes_its_torque_away() -> None:
     hand.motors.temperature[5] = THROTTLE - 0.5
     bits: list[StatusBits] = []
     for _ in range(round(15.0 / PERIOD)):
-        hand.tick()
+        hand.step()
         bits.append(hand.status())
     assert bits[0] == StatusBits.SERVO_ON
     assert StatusBits.THROTTLED in bits[-1]
@@ -267,16 +267,17 @@ def test_full_torque_makes_a_motor_hot_and_heat_takes_its_torque_away() -> None:
     assert 0.0 < hand.state.torque[5] < full
     hand.motors.temperature[5] = FAULT + 5.0
     for _ in range(100):
-        hand.tick()
+        hand.step()
     assert StatusBits.JOINT_HOT in hand.status()
     assert hand.state.torque[5] == 0.0
 
 
 def test_a_hand_that_works_at_half_its_torque_ends_a_quarter_as_much_warmer() -> None:
-    hand = virtual()
-    for _ in range(round(600.0 / 0.1)):
-        hand.motors.warm(hand.backend.spec.actuation.torque_limit * 0.5, 0.1)
-    np.testing.assert_allclose(hand.motors.temperature, 25.0 + 70.0 / 4, atol=0.1)
+    full = virtual().backend.spec.actuation.torque_limit
+    motors = Motors(full, 0.01)
+    for _ in range(round(600.0 / (motors.steps * 0.01))):
+        motors.warm([full * 0.5] * motors.steps)
+    np.testing.assert_allclose(motors.temperature, 25.0 + 70.0 / 4, atol=0.1)
 
 
 @pytest.mark.parametrize("restart", [True, False])
@@ -284,7 +285,7 @@ def test_a_scene_begins_anew_with_the_session_when_it_is_told_to(restart: bool) 
     hand = virtual_firmware(can_config("v4"), Scene(), step=PERIOD, restart=restart)
     hand.backend.write(TorqueCommand(np.full(16, 0.1)))
     for _ in range(50):
-        hand.tick()
+        hand.step()
     before = hand.state.tick
     hand.receive(hand.codec.encode(m.ServoOn()))
     assert hand.state.tick == (0 if restart else before)
@@ -294,5 +295,5 @@ def test_noise_changes_nothing(tmp_path: Path) -> None:
     hand = started()
     for frame in (Frame(0x180, b"\x01"), Frame(0x204, bytes(7)), Frame(0x181, bytes(8)), Frame(0x7FF), Frame(0x180)):
         assert hand.receive(frame) == []
-    assert positions(hand, hand.tick()).shape == (16,)
+    assert positions(hand, single(hand.step())).shape == (16,)
     assert not hand.state.torque.any()

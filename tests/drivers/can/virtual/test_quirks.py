@@ -8,7 +8,7 @@ import pytest
 from allegro_twin.app.rig import Scene
 from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
-from allegro_twin.drivers.can.codec.frames import Frame
+from allegro_twin.drivers.can.codec.frames import Frame, single
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.types import TorqueCommand
 from tests.conftest import can_config, on_a_bus
@@ -32,14 +32,14 @@ def test_a_driver_that_sends_the_period_and_never_servo_on_hears_the_hand_and_mo
     """Fairo's v4 driver, whose notes say that servo has no effect."""
     hand = virtual(servo="ignored")
     told(hand, m.SetPeriod(PERIOD), *[torque(finger, 0.1) for finger in range(4)])
-    assert len(hand.tick()) == 4
+    assert len(single(hand.step())) == 4
     before = hand.state.position
     for _ in range(30):
-        hand.tick()
+        hand.step()
     assert np.abs(hand.state.position - before).max() > 0.01
     usual = virtual()
     told(usual, m.SetPeriod(PERIOD), torque(0, 0.1))
-    assert usual.tick() == []
+    assert usual.step() == []
 
 
 def test_a_hand_on_which_servo_has_no_effect_is_left_limp_all_the_same() -> None:
@@ -53,7 +53,7 @@ def test_a_hand_on_which_servo_has_no_effect_is_left_limp_all_the_same() -> None
     assert any(hand.torque)
     backend.close()
     assert not any(hand.torque)
-    assert hand.tick() == []
+    assert hand.step() == []
     assert backend.unconfirmed == ""
 
 
@@ -63,6 +63,6 @@ def test_a_driver_that_does_not_clip_gets_what_the_motors_have(clip: str, most: 
     hand = virtual(clip=clip)
     told(hand, m.SetPeriod(PERIOD), m.ServoOn())
     hand.receive(Frame(0x180, np.array([1800, 0, 0, 0], "<i2").tobytes()))
-    hand.tick()
-    hand.tick()
+    hand.step()
+    hand.step()
     assert hand.state.torque[0] == pytest.approx(most)
