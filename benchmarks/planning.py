@@ -24,7 +24,7 @@ from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import draws
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
 WANTED = 5
 UNSEEN = 999  # The seed of the draws that nobody has chosen on.

@@ -17,7 +17,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.verdict import Report
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of, outputs_in
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of, outputs_in
 from tests.drivers.can.test_two_processes import program
 from tests.patience import wait_for
 

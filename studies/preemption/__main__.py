@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.cli import ends, options
-from allegro_twin.surfaces.cli.grasps.evaluating import Count, Engines
+from allegro_twin.surfaces.cli import exit_codes, options
+from allegro_twin.surfaces.cli.grasps.evaluate import Count
+from allegro_twin.surfaces.cli.options import Engines
 
 Out = Annotated[
     Path,
@@ -41,7 +42,7 @@ def preemption(
     """Make the trials of a study, and its report. The same command again goes on after an interruption; results under
     another protocol are refused, and a registration that no longer fits is, too."""
     from allegro_twin.surfaces.cli import console
-    from allegro_twin.surfaces.cli.grasps.verdicts import engine_of
+    from allegro_twin.surfaces.cli.grasps.trials import engine_of
     from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
     from studies.preemption.folder import TRIALS
@@ -120,4 +121,4 @@ def _say(folders: list[Path], folder: Path, where: str = "") -> None:
 
 
 if __name__ == "__main__":
-    ends.run(app, sys.argv[1:] or ["--help"], "python -m studies.preemption")
+    exit_codes.run(app, sys.argv[1:] or ["--help"], "python -m studies.preemption")

@@ -17,7 +17,7 @@ from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn
 from allegro_twin.learning.tasks import task_type
 from allegro_twin.learning.training.settings import load_recipe
-from allegro_twin.surfaces.cli.policies.environments import listed
+from allegro_twin.surfaces.cli.learning.envs import environment_table
 
 SCRIPTED = [{"control": "joints"}, {"control": "grasp", "perception": True}]
 
@@ -203,7 +203,7 @@ def test_training_and_evaluating_say_that_there_is_no_batch() -> None:
     for refused in (load_recipe, task_type):
         with pytest.raises(ConfigError, match="ArmPick is a single environment"):
             refused("ArmPick")
-    assert listed("ArmPick").row_count == 1
+    assert environment_table("ArmPick").row_count == 1
 
 
 def test_it_goes_through_a_pickle_as_it_was_made() -> None:

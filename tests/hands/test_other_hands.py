@@ -29,7 +29,7 @@ from allegro_twin.sim.model.parts import part_names, parts_of
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.surfaces.cli.performers import on_hand
+from allegro_twin.surfaces.cli.hand_override import on_hand
 from allegro_twin.types import PositionCommand, Sample
 from tests.conftest import MakeSim
 from tests.hands.models import hand

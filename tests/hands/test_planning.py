@@ -28,7 +28,7 @@ from allegro_twin.sim.contact.grasp_scene import Workbench
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from tests.conftest import MakeSim
 from tests.hands.models import GRIPPER, HANDS, hand, made
 

@@ -25,7 +25,8 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
 from allegro_twin.surfaces.hand import Hand
 from tests.conftest import MakeSim
 

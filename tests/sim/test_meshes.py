@@ -21,7 +21,8 @@ from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import Placement, Thing, add
 from allegro_twin.sim.objects.convex_decomposition import pieces_of, standing_out
 from allegro_twin.sim.objects.meshes import TRIANGLES, Mesh, hull_of, load_mesh, middle_of
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
 from allegro_twin.types import Array
 from tests.sim.test_scene import scenario
 

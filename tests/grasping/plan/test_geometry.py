@@ -25,7 +25,7 @@ from allegro_twin.grasping.timeline import stage
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
 from allegro_twin.sim.objects.catalogue import Placement, Thing, named
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.types import Array
 
 SPEC = load_spec()

@@ -34,7 +34,7 @@ from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.library.sources import read_file
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.sim.contact.grasp_scene import Workbench
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 
 SPEC = load_spec()
 LEMON = Version(load_scenario("lemon")[0], load_grasp("tripod_lemon", SPEC))

@@ -16,7 +16,7 @@ from allegro_twin.grasping.plan.validate import Planned
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.surfaces.cli.grasps.planning import scenario_of
+from allegro_twin.surfaces.cli.grasps.plan import scenario_of
 from allegro_twin.sweep.local import Local
 
 SPEC = load_spec()

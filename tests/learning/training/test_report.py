@@ -176,7 +176,7 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
 ) -> None:
     """Or else every choice about the next training would have seen them."""
     from allegro_twin.learning.training import report
-    from allegro_twin.surfaces.cli.policies import training
+    from allegro_twin.surfaces.cli.learning import train
 
     used: list[int] = []
 
@@ -186,7 +186,7 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
 
     monkeypatch.setattr(report, "compare", compared)
     monkeypatch.setattr(report, "write", lambda *args: None)
-    training._judged(tmp_path, recipe(), tmp_path, 3, False)
+    train._evaluate_and_film(tmp_path, recipe(), tmp_path, 3, False)
     assert used == [SELECTION]
     assert SELECTION != SEED
     assert SEED > 2**31 + 100_000, "trainings have seeds below 2^31, and a simulation's number on top"
@@ -230,7 +230,7 @@ def test_a_rate_is_told_with_where_it_lies_for_few_episodes_say_little() -> None
     def found(*success: bool) -> Evaluation:
         return Evaluation(np.array(success), np.zeros(len(success)), ())
 
-    rows = console.compared(
+    rows = console.policy_table(
         [Compared("seen", found(True, True, True, True), found(False, False, True, True))], recipe(), 7
     )
     assert [next(iter(column.cells)) for column in rows.columns] == [

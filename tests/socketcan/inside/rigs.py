@@ -26,8 +26,8 @@ import allegro_twin.app.session
 import allegro_twin.control.controllers
 import allegro_twin.recording.recorder
 import allegro_twin.surfaces.cli.console
-import allegro_twin.surfaces.cli.hand.monitor
-import allegro_twin.surfaces.cli.run.runs  # noqa: F401
+import allegro_twin.surfaces.cli.hardware.bus_tables
+import allegro_twin.surfaces.cli.start.jobs  # noqa: F401
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.serve import serve

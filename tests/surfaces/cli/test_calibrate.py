@@ -22,7 +22,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.loop import run, until
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand, store_limits
+from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand, store_limits
 from allegro_twin.twin.identify.motions.encoders import centred
 from allegro_twin.twin.identify.motions.limits import BEYOND, FoundLimits
 from allegro_twin.types import frozen

@@ -15,9 +15,12 @@ from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingErro
 from allegro_twin.grasping.verdict import PhaseReport, Report
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import main
-from allegro_twin.surfaces.cli.run import looking
-from allegro_twin.surfaces.cli.run.runs import Options, configs_of, convert, show
-from allegro_twin.surfaces.cli.shown import catalogue
+from allegro_twin.surfaces.cli.data.convert import convert
+from allegro_twin.surfaces.cli.start import catalogue
+from allegro_twin.surfaces.cli.start import view as looking
+from allegro_twin.surfaces.cli.start.jobs import RunOptions as Options
+from allegro_twin.surfaces.cli.start.jobs import configs_of
+from allegro_twin.surfaces.cli.start.view import show
 from tests.surfaces.cli.conftest import Run
 from tests.test_safety import state
 

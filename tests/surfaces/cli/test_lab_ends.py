@@ -10,7 +10,7 @@ from allegro_twin.cell import run
 from allegro_twin.cell.run import Report
 from allegro_twin.cell.states import End, Word
 from allegro_twin.errors import HandFault, LinkError
-from allegro_twin.surfaces.cli.surfaces import lab
+from allegro_twin.surfaces.cli.cell import lab
 from tests.surfaces.cli.conftest import Run
 
 CONFIG = ("lab", "conf/lab_allegro.yaml")

@@ -14,7 +14,7 @@ from allegro_twin.errors import MotionStalled, SelfCollision
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import grasp_names, load_posture, posture_names
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.cli.hand.keys import play, pressed
+from allegro_twin.surfaces.cli.start.keys import play, press
 from allegro_twin.surfaces.hand import Hand, collision_free_paths
 from allegro_twin.surfaces.hand.collision_free_paths import Ways
 from allegro_twin.types import Sample, TorqueCommand, Vector
@@ -83,11 +83,11 @@ def test_moves_on_which_fingers_used_to_meet_arrive(start: str, goal: str) -> No
 )
 def test_from_a_grasp_at_the_keyboard_the_hand_gets_to_every_posture(keys: str, side: str) -> None:
     with Hand.open(config(side)) as hand:
-        pressed(hand, keys[0])
+        press(hand, keys[0])
         hand.wait()
         clip = Clip(hand)
         with hand.listening(clip):
-            posture = pressed(hand, keys[1])
+            posture = press(hand, keys[1])
             hand.wait()
             hand.wait(1.2)
         assert posture is not None

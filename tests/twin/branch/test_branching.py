@@ -20,7 +20,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.surfaces.cli.twins import branching
+from allegro_twin.surfaces.cli.twin import branch_run
 from allegro_twin.twin.branch import Branched, Wanted, branch, changes_of
 from tests.viewing.test_viewer import rows_of
 
@@ -43,8 +43,8 @@ def test_a_grasp_without_a_change_is_the_recorded_one_bit_for_bit(tmp_path: Path
         "backend": {"kind": "sim"}, "task": {"scenario": "lemon"}, "controller": {"kind": "pd"},
     }  # fmt: skip
     path, rrd = made(tmp_path, RunConfig.model_validate(content)), tmp_path / "if.rrd"
-    same, kept = branch(path, 6.0, {}), branching.Kept(tmp_path / "if.arrow", rrd)
-    slippery = branching.branched(path, 6.0, ["friction=0.01"], kept, Wanted())
+    same, kept = branch(path, 6.0, {}), branch_run.BranchOutputs(tmp_path / "if.arrow", rrd)
+    slippery = branch_run.run_branch(path, 6.0, ["friction=0.01"], kept, Wanted())
     np.testing.assert_array_equal(same.branched, same.recorded)
     assert same.report is not None
     assert same.report.held
@@ -74,8 +74,8 @@ def test_a_change_acts_from_its_instant_on(tmp_path: Path, change: dict[str, obj
 def test_both_futures_are_in_one_recording_one_rerun_file_and_one_picture(tmp_path: Path) -> None:
     path = made(tmp_path, load_config("sim_right").changed(seconds=0.6, task={"posture": "rock"}))
     record, rrd, png = (tmp_path / f"if.{suffix}" for suffix in ("arrow", "rrd", "png"))
-    found = branching.branched(path, 0.3, ["damping=0.3"], branching.Kept(record, rrd), Wanted())
-    branching.picture(png, path, found, 0.3)
+    found = branch_run.run_branch(path, 0.3, ["damping=0.3"], branch_run.BranchOutputs(record, rrd), Wanted())
+    branch_run.draw_branch(png, path, found, 0.3)
     both = load(record).columns
     np.testing.assert_array_equal(both["position"], found.branched)
     np.testing.assert_array_equal(both["target"], load(path).columns["position"])
@@ -99,7 +99,7 @@ def test_the_table_has_a_column_for_every_finger_of_whatever_hand(spec: HandSpec
     was, would = np.zeros((2, 8)), np.zeros((2, 8))
     would[1, 2], would[1, 7] = 0.001, 0.005
     found = Branched(np.array([0.0, 0.1]), was, would, replace(spec, fingers=two), None)
-    table = branching.table(Path("r.arrow"), found, 0.0)
+    table = branch_run.table(Path("r.arrow"), found, 0.0)
     assert [column.header for column in table.columns] == ["after", "claw", "paw"]
     assert [list(column.cells)[-1] for column in table.columns] == ["0.1 s", "1.000", "5.000"]
 

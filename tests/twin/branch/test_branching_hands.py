@@ -24,7 +24,7 @@ from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
-from allegro_twin.surfaces.cli.twins import branching
+from allegro_twin.surfaces.cli.twin import branch_run
 from allegro_twin.twin.branch import Wanted, branch
 from allegro_twin.twin.branch.assumptions import meetings
 from allegro_twin.types import Sample, Vector
@@ -85,7 +85,7 @@ def test_encoders_that_are_noisy_loosen_the_models_friction_as_they_did_the_hand
 def test_the_host_of_the_model_hears_counts_and_speeds_as_it_did_of_the_hand(
     made: Path, own: str, tmp_path: Path
 ) -> None:
-    branching.branched(made, AT, [], branching.Kept(tmp_path / "if.arrow"), Wanted(own))
+    branch_run.run_branch(made, AT, [], branch_run.BranchOutputs(tmp_path / "if.arrow"), Wanted(own))
     was, would = load(made).columns, load(tmp_path / "if.arrow").columns
     row = int(np.searchsorted(was["t"], AT - 1e-9))
     for name in ("t", "tick", "position", "velocity", "gravity"):
@@ -131,16 +131,16 @@ def test_what_is_known_estimated_and_assumed_is_said(made: Path, own: str, tmp_p
     assert (
         found.said[2] == f"The recorded commands go on, open loop: {real} does not say with which config it was made."
     )
-    lines = list(branching.lines(found, AT))
+    lines = list(branch_run.lines(found, AT))
     assert lines[-1].startswith("Without the change the model is off by 0.")
     assert lines[-1].endswith("; nothing was changed.")
-    assert next(branching.doubts(real, Wanted())) == (
+    assert next(branch_run.warnings(real, Wanted())) == (
         f"no --hand: {real} goes on with the nominal allegro_right, not with its own hand"
     )
-    assert not any(branching.doubts(real, Wanted(own)))
-    assert not any(branching.doubts(made, Wanted()))
+    assert not any(branch_run.warnings(real, Wanted(own)))
+    assert not any(branch_run.warnings(made, Wanted()))
     slight = branch(made, AT, {"strength": 0.9999}, wanted=Wanted(own))
-    assert list(branching.lines(slight, AT))[-1].endswith("hardly more than the model is off by, so nothing follows.")
+    assert list(branch_run.lines(slight, AT))[-1].endswith("hardly more than the model is off by, so nothing follows.")
 
 
 def test_a_push_at_the_instant_is_said_and_held_or_forgotten(hidden: RunConfig, own: str, tmp_path: Path) -> None:
@@ -193,8 +193,8 @@ def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
     assert any("The guard would have left it limp after 1." in line and "over its limit" in line for line in found.said)
     assert found.unchanged is not None
     assert len(found.unchanged) == len(found.recorded)
-    branching.picture(tmp_path / "if.png", path, found, AT)
-    assert branching.table(path, found, AT).row_count >= 1
+    branch_run.draw_branch(tmp_path / "if.png", path, found, AT)
+    assert branch_run.table(path, found, AT).row_count >= 1
     with Image.open(tmp_path / "if.png") as image:
         thin = (np.asarray(image) == [38, 38, 38]).all(axis=2).any(axis=0)
     assert abs(np.flatnonzero(thin).min() - (64 + 1024 * AT / 1.6)) < 5.0

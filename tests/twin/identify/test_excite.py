@@ -104,9 +104,9 @@ def test_the_commands_say_what_to_do(command: Run, tmp_path: Path, recording_pat
 def test_a_missing_scipy_is_named_with_the_extra_that_brings_it(
     command: Run, monkeypatch: pytest.MonkeyPatch, recording_path: Path
 ) -> None:
-    from allegro_twin.surfaces.cli.twins import identifying
+    from allegro_twin.surfaces.cli.twin import identification
 
-    monkeypatch.setattr(identifying, "find_spec", lambda name: None)
+    monkeypatch.setattr(identification, "find_spec", lambda name: None)
     for name in ("identify", "gap", "mirror"):
         code, _, error = command(name, recording_path)
         assert (code, "pip install 'allegro-twin[twin]'" in error) == (2, True)

@@ -16,9 +16,9 @@ from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
-from allegro_twin.surfaces.cli.twins.identifying import lines, table
-from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand
+from allegro_twin.surfaces.cli.twin.commands import weight_of
+from allegro_twin.surfaces.cli.twin.identification import lines, table
 from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
 from allegro_twin.twin.identify.page.page import page
 from allegro_twin.twin.identify.results import hand_file, pipeline

@@ -21,7 +21,7 @@ from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.observer.kalman import Kalman
 from allegro_twin.sim.observer.loop_observer import NOISE, rates
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.cli.twins import mirroring
+from allegro_twin.surfaces.cli.twin import mirror_run
 from allegro_twin.twin.mirror.for_hand import make_loop_mirror, mirrored
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, Sample, Vector
@@ -134,7 +134,7 @@ def test_a_recording_of_any_hand_plays_past_its_mirror_and_says_where_down_is_or
             pass
     with pytest.raises(ConfigError, match="must know where down is: --gravity"):
         mirrored(tmp_path / "told.arrow", "", None)
-    one = mirrored(tmp_path / "told.arrow", "", None, mirroring.vector("0,0,-9.81"))
+    one = mirrored(tmp_path / "told.arrow", "", None, mirror_run.parse_gravity("0,0,-9.81"))
     other = mirrored(tmp_path / "known.arrow", "", None)
     np.testing.assert_array_equal(one.disturbance, other.disturbance)
     assert one.contacts == ()
@@ -145,7 +145,7 @@ def test_a_recording_of_any_hand_plays_past_its_mirror_and_says_where_down_is_or
 @pytest.mark.parametrize("text", ["down", "0,0", "0,0,nan"])
 def test_gravity_is_three_numbers(text: str) -> None:
     with pytest.raises(ConfigError, match="three numbers with commas between"):
-        mirroring.vector(text)
+        mirror_run.parse_gravity(text)
 
 
 def test_a_hand_whose_tendon_runs_through_space_says_that_it_has_no_mirror(
@@ -170,7 +170,9 @@ def test_a_virtual_leap_hand_on_its_servos_line_is_mirrored_with_their_counts(tm
     pytest.importorskip("dynamixel_sdk", reason="the servos' own SDK: extra dynamixel")
     config = load_config("leap_virtual")
     record = tmp_path / "it.arrow"
-    found = mirroring.live(config, "", mirroring.Wanted(record=record), lambda t: None, lambda text: None)
+    found = mirror_run.run_with_mirror(
+        config, "", mirror_run.MirrorOutputs(record=record), lambda t: None, lambda text: None
+    )
     assert found.contacts == ()
     assert np.abs(found.off[found.t > 1.0]).max() < 0.005
     again = mirrored(record, "", None)

@@ -21,7 +21,7 @@ from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.observer.observer import NOISE, Observer, kalman
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.surfaces.cli.twins.mirroring import unnamed
+from allegro_twin.surfaces.cli.twin.mirror_run import missing_checks
 from allegro_twin.twin.identify.results.gap import drive_of
 from allegro_twin.twin.mirror.fault_detection import Calm
 from allegro_twin.twin.mirror.faults import NAMES
@@ -301,7 +301,7 @@ def test_names_that_no_free_motion_told_about_are_said_to_be_off(spec: HandSpec)
         calm = Calm.of(free, none, np.zeros(N), 1e-6 * rng.exponential(size=(looks, 4)), 0.003, spec)
         assert calm.unnamed == off
     found = Mirrored(np.zeros(2), none, none, none, (), None, shapes)
-    assert "weak, friction, payload and wrong_file are not looked for, because there is no --free" in unnamed(
+    assert "weak, friction, payload and wrong_file are not looked for, because there is no --free" in missing_checks(
         found, None
     )
-    assert "f.arrow is too short: record 22 s" in unnamed(found, Path("f.arrow"))
+    assert "f.arrow is too short: record 22 s" in missing_checks(found, Path("f.arrow"))

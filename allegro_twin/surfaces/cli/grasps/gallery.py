@@ -1,4 +1,4 @@
-"""A picture of every grasp of the library, and the page that shows them: `allegro-twin gallery docs`."""
+"""The gallery: a picture of every grasp of the library and a page of them (`allegro-twin gallery docs/reference`)."""
 
 from __future__ import annotations
 
@@ -35,48 +35,48 @@ _POSTURE = "posture: "
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class GalleryEntry:
     """One grasp of the page."""
 
     name: str
     stored: GraspFile
     verdict: str
     rate: str = ""
-    """How often it holds under draws, with its interval."""
+    """Success rate under uncertainty, with its interval."""
 
 
 def make(folder: Path, draws: int, advance: Callable[[str], None]) -> int:
-    """Write <folder>/images/grasps/*.jpg and <folder>/grasps.md; the number of grasps. Raises HandError."""
+    """Write <folder>/images/grasps/*.jpg and <folder>/grasps.md. Returns the number of grasps. Raises HandError."""
     rows = []
-    for shown, picture in _shown(draws):
-        with whole_file(folder / "images" / "grasps" / f"{shown.name}.jpg") as temporary:
+    for entry, picture in _entries(draws):
+        with whole_file(folder / "images" / "grasps" / f"{entry.name}.jpg") as temporary:
             Image.fromarray(picture).resize((_SIZE, _SIZE)).save(temporary, quality=82)
-        rows.append(shown)
-        advance(shown.name)
-    rows.sort(key=_place)
+        rows.append(entry)
+        advance(entry.name)
+    rows.sort(key=_order)
     with whole_file(folder / "grasps.md") as temporary:
         temporary.write_text(_page(rows, draws))
     return len(rows)
 
 
-def _shown(draws: int) -> Iterator[tuple[Shown, Picture]]:
+def _entries(draws: int) -> Iterator[tuple[GalleryEntry, Picture]]:
     for name in grasp_names():
         stored = load(GraspFile, data_root() / "conf" / "grasps" / f"{name}.yaml")
         if stored.evidence and not stored.evidence.startswith(_POSTURE):
-            report, picture = _held(stored.evidence, name)
+            report, picture = _perform(stored.evidence, name)
             margins = [phase for phase in report.phases if phase.check]
             drift = max(phase.drift for phase in margins) * 1000
             verdict = f"held, {drift:.1f} mm of drift" if report.held else f"not held: {report.reason}"
-            often = _often(stored.evidence, name, draws) if draws else ""
+            often = _rate(stored.evidence, name, draws) if draws else ""
             stored = stored.model_copy(update={"observed": report.observed})
-            yield Shown(name, stored, f"[{stored.evidence}](../scenarios): {verdict}", often), picture
+            yield GalleryEntry(name, stored, f"[{stored.evidence}](../scenarios): {verdict}", often), picture
         else:
             reason = stored.evidence.removeprefix(_POSTURE) or "no scenario yet"
-            yield Shown(name, stored, f"posture only: {reason}"), _posed(name)
+            yield GalleryEntry(name, stored, f"posture only: {reason}"), _pose(name)
 
 
-def _held(scenario: str, grasp: str) -> tuple[Report, Picture]:
-    """The verdict of a grasp's own trial, and what it looks like while the object is held up."""
+def _perform(scenario: str, grasp: str) -> tuple[Report, Picture]:
+    """The verdict of a grasp's own trial, and a picture while the object is held up."""
     rig = assemble(scenario_config(scenario, "right", grasp))
     assert rig.trial is not None
     assert rig.sim is not None
@@ -90,8 +90,8 @@ def _held(scenario: str, grasp: str) -> tuple[Report, Picture]:
         return rig.trial.report(), picture
 
 
-def _often(scenario: str, grasp: str, draws: int) -> str:
-    """As `allegro-twin evaluate SCENARIO --grasp GRASP --uncertainty DRAWS` says it."""
+def _rate(scenario: str, grasp: str, draws: int) -> str:
+    """The rate of `allegro-twin evaluate SCENARIO --grasp GRASP --uncertainty DRAWS`."""
     _, path = load_scenario(scenario)
     targets = targets_of([path], Asked(sides=("right",), grasp=grasp))
     items, shared, *_ = campaign_of(targets, Noise(draws))
@@ -100,8 +100,8 @@ def _often(scenario: str, grasp: str, draws: int) -> str:
     return str(rate_of(row))
 
 
-def _posed(name: str) -> Picture:
-    """A grasp without an object: the closed posture of a hand in the air."""
+def _pose(name: str) -> Picture:
+    """A picture of a grasp without an object: the closed posture in the air."""
     posture = load_grasp(name, load_spec()).close.tolist()
     config = RunConfig.model_validate(
         {"backend": {"kind": "sim", "start": posture}, "task": {"posture": posture}, "controller": {"kind": "pd"}}
@@ -114,20 +114,20 @@ def _posed(name: str) -> Picture:
         return camera.take()
 
 
-def _typed(kind: Observed) -> str:
-    """With what acts against what, what carries, and of none of the 33 why."""
+def _type_text(kind: Observed) -> str:
+    """Type of a grasp with its opposition and what carries the object; for none of the 33 types the reason."""
     place = ", ".join(filter(None, (str(kind), kind.type, kind.opposition)))
     why = f" ({kind.why})" if kind.why else ""
     return f"{place}{why}. {kind.virtual_fingers}.<br>{kind.carries}"
 
 
-def _place(row: Shown) -> tuple[int, str]:
-    """By the type's number; last what is none of the 33, and what nobody has seen hold."""
+def _order(row: GalleryEntry) -> tuple[int, str]:
+    """Sort key: number of the type; last those of no type, and those that hold nothing."""
     observed = row.stored.observed
     return (LAST + 1 if observed is None else observed.number or LAST), row.name
 
 
-def _page(rows: list[Shown], draws: int) -> str:
+def _page(rows: list[GalleryEntry], draws: int) -> str:
     proved = [row.stored.observed for row in rows if row.stored.observed and "](../scenarios): held" in row.verdict]
     types = {observed.number for observed in proved if observed.number is not None}
     none = sum(observed.number is None for observed in proved)
@@ -163,7 +163,7 @@ drawn after. Where nothing was held it is not known.
         lines.append(
             f'| <img src="images/grasps/{row.name}.jpg" width="150"> '
             f"| **{row.name}**<br>{row.stored.description}{control} "
-            f"| {'not known' if lost or kind is None else _typed(kind)} | {width} "
+            f"| {'not known' if lost or kind is None else _type_text(kind)} | {width} "
             f"| {row.verdict} |" + (f" {row.rate} |" if draws else "")
         )
     return head + "\n".join(lines) + "\n"
