@@ -4,25 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from allegro_twin.backend import HandBackend
+from allegro_twin.controller import Controller
 from allegro_twin.errors import EndOfRecording
-from allegro_twin.types import Command, HandState, Sample
+from allegro_twin.types import Sample
 
 M = TypeVar("M")
-
-
-class Controller(Protocol[M]):
-    """A pure function from state to command. Its memory is passed in and handed back, so a run can be repeated."""
-
-    def start(self, state: HandState) -> M:
-        """The memory with which to meet the first state."""
-        ...
-
-    def __call__(self, state: HandState, memory: M) -> tuple[Command, M]:
-        """The command for this state, and the memory for the next."""
-        ...
 
 
 def run(backend: HandBackend, controller: Controller[M]) -> Iterator[Sample]:

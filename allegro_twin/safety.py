@@ -110,6 +110,11 @@ class Guard:
         return self._inner.period
 
     @property
+    def inner(self) -> HandBackend:
+        """The backend behind this guard."""
+        return self._inner
+
+    @property
     def applied(self) -> Command:
         """What the last command became, or the limp one before the first."""
         return self._history[-1].command if self._history else self._limp

@@ -12,7 +12,6 @@ import numpy as np
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.backend import HandBackend
 from allegro_twin.loop import run
 from allegro_twin.types import TorqueCommand
 
@@ -46,8 +45,7 @@ def figures() -> Iterator[Figure]:
 def _bare(*, bus: bool) -> Callable[[], float]:
     """Write and read, without controller and guard."""
     rig = assemble(config(ALONE, bus=bus))
-    inner: HandBackend | None = rig.wire if bus else rig.sim
-    assert inner is not None
+    inner = rig.driver
     inner.reset()
     limp = TorqueCommand(np.zeros(16))
 

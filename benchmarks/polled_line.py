@@ -34,8 +34,7 @@ def timer(hand: str, kind: str, period: float) -> Callable[[], float]:
             }
         )
     )
-    inner = rig.sim if kind == "sim" else rig.polled
-    assert inner is not None
+    inner = rig.driver
     spec = rig.spec
     middle, width = 0.3 * (spec.lower + spec.upper), 0.05 * (spec.upper - spec.lower)
     inner.reset()

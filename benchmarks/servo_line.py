@@ -45,8 +45,7 @@ def config(task: dict[str, Any], period: float, *, line: bool) -> RunConfig:
 def _bare(task: dict[str, Any], period: float, *, line: bool) -> Callable[[], float]:
     """Write and read, without controller and guard, a little further each time."""
     rig = assemble(config(task, period, line=line))
-    inner = rig.servos if line else rig.sim
-    assert inner is not None
+    inner = rig.driver
     spec = rig.spec
     middle, width = (spec.lower + spec.upper) / 2, 0.05 * (spec.upper - spec.lower)
     inner.reset()

@@ -125,7 +125,7 @@ def _waited(command: list[str], tty: Path) -> Iterator[subprocess.Popen[str]]:
 
 def _driven(config: RunConfig, *, realtime: bool) -> Found:
     rig = assemble(config)
-    assert rig.wire is not None
+    assert isinstance(rig.driver, CanBackend)
     assert rig.seconds is not None
     stamps, ticks = [], []
     with closing(rig.backend):
@@ -134,7 +134,7 @@ def _driven(config: RunConfig, *, realtime: bool) -> Found:
             stamps.append(time.perf_counter())
             ticks.append(sample.state.tick)
         share = (time.thread_time() - cpu) / (time.perf_counter() - begin)
-        health = rig.wire.health
+        health = rig.driver.health
     return Found(np.diff(stamps), (len(ticks) - 1) / ticks[-1], health.doubtful, share, held=False, hand="")
 
 

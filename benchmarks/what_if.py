@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.twin.branch import Wanted, branch
 from allegro_twin.twin.identify.results.hand_file import store

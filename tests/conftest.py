@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from allegro_twin.app.backends.can import Scene, make_can
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import open_backend
 from allegro_twin.control.controllers import PD
 from allegro_twin.control.trajectory import Hold
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.hands import load_spec
@@ -123,4 +124,6 @@ def on_a_bus(version: Version, **settings: Any) -> CanBackend:
     """A CAN backend with a virtual hand at the other end of its bus, without a guard."""
     config = can_config(version, **settings)
     assert isinstance(config.backend, CanSettings)
-    return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())
+    backend = open_backend(config)
+    assert isinstance(backend, CanBackend)
+    return backend

@@ -11,9 +11,10 @@ import pytest
 
 from allegro_twin.control.controllers import PD, PID, Gravity
 from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.controller import Controller
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.loop import Controller, paced, run, to_the_end, until
+from allegro_twin.loop import paced, run, to_the_end, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.recording.replay import ReplayBackend

@@ -1,7 +1,34 @@
-"""The one place that joins the parts: from a config to a guarded hand, its controller, and what surrounds them."""
+"""From a config to a run: the guarded hand, its controller, and what surrounds them."""
 
-from allegro_twin.app.assembly import assemble, make_backend
-from allegro_twin.app.backends.simulated import scenario_config
-from allegro_twin.app.rig import Rig
+from __future__ import annotations
 
-__all__ = ["Rig", "assemble", "make_backend", "scenario_config"]
+from typing import TYPE_CHECKING
+
+from allegro_twin._lazy import exports
+
+if TYPE_CHECKING:
+    from allegro_twin.app.config import RunConfig, load_config
+    from allegro_twin.app.rig import Rig, assemble, make_backend
+    from allegro_twin.app.session import Outcome, Outputs, perform
+    from allegro_twin.app.simulated import scenario_config
+
+__all__ = [
+    "Outcome",
+    "Outputs",
+    "Rig",
+    "RunConfig",
+    "assemble",
+    "load_config",
+    "make_backend",
+    "perform",
+    "scenario_config",
+]
+__getattr__, __dir__ = exports(
+    __name__,
+    {
+        "config": ("RunConfig", "load_config"),
+        "rig": ("Rig", "assemble", "make_backend"),
+        "session": ("Outcome", "Outputs", "perform"),
+        "simulated": ("scenario_config",),
+    },
+)

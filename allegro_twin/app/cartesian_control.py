@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.app.config import CartesianSettings
-from allegro_twin.loop import Controller
+from allegro_twin.app.controller_settings import CartesianSettings
+from allegro_twin.controller import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 

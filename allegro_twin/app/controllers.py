@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from allegro_twin.app.config import (
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controller_settings import (
     CartesianSettings,
     FollowSettings,
     GravitySettings,
     LimpSettings,
     PolicySettings,
     PositionSettings,
-    RunConfig,
     TorqueSettings,
 )
 from allegro_twin.app.references import posture_of, wanted_of
 from allegro_twin.backend import limp_of
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
-from allegro_twin.loop import Controller
+from allegro_twin.plugins import CONTROLLERS, ControllerContext, ControllerKind, MadeController
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import frozen
@@ -34,28 +35,15 @@ _ARMS = ("impedance", "compliance", "torque", "limp")
 """Controllers of an arm, which carries its own weight."""
 
 
-def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> tuple[Controller[Any], float | None]:
+def make_controller(config: RunConfig, spec: HandSpec, trial: Trial | None) -> MadeController:
     """The controller, and how long its motion takes where that is known. Raises ConfigError."""
-    from allegro_twin.control.controllers import GravityCompensation, Send, Torque
-
-    check_kind(config.controller.kind, spec)
-    match config.controller:
-        case LimpSettings():
-            return Send(limp_of(spec)), None
-        case FollowSettings() as settings:
-            return _sending(settings, config, spec, trial)
-        case TorqueSettings(torque=torque):
-            return Torque(spec.vector(torque, "controller.torque")), None
-        case GravitySettings(gravity=vector):
-            return GravityCompensation(_gravity(spec, vector)), None
-        case PolicySettings() as settings:
-            return _deciding(settings, config, spec, trial)
-        case PositionSettings() as settings:
-            return _following(settings, config, spec, trial)
-        case CartesianSettings() as settings:
-            from allegro_twin.app.cartesian_control import leading
-
-            return leading(settings, spec)
+    settings = config.controller
+    if settings.kind in CONTROLLERS.builtin:
+        check_kind(settings.kind, spec)
+    made: MadeController = CONTROLLERS.kind(settings.kind).make(
+        settings, ControllerContext(spec, config.period, config.task, trial)
+    )
+    return made
 
 
 def check_kind(kind: str, spec: HandSpec) -> None:
@@ -71,37 +59,52 @@ def check_kind(kind: str, spec: HandSpec) -> None:
                           "use position or limp, or a policy")  # fmt: skip
 
 
-def _sending(
-    settings: FollowSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
-) -> tuple[Controller[Any], float | None]:
+def _limp(settings: LimpSettings, context: ControllerContext) -> MadeController:
+    from allegro_twin.control.controllers import Send
+
+    return MadeController(Send(limp_of(context.spec)))
+
+
+def _torque(settings: TorqueSettings, context: ControllerContext) -> MadeController:
+    from allegro_twin.control.controllers import Torque
+
+    return MadeController(Torque(context.spec.vector(settings.torque, "controller.torque")))
+
+
+def _gravity_compensation(settings: GravitySettings, context: ControllerContext) -> MadeController:
+    from allegro_twin.control.controllers import GravityCompensation
+
+    return MadeController(GravityCompensation(_gravity(context.spec, settings.gravity)))
+
+
+def _setpoints(settings: FollowSettings, context: ControllerContext) -> MadeController:
     """Positions for the hand's own loop."""
     from allegro_twin.control.controllers import Follow
 
-    wanted = wanted_of(config, settings, spec, trial)
+    spec, wanted = context.spec, wanted_of(settings, context)
     if wanted.grasp is not None and wanted.grasp.grip is not None:
         raise ConfigError(f"grasp {wanted.grasp.name} controls force by torques; {spec.name} takes none")
     effort = None if settings.effort is None else spec.vector(settings.effort, "controller.effort")
-    return Follow(wanted.reference, effort), wanted.seconds
+    return MadeController(Follow(wanted.reference, effort), wanted.seconds)
 
 
-def _deciding(
-    settings: PolicySettings, config: RunConfig, spec: HandSpec, trial: Trial | None
-) -> tuple[Controller[Any], float | None]:
+def _policy(settings: PolicySettings, context: ControllerContext) -> MadeController:
     """A policy, and how long its script takes."""
     from allegro_twin.learning.policy.controller import PolicyController
     from allegro_twin.learning.policy.loading import load_policy
 
+    spec, trial = context.spec, context.trial
     path = find(settings.file, "policy", "conf/policies", ".onnx")
     loaded = load_policy(path, trust=settings.trust)
     interface = loaded.card.interface(spec)
-    if abs(interface.period - config.period) > 1e-9:
-        raise ConfigError(f"{path} decides for a period of {interface.period} s; the config says {config.period} s")
+    if abs(interface.period - context.period) > 1e-9:
+        raise ConfigError(f"{path} decides for a period of {interface.period} s; the config says {context.period} s")
     if trial is not None and interface.scripts is not None:
         raise ConfigError(
             f"{path} closes a grasp on its own timeline, not on a scenario's: run it without a scenario, or see what "
             "it is worth with `allegro-twin evaluate`"
         )
-    goal, task = None, config.task
+    goal, task = None, context.task
     if interface.n_goal and task.posture is None:
         raise ConfigError(f"{path} reaches goals: name a posture with task.posture or --goal")
     if task.posture is not None:
@@ -110,23 +113,22 @@ def _deciding(
         goal = frozen(interface.fingertips(posture_of(task.posture, spec)))
     script = 0 if task.grasp is None or trial is not None else loaded.card.script(task.grasp)
     seconds = None if interface.scripts is None else interface.scripts.periods * interface.period
-    return PolicyController(loaded.policy, interface, goal, script), seconds
+    return MadeController(PolicyController(loaded.policy, interface, goal, script), seconds)
 
 
-def _following(
-    settings: PositionSettings, config: RunConfig, spec: HandSpec, trial: Trial | None
-) -> tuple[Controller[Any], float | None]:
+def _position(settings: PositionSettings, context: ControllerContext) -> MadeController:
     """PD or PID on what the task asks for; a grasp that controls force has its own."""
     from allegro_twin.control.controllers import PD, PID
     from allegro_twin.hands.library.gains import load_gains
 
-    gains, wanted = load_gains(settings.gains, spec), wanted_of(config, settings, spec, trial)
+    spec, wanted = context.spec, wanted_of(settings, context)
+    gains = load_gains(settings.gains, spec)
     gravity = _gravity(spec, settings.gravity) if settings.compensate else None
     if wanted.grasp is not None and wanted.grasp.grip is not None:
-        return _gripping(settings, wanted.grasp, wanted.timed(), spec, gains), wanted.seconds
+        return MadeController(_gripping(settings, wanted.grasp, wanted.timed(), spec, gains), wanted.seconds)
     if settings.kind == "pd":
-        return PD(wanted.reference, gains, gravity), wanted.seconds
-    return PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds
+        return MadeController(PD(wanted.reference, gains, gravity), wanted.seconds)
+    return MadeController(PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds)
 
 
 def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
@@ -147,3 +149,18 @@ def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravi
     from allegro_twin.sim.model.statics import hand_model
 
     return Gravity(hand_model(spec).gravity_torque, None if vector is None else frozen(vector))
+
+
+def _cartesian(settings: CartesianSettings, context: ControllerContext) -> MadeController:
+    from allegro_twin.app.cartesian_control import leading
+
+    return MadeController(*leading(settings, context.spec))
+
+
+LIMP = ControllerKind(LimpSettings, _limp)
+TORQUE = ControllerKind(TorqueSettings, _torque)
+GRAVITY = ControllerKind(GravitySettings, _gravity_compensation)
+POSITION = ControllerKind(PositionSettings, _position)
+SETPOINTS = ControllerKind(FollowSettings, _setpoints)
+POLICY = ControllerKind(PolicySettings, _policy)
+CARTESIAN = ControllerKind(CartesianSettings, _cartesian)

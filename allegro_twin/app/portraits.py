@@ -12,7 +12,8 @@ from allegro_twin.app.rig import Rig
 from allegro_twin.grasping.batch.trials import AXES, PERIOD, Bench
 from allegro_twin.grasping.evaluation.campaign import Target
 from allegro_twin.hands.library.gains import ruled
-from allegro_twin.hands.limits import LimitSettings, hand_limits
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 

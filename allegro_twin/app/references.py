@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from allegro_twin.app.config import FollowSettings, PerJoint, PositionSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controller_settings import FollowSettings, PositionSettings
+from allegro_twin.files.schema import PerJoint
+from allegro_twin.plugins import ControllerContext
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.trajectory import Reference
     from allegro_twin.grasping.controller import Timed
-    from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
 
 SQUEEZE, STAY = 0.5, 1.0
@@ -41,20 +43,18 @@ class Wanted:
         return Timed(self.reference, self.close_at, self.squeeze_at)
 
 
-def wanted_of(
-    config: RunConfig, settings: PositionSettings | FollowSettings, spec: HandSpec, trial: Trial | None
-) -> Wanted:
+def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerContext) -> Wanted:
     """The scenario's grasp, a grasp in the open, or a posture. Raises ConfigError."""
     from allegro_twin.control.trajectory import Moves, Waypoint
     from allegro_twin.hands.library.named import load_grasp
 
+    spec, task, trial = context.spec, context.task, context.trial
     if trial is not None:
         begins = (trial.begin_of("close"), trial.begin_of("squeeze")) if trial.grasp.grip is not None else (0.0, 0.0)
         return Wanted(trial.reference, None, trial.grasp, *begins)
-    if config.task.grasp is not None:
-        return _in_the_open(load_grasp(config.task.grasp, spec), spec)
-    posture = goal_of(config, spec)
-    assert posture is not None
+    if task.grasp is not None:
+        return _in_the_open(load_grasp(task.grasp, spec), spec)
+    posture = _first(spec) if task.posture is None else posture_of(task.posture, spec)
     moves = Moves([Waypoint(posture, speed=settings.speed, profile=settings.profile)])
     return Wanted(moves, _longest(spec, settings.speed) + STAY)
 

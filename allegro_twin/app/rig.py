@@ -1,4 +1,4 @@
-"""What a run needs, joined."""
+"""The rig of a run: the guarded hand of a config, its controller, and the simulation behind it."""
 
 from __future__ import annotations
 
@@ -6,52 +6,118 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controllers import make_controller
+from allegro_twin.app.simulated import simulated, trial_of
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell.arm.limits import limits_of as arm_limits
-from allegro_twin.hands.limits import LimitSettings, hand_limits
-from allegro_twin.loop import Controller
+from allegro_twin.controller import Controller
+from allegro_twin.device import Device, device_of, innermost
+from allegro_twin.errors import HandError
+from allegro_twin.files.schema import Settings
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.limits import check_period, hand_limits
+from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.plugins import BACKENDS, BackendContext
 from allegro_twin.safety import Guard, Limits
+from allegro_twin.sim.settings import SceneSettings, SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 
 if TYPE_CHECKING:
-    from allegro_twin.drivers.can.driver.backend import CanBackend
-    from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
-    from allegro_twin.drivers.polled.backend import PolledBackend
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.sim.engine.backend import SimBackend
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rig:
-    """Everything a run needs, ready for `run(rig.backend, rig.controller)`."""
+    """The parts of a run, ready for `run(rig.backend, rig.controller)`."""
 
     spec: HandSpec
     backend: HandBackend
     """Behind its guard."""
     controller: Controller[Any]
     seconds: float | None
-    """When it is over; None: when the backend ends."""
+    """When the run is over, s; None: when the backend ends."""
     trial: Trial | None = None
-    """The scenario, where there is one that can be watched."""
+    """The scenario, where its scene is simulated in this program."""
     sim: SimBackend | None = None
-    """The simulation behind the guard, where there is one: for pictures."""
-    wire: CanBackend | None = None
-    """The hand on its bus, where there is one: for what its link went through."""
-    servos: DynamixelBackend | None = None
-    """The hand of servos on its line, where there is one."""
-    polled: PolledBackend | None = None
-    """The hand that answers when it is asked, where there is one."""
+    """The simulation of a simulated or virtual hand: for pictures, and for pushes."""
 
     @property
-    def there(self) -> CanBackend | DynamixelBackend | PolledBackend | None:
-        """The hand on a wire, of whatever kind; None for one that is only simulated or replayed."""
-        return self.wire or self.servos or self.polled
+    def device(self) -> Device:
+        """What the backend behind the guard tells besides the contract."""
+        return device_of(self.backend)
 
     @property
-    def live(self) -> bool:
-        """Whether the hand's time passes by itself."""
-        return self.there is not None and not self.there.lockstep
+    def driver(self) -> HandBackend:
+        """The backend behind the guard."""
+        found: HandBackend = innermost(self.backend)
+        return found
+
+
+STAY = 0.5
+"""s that a hand in another program is driven after its scenario: on a busy computer its time may lag behind ours."""
+
+
+def make_backend(config: RunConfig) -> HandBackend:
+    """The hand that the config describes, behind its guard. Raises HandError."""
+    return assemble(config).backend
+
+
+@dataclass(slots=True)
+class Scene:
+    """The simulation of a virtual hand in this program, and the trial that it is at."""
+
+    sim: SimBackend | None = None
+    trial: Trial | None = None
+
+
+def spec_of(config: RunConfig) -> HandSpec:
+    """The hand that a config describes; on CAN its version decides how much torque its driver lets through. Raises
+    ConfigError."""
+    hand = config.hand
+    return load_spec(hand.model, hand.side, hand.serial, getattr(config.backend, "version", None))
+
+
+def open_backend(config: RunConfig, scene: Scene | None = None) -> HandBackend:
+    """The hand that the config describes, without a guard. Raises HandError."""
+    found: HandBackend = BACKENDS.kind(config.backend.kind).open(config.backend, context_of(config, scene or Scene()))
+    return found
+
+
+def context_of(config: RunConfig, scene: Scene) -> BackendContext:
+    """The context in which a config's backend is opened; `scene` is filled in when physics are made for it."""
+
+    def check(spec: HandSpec) -> None:
+        check_period(config.period, spec, config.controller.kind)
+
+    def simulate(settings: Settings | None, spec: HandSpec, step: float) -> SimBackend:
+        wanted = SceneSettings(kind="sim") if settings is None else settings
+        assert isinstance(wanted, SimSettings)
+        scene.sim, scene.trial = simulated(wanted, config.task, spec, step)
+        return scene.sim
+
+    return BackendContext(config.hand, config.period, check, simulate)
+
+
+def assemble(config: RunConfig) -> Rig:
+    """The hand, its controller and the scenario of a config. Raises ConfigError, LinkError or RecordingError."""
+    kind, scene = BACKENDS.kind(config.backend.kind), Scene()
+    backend = kind.open(config.backend, context_of(config, scene))
+    try:
+        spec = backend.spec
+        if not kind.replays:
+            check_period(config.period, spec, config.controller.kind)
+        trial = scene.trial or trial_of(config.task, spec, config.period)
+        controller, seconds = make_controller(config, spec, trial)
+        if kind.replays:
+            return Rig(spec, backend, controller, config.seconds)
+        if trial is not None:
+            seconds = trial.seconds + (STAY if scene.trial is None else 0.0)
+        return Rig(spec, guarded(config, spec, backend), controller, config.seconds or seconds, scene.trial, scene.sim)
+    except HandError:
+        backend.close()
+        raise
 
 
 def guarded(config: RunConfig, spec: HandSpec, backend: HandBackend) -> Guard:

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.app import Rig
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import goal_of
+from allegro_twin.app.rig import Rig
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.loop import paced, run, to_the_end, until
@@ -100,11 +101,8 @@ def perform(
         rig.backend.close()  # What follows takes its time, and nobody would drive the hand.
         report = rig.trial.report() if rig.trial is not None else None
         _concluded(viewers, report)
-        if rig.there is not None:
-            notes += rig.there.warnings()
-    return Outcome(
-        last, report, tuple(notes), beside.motion, missed, "" if rig.there is None else rig.there.unconfirmed
-    )
+        notes += rig.device.warnings()
+    return Outcome(last, report, tuple(notes), beside.motion, missed, rig.device.unconfirmed)
 
 
 class _Beside:
@@ -157,14 +155,14 @@ def _wire_logged(rig: Rig, config: RunConfig, outputs: Outputs) -> Iterator[None
     if path is None:
         yield
         return
-    if rig.wire is None or not isinstance(config.backend, CanSettings):
+    if not isinstance(config.backend, CanSettings):
         raise ConfigError(
             f"{path}: only a hand on a bus has frames to log; this config has no `backend: {{kind: can}}`"
         )
     from allegro_twin.drivers.can.tools.log import WireLog
 
     with closing(WireLog(path, Path(config.backend.channel).name)) as log:
-        rig.wire.listen(log)
+        rig.device.listen(log)
         yield
 
 
@@ -188,8 +186,8 @@ def recording_meta(rig: Rig, config: RunConfig) -> dict[str, Any]:
         meta |= rig.trial.meta()
     else:
         meta |= _look(rig)
-    if rig.there is not None:
-        meta["calibration"] = rig.there.calibration
+    if rig.device.calibration:
+        meta["calibration"] = dict(rig.device.calibration)
     return meta
 
 

@@ -20,6 +20,7 @@ PerJoint = float | list[float]
 """One value for every joint, or one each."""
 Positive = Annotated[float, Field(gt=0)]
 Vector3 = tuple[float, float, float]
+Probability = Annotated[float, Field(ge=0, le=1)]
 
 
 class Settings(BaseModel):
@@ -79,20 +80,21 @@ def _mistake(detail: Any, model: type[BaseModel]) -> str:
 
 def _keys(model: Any, location: tuple[int | str, ...]) -> list[str]:
     """Every key known at a place in nested settings; a place inside a union knows the keys of all that fit."""
-    models = _models(model)
+    models = models_in(model)
     for part in location:
         inner = [m.model_fields[part].annotation for m in models if isinstance(part, str) and part in m.model_fields]
         if inner:  # Anything else is an index, or the tag of a union that pydantic puts into the path.
-            models = [found for annotation in inner for found in _models(annotation)]
+            models = [found for annotation in inner for found in models_in(annotation)]
         elif isinstance(part, str):
             tagged = [m for m in models if part in get_args(getattr(m.model_fields.get("kind"), "annotation", None))]
             models = tagged or models
     return sorted({name for m in models for name in m.model_fields})
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
+def models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Every model in a field's annotation: itself, or those of a union or a container."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if get_origin(annotation) in (list, tuple, Union, dict) or get_args(annotation):
-        return [found for argument in get_args(annotation) for found in _models(argument)]
+        return [found for argument in get_args(annotation) for found in models_in(argument)]
     return []

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from allegro_twin.control.controllers import PD, Gains, Gravity
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Moves
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
-from pydantic import Field
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.files.schema import PerJoint, Settings
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.safety import Limits
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import frozen
-
-
-class LimitSettings(Settings):
-    """What the guard lets through; docs/safety.md."""
-
-    torque: PerJoint | None = None
-    """N·m; default: the hand's own clip, which is also the highest possible."""
-    velocity: PerJoint = 12.0
-    """rad/s; of an arm, at most what its maker allows."""
-    margin: Annotated[float, Field(ge=-0.6)] = 0.0
-    """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""
-
 
 SLOWEST_LOOP = 0.01
 """s. The longest period in which a loop outside the hand keeps its joints: `home` under PID is reached within 0.001 rad

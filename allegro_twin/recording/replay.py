@@ -15,6 +15,9 @@ from allegro_twin.types import NO_WRENCH, Array, Command, HandState, Sample
 class ReplayBackend:
     """Plays a recording back, row by row. Commands are kept for comparison and change nothing."""
 
+    live = False
+    """Time passes only while this backend reads."""
+
     def __init__(self, recording: Recording) -> None:
         self.recording, self._row, self._spec = recording, 0, recording.spec
         self.written: list[Command] = []

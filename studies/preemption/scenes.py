@@ -16,7 +16,8 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.limits import LimitSettings, hand_limits
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.model.statics import hand_model

@@ -15,7 +15,8 @@ from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
 from allegro_twin.grasping.interchange.to_trial import foreign
 from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.limits import LimitSettings, hand_limits
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.objects.meshes import middle_of

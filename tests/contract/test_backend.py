@@ -15,6 +15,7 @@ from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.arm_with_hand import make_cell
 from allegro_twin.control.controllers import Follow, Torque
 from allegro_twin.control.trajectory import Hold
+from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.polled.backend import PolledBackend
@@ -22,7 +23,7 @@ from allegro_twin.errors import CommandError, EndOfRecording, HandFault
 from allegro_twin.grasping.trial import make_trial
 from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.loop import Controller, run, until
+from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.recording.replay import ReplayBackend

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from allegro_twin.app.config import CanSettings, PositionSettings, load_config
+from allegro_twin.app.config import load_config
+from allegro_twin.app.controller_settings import PositionSettings
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_protocol, load_scenario

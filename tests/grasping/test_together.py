@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from allegro_twin.app import assemble
-from allegro_twin.app.backends.simulated import scenario_config
+from allegro_twin.app.simulated import scenario_config
 from allegro_twin.control.controllers import PD
 from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
 from allegro_twin.grasping.scenario import Phase, Protocol, load_protocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw, Stream, Uncertainty, draws
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.limits import LimitSettings, hand_limits
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 

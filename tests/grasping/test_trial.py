@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.app import assemble, scenario_config
-from allegro_twin.app.config import PositionSettings
+from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.errors import HandError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import load_scenario
@@ -144,7 +144,7 @@ def test_an_open_hand_does_not_pass() -> None:
 
 
 def _limp() -> object:
-    from allegro_twin.app.config import TorqueSettings
+    from allegro_twin.app.controller_settings import TorqueSettings
 
     return TorqueSettings(kind="torque")
 

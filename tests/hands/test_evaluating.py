@@ -12,6 +12,7 @@ import pytest
 
 from allegro_twin.app.portraits import staged
 from allegro_twin.control.controllers import Follow, Send
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.batch.batched_trials import together
@@ -24,8 +25,9 @@ from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw
 from allegro_twin.grasping.verdict import Report
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.hands.limits import LimitSettings, hand_limits
-from allegro_twin.loop import Controller, run, until
+from allegro_twin.hands.limits import hand_limits
+from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.types import PositionCommand

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -131,10 +132,10 @@ def test_through_the_wire_it_is_refused_before_a_byte_is_sent() -> None:
     content = {"hand": {"model": "sih"}, "backend": {"kind": "schunk", "port": "virtual"}, "period": 0.02,
                "controller": {"kind": "position"}}  # fmt: skip
     rig = assemble(RunConfig.model_validate(content))
-    assert rig.polled is not None
+    driver: Any = rig.driver
     rig.backend.reset()
     said: list[bytes] = []
-    rig.polled._opened.send = said.append  # type: ignore[method-assign,assignment]  # Nothing goes out.
+    driver._opened.send = said.append  # Nothing goes out.
     with pytest.raises(CommandError, match="hook into each other"):
         rig.backend.write(PositionCommand(FIST))
     assert said == []

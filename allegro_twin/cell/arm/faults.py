@@ -19,6 +19,11 @@ class InFront:
         self._inner = inner
 
     @property
+    def inner(self) -> HandBackend:
+        """The backend behind this one."""
+        return self._inner
+
+    @property
     def spec(self) -> HandSpec:
         return self._inner.spec
 

@@ -11,9 +11,10 @@ from allegro_twin.cell.arm.arm_with_hand import Cell
 from allegro_twin.cell.arm.impedance import Impedance, Stiffness
 from allegro_twin.cell.arm.target import Target
 from allegro_twin.cell.arm.tool import Identified, identified
+from allegro_twin.controller import Controller
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.loop import Controller, run, together
+from allegro_twin.loop import run, together
 from allegro_twin.types import Array, Sample
 
 TILTS = ((0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (-0.8, 0.0, 0.0), (0.0, 0.8, 0.0), (0.0, -0.8, 0.0))

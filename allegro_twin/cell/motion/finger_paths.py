@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from allegro_twin.control.controllers import PD, Follow, Following, Gravity
 from allegro_twin.control.trajectory import Path
+from allegro_twin.controller import Controller
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 

@@ -64,9 +64,9 @@ class SerialBackend:
         return self._settings.period
 
     @property
-    def lockstep(self) -> bool:
-        """Whether the hand's time passes only while this backend reads."""
-        return self._lockstep
+    def live(self) -> bool:
+        """Whether the hand's time passes by itself; else only while this backend reads."""
+        return not self._lockstep
 
     @property
     def keeper(self) -> int:

@@ -8,6 +8,8 @@ from typing import ClassVar
 
 from allegro_twin.errors import ConfigError
 
+VIRTUAL_PORT = "virtual"
+"""The port that is a line inside this program."""
 WATCHDOG_UNIT = 0.02
 """s: the steps in which the hands here count: DYNAMIXEL's Bus Watchdog, and a qb device's cmd_set_watchdog."""
 

@@ -8,11 +8,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from allegro_twin.controller import Controller
 from allegro_twin.grasping.batch.position_control import Goals
 from allegro_twin.grasping.batch.torque_control import Torques
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.verdict import Observations, Report, moved
-from allegro_twin.loop import Controller
 from allegro_twin.safety import Limits, violation
 from allegro_twin.sim.batch.simulations import Rows, Simulations, layout
 from allegro_twin.sim.contact.probe import Probe

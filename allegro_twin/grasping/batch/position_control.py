@@ -11,7 +11,7 @@ from allegro_twin.backend import position_of
 from allegro_twin.control.batched_trajectory import Trajectories
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Trajectory
-from allegro_twin.loop import Controller
+from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, bounded
 from allegro_twin.sim.batch.simulations import Rows, Simulations
 from allegro_twin.spec import HandSpec

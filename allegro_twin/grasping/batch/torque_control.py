@@ -13,7 +13,7 @@ from allegro_twin.control import laws
 from allegro_twin.control.batched_trajectory import Trajectories
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.trajectory import Trajectory
-from allegro_twin.loop import Controller
+from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.sim.batch.simulations import Rows, Simulations
 from allegro_twin.types import Array, HandState

@@ -25,7 +25,8 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
-from allegro_twin.hands.limits import LimitSettings, check_period, hand_limits
+from allegro_twin.hands.limits import check_period, hand_limits
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
 from allegro_twin.sim.model.statics import hand_model
 

@@ -26,6 +26,9 @@ class Episode:
     What a hand reports is what the environment measures, noise and delays included. Raises ConfigError.
     """
 
+    live = False
+    """Time passes only while this backend reads."""
+
     def __init__(self, task: str, settings: EnvSettings, seed: int = 0) -> None:
         self.engine, self.seed = Engine(task, settings, 1, threads=1), seed
         self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))

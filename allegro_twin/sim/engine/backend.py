@@ -50,6 +50,9 @@ class SimBackend:
     Raises ConfigError for a period that is not a whole number of the model's timesteps.
     """
 
+    live = False
+    """Time passes only while this backend reads."""
+
     def __init__(
         self,
         spec: HandSpec,

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.app import Rig, assemble
-from allegro_twin.app.config import PositionSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
 from allegro_twin.control.motion import Motion
 from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
@@ -46,7 +47,7 @@ class Hand:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool = False) -> None:
         self._rig, self._bounds = rig, Bounds(rig.spec)
-        self._mover = Mover(rig, gains, background=background or rig.live)
+        self._mover = Mover(rig, gains, background=background or rig.device.live)
         self.direct = Direct(rig, self._mover, self._bounds)
         """For a person who drives the hand live: a stop, steering, other gains."""
 
@@ -69,8 +70,8 @@ class Hand:
         """Leave the hand limp and let go of it. Idempotent. Raises LinkError when the hand did not confirm it."""
         self._mover.driver.close()
         self._rig.backend.close()
-        if self._rig.there is not None and self._rig.there.unconfirmed:
-            raise LinkError(self._rig.there.unconfirmed)
+        if unconfirmed := self._rig.device.unconfirmed:
+            raise LinkError(unconfirmed)
 
     @property
     def spec(self) -> HandSpec:

@@ -10,12 +10,12 @@ import numpy as np
 
 from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.controller import Timed, Touched, performer
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.model import HandModel
-from allegro_twin.loop import Controller
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.hand.motion import Mover
 from allegro_twin.surfaces.hand.motion_monitor import Goal

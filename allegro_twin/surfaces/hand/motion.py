@@ -208,7 +208,7 @@ class Mover:
 
     def _samples(self, background: bool) -> Iterator[Sample]:
         samples = run(self._rig.backend, self._relay)
-        for sample in paced(samples) if background and not self._rig.live else samples:
+        for sample in paced(samples) if background and not self._rig.device.live else samples:
             self._look(sample)
             for listener in tuple(self.listeners):
                 listener(sample)

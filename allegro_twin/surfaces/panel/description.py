@@ -2,17 +2,8 @@
 
 from __future__ import annotations
 
-from allegro_twin.app.backends.simulated import following
-from allegro_twin.app.config import (
-    VIRTUAL,
-    VIRTUAL_PORT,
-    CanSettings,
-    DynamixelSettings,
-    PolledSettings,
-    ReplaySettings,
-    RunConfig,
-    SimSettings,
-)
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
@@ -32,10 +23,10 @@ from allegro_twin.surfaces.panel.stream import Opened, Shelf
 def described(opened: OpenHand) -> Opened:
     """Raises ConfigError."""
     rig, config = opened.rig, opened.config
-    choice = _has_scene(config)
+    choice = config.backend.virtual
     return Opened(
         opened.number,
-        f"{rig.spec.serial or rig.spec.name} · {_where(config)}",
+        f"{rig.spec.serial or rig.spec.name} · {config.backend.place}",
         rig.spec,
         scenery_of(rig),
         rig.backend.period,
@@ -72,37 +63,14 @@ def shelf(spec: HandSpec) -> Shelf:
 
 def scene_of(config: RunConfig, wish: Scene) -> RunConfig:
     """The config in another scene. Raises ConfigError."""
-    if not _has_scene(config):
-        raise ConfigError(f"only a simulated hand has a scene to change; this one is {_where(config)}")
+    if not config.backend.virtual:
+        raise ConfigError(f"only a simulated hand has a scene to change; this one is {config.backend.place}")
     content = config.model_dump(exclude_unset=True, exclude={"task", "seconds"})
     if wish.scenario is None:
         home = {"task": {"posture": "home"}} if posture_names(config.hand.model) else {}
         return parse(RunConfig, content | home, "the scene")
     task = {"scenario": wish.scenario} | ({} if wish.thing is None else {"object": wish.thing})
     return parse(RunConfig, content | {"task": task, "controller": following(config.hand)}, "the scene")
-
-
-def _has_scene(config: RunConfig) -> bool:
-    match config.backend:
-        case SimSettings():
-            return True
-        case CanSettings(interface=interface):
-            return interface == VIRTUAL
-        case DynamixelSettings(port=port) | PolledSettings(port=port):
-            return port == VIRTUAL_PORT
-    return False
-
-
-def _where(config: RunConfig) -> str:
-    match config.backend:
-        case SimSettings():
-            return "simulated"
-        case CanSettings(interface=interface, channel=channel):
-            return "virtual" if interface == VIRTUAL else f"on {interface} {channel}"
-        case DynamixelSettings(port=port) | PolledSettings(port=port):
-            return "virtual" if port == VIRTUAL_PORT else f"on {port}"
-        case ReplaySettings(file=file):
-            return f"recording {file}"
 
 
 def _scenarios(spec: HandSpec) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from allegro_twin.app import assemble
-from allegro_twin.app.config import PositionSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.errors import RecordingError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.surfaces.hand import Hand
@@ -94,9 +95,9 @@ class OpenHand:
             self._recorder, self.trouble = None, str(error)
 
     def _frame(self, sample: Sample) -> Frame:
-        state, direct, wire = sample.state, self.hand.direct, self.rig.there
+        state, direct = sample.state, self.hand.direct
         return Frame(
             self.number, state.t, state.position, state.torque, state.temperature, direct.target, dict(self._eyes()),
-            self.hand.controller, direct.stopped, self._lost, () if wire is None else tuple(wire.warnings()),
+            self.hand.controller, direct.stopped, self._lost, tuple(self.rig.device.warnings()),
             state.t - self._recorded_from if self._recorder is not None else -1.0, self.teaching,
         )  # fmt: skip

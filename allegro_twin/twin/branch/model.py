@@ -46,6 +46,9 @@ class Model(ABC):
     """A backend whose reset is the instant, at some row of the recording, and which ends with the recording. What it is
     not asked to be, as the temperature, stays as it was; where down is, is as recorded."""
 
+    live = False
+    """Time passes only while this backend reads."""
+
     def __init__(self, recording: Recording, row: int, mirror: Mirror, state: HandState) -> None:
         """`mirror`: has seen all rows up to this one; `state`: of this row."""
         self._recording, self._mirror, self._begin, self._now = recording, mirror, state, state

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from allegro_twin.app.backends.simulated import trial_of
 from allegro_twin.app.config import RunConfig
 from allegro_twin.app.controllers import make_controller
+from allegro_twin.app.simulated import trial_of
 from allegro_twin.backend import limp_of
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.loop import Controller
 from allegro_twin.recording.reader import Recording
 from allegro_twin.recording.recorder import columns_of
 from allegro_twin.spec import HandSpec

@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.app.assembly import assemble
-from allegro_twin.app.rig import Rig
+from allegro_twin.app.rig import Rig, assemble
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.loop import Controller
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.engine.backend import ENGINE, SimBackend
 from allegro_twin.twin.branch.futures import Branched, Through

@@ -7,10 +7,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from allegro_twin.app.assembly import assemble
-from allegro_twin.app.config import VIRTUAL, CanSettings, RunConfig, TaskSettings
-from allegro_twin.app.rig import Rig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import Rig, assemble
+from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
@@ -99,11 +100,10 @@ def _checked(samples: Iterator[Sample], lie: Pose) -> Iterator[Sample]:
 
 
 def _meta(rig: Rig, config: RunConfig, todo: Task, motion: Excitation) -> dict[str, object]:
-    assert rig.wire is not None  # `laid` refuses the others.
     found: dict[str, object] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         found |= rig.sim.meta()
     return found | {
-        "calibration": rig.wire.calibration,
+        "calibration": dict(rig.device.calibration),
         "excitation": {"pose": todo.pose.name, "asked": todo.asked, "seed": motion.seed, "scale": motion.scale},
     }

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.app.rig import Rig
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import find, read_yaml
 from allegro_twin.hands.description.calibration import Calibration, Version
@@ -115,7 +117,7 @@ def make_loop_mirror(
 
 def down(rig: Rig) -> Vector | None:
     """Gravity in the palm of a virtual hand that stands still, (3,), m/s²; None: the hand says it, or nobody does."""
-    if rig.servos is None or rig.sim is None or rig.trial is not None:
+    if not isinstance(rig.driver, DynamixelBackend) or rig.sim is None or rig.trial is not None:
         return None
     turn = rig.sim.data.body("palm_link").xmat.reshape(3, 3)
     return np.asarray(rig.sim.model.opt.gravity @ turn)
@@ -129,15 +131,15 @@ def _known(stop: Collection[str]) -> None:
 
 def beside(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> Mirror:
     """Of a hand on its bus or line, which sees what `listen` tells. Raises ConfigError for any other hand."""
-    if rig.servos is not None:
+    if isinstance(rig.driver, DynamixelBackend):
         if (gravity := down(rig)) is None:
             raise ConfigError(f"{rig.spec.name} does not report where down is: allegro-twin mirror takes --gravity")
         made = make_loop_mirror(rig.spec, rig.backend.period, gravity=gravity)
         listen(made.see)
         return made
-    if rig.wire is None:
+    if not isinstance(rig.driver, CanBackend):
         raise ConfigError("a simulated hand is its own twin: a mirror is for hands on a bus")
-    table = rig.wire.calibration
+    table = rig.driver.calibration
     used = calibration_of(table)
     made = make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
     listen(made.see)

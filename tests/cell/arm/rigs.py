@@ -10,10 +10,11 @@ import numpy as np
 
 from allegro_twin.cell.arm.limits import limits_of
 from allegro_twin.cell.arm.target import Target
+from allegro_twin.controller import Controller
 from allegro_twin.hands.description.arms import load_arm
 from allegro_twin.kinematics.arm import ArmModel
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.loop import Controller, run, until
+from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
 from allegro_twin.sim.engine.backend import Push, SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene, hand_spec

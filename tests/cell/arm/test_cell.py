@@ -15,6 +15,7 @@ from allegro_twin.cell.arm.tool import Bridge, identified, weight
 from allegro_twin.cell.arm.weighing import weigh
 from allegro_twin.control.controllers import PD, Follow, Torque
 from allegro_twin.control.trajectory import Hold, Moves, Waypoint
+from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.files.assets import data_root
 from allegro_twin.hands.description.hands import is_model, load_spec
@@ -22,7 +23,7 @@ from allegro_twin.hands.description.mounts import load_mount
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
-from allegro_twin.loop import Controller, run, together
+from allegro_twin.loop import run, together
 from allegro_twin.sim.model.arm_with_hand import CAMERA
 from allegro_twin.sim.objects.catalogue import Placement, named
 from allegro_twin.spec import HandSpec

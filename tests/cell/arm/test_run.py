@@ -76,7 +76,7 @@ def test_a_spring_that_friction_would_hold_is_refused_before_the_arm_moves() -> 
 def test_a_guard_lets_an_arm_go_no_faster_than_its_maker() -> None:
     from allegro_twin.app.rig import limits_of
     from allegro_twin.hands.description.arms import load_arm
-    from allegro_twin.hands.limits import LimitSettings
+    from allegro_twin.hands.settings import LimitSettings
 
     spec = load_arm("fer")
     assert limits_of(LimitSettings(), spec).velocity.tolist() == [2.175] * 4 + [2.61] * 3

@@ -10,10 +10,12 @@ from typing import Any, Self
 import can
 import numpy as np
 
-from allegro_twin.app.backends.can import Scene, firmware_of, make_can
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import Scene, open_backend
+from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
 from allegro_twin.drivers.can.driver.link import Port
@@ -84,7 +86,7 @@ class Bench:
         """`speaks` and `is_side`: of the hand that is there in truth."""
         config = can_config(speaks or version, side=is_side or side, period=PERIOD, **backend)
         self.scene = Scene()
-        self.firmware: Firmware = firmware_of(config, self.scene, step=PERIOD, restart=True)
+        self.firmware: Firmware = virtual_firmware(config, self.scene, step=PERIOD, restart=True)
         self.hands = VirtualHands([self.firmware], plan)
         self.bus = SpoiltBus(self.hands)
         self.opened = 0
@@ -119,7 +121,9 @@ class Serving:
 
     def __init__(self, bus: can.BusABC, *configs: RunConfig, plan: FaultPlan | None = None) -> None:
         scenes = [Scene() for _ in configs]
-        self.firmwares = [firmware_of(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)]
+        self.firmwares = [
+            virtual_firmware(c, s, step=PERIOD, restart=True) for c, s in zip(configs, scenes, strict=True)
+        ]
         self.hands, self.bus = VirtualHands(self.firmwares, plan), bus
         self.error: Exception | None = None
         self._over = threading.Event()
@@ -149,7 +153,9 @@ def driven(interface: str, channel: str, version: Version = "v4", **backend: Any
     options: dict[str, Any] = {"interface": interface, "channel": channel, "timeout": 2.0, "deadman": None} | backend
     config = can_config(version, **options)
     assert isinstance(config.backend, CanSettings)
-    return make_can(config, config.backend, load_spec(side=config.hand.side), Scene())
+    made = open_backend(config)
+    assert isinstance(made, CanBackend)
+    return made
 
 
 def soon_limp(there: Serving) -> bool:

@@ -176,8 +176,7 @@ def test_a_grasp_has_the_same_verdict_through_the_bus() -> None:
     assert there.trial is not None
     assert here.trial.report().held
     assert there.trial.report().held
-    assert there.wire is not None
-    assert there.wire.warnings() == []
+    assert there.device.warnings() == ()
     closing = next(window for window in here.trial.windows if window.check)
     assert max(apart[: round(1.0 / 0.003)]) < 0.02  # Until the fingers touch, by the filter's delay alone.
     assert closing.end > 0.0

@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from allegro_twin.app.backends.can import Scene
-from allegro_twin.app.backends.polled import make_polled
-from allegro_twin.app.config import PolledSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import open_backend
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import Port
 from allegro_twin.drivers.polled.backend import PolledBackend
+from allegro_twin.drivers.polled.config import PolledSettings
 from allegro_twin.drivers.polled.device import Electronics, VirtualHand
 from allegro_twin.drivers.polled.exchange import Exchange
 from allegro_twin.drivers.polled.faults import FaultPlan
@@ -26,7 +26,6 @@ from allegro_twin.drivers.schunk import codec as schunk
 from allegro_twin.drivers.schunk.device import SchunkDevice
 from allegro_twin.drivers.schunk.host import SchunkWire
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, PositionCommand, Vector
 from tests.drivers.serial.rigs import MADE, PERIOD, Joints, small_spec
@@ -121,4 +120,6 @@ def on_a_polled_line(hand: str, kind: str, **backend: Any) -> PolledBackend:
     """Its backend, without a guard."""
     config = polled_config(hand, kind, **backend)
     assert isinstance(config.backend, PolledSettings)
-    return make_polled(config, config.backend, load_spec(hand), Scene())
+    made = open_backend(config)
+    assert isinstance(made, PolledBackend)
+    return made

@@ -10,9 +10,8 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
-from allegro_twin.app.backends.can import Scene
-from allegro_twin.app.backends.dynamixel import make_servos
-from allegro_twin.app.config import DynamixelSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import open_backend
 from allegro_twin.backend import HandBackend, position_of
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import Port
@@ -20,13 +19,13 @@ from allegro_twin.drivers.base.serve import Device, serve
 from allegro_twin.drivers.base.terminal import Terminal
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import XM430_W350, Model
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.driver import ServoDriver
 from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.drivers.dynamixel.virtual.faults import FaultPlan
 from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.files.schema import parse
-from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.spec import Actuation, CommandKind, Finger, HandSpec
 from allegro_twin.types import Command, HandState, PositionCommand, Vector, frozen
 from tests.patience import comes_true
@@ -62,7 +61,9 @@ def on_a_line(hand: str, **backend: Any) -> DynamixelBackend:
     pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
     config = config_of(hand, **backend)
     assert isinstance(config.backend, DynamixelSettings)
-    return make_servos(config, config.backend, load_spec(hand), Scene())
+    made = open_backend(config)
+    assert isinstance(made, DynamixelBackend)
+    return made
 
 
 def small_spec(n: int = 4, commands: tuple[CommandKind, ...] = ("position", "limited_position")) -> HandSpec:

@@ -11,11 +11,13 @@ import pytest
 
 pytest.importorskip("dynamixel_sdk", reason="pip install 'allegro-twin[dynamixel]'")
 
-from allegro_twin.app.assembly import assemble
-from allegro_twin.app.backends.dynamixel import calibration_of
-from allegro_twin.app.config import DynamixelSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import recording_meta
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.prepare import check_place
+from allegro_twin.drivers.dynamixel.opening import calibration_of
 from allegro_twin.errors import ConfigError, HandFault, LinkError
 from allegro_twin.files.schema import parse
 from allegro_twin.hands.description.hands import load_spec
@@ -29,8 +31,8 @@ from tests.drivers.serial.rigs import MODEL_O, config_of
 def test_a_virtual_leap_hand_goes_home_through_its_servos() -> None:
     config = load_config("leap_virtual")
     rig = assemble(config)
-    assert rig.there is rig.servos is not None
-    assert not rig.live
+    assert isinstance(rig.driver, DynamixelBackend)
+    assert not rig.device.live
     samples = list(until(2.0, run(rig.backend, rig.controller)))
     rig.backend.close()
     assert len(samples) == 101
@@ -67,8 +69,7 @@ def test_a_hand_of_four_servos_on_tendons_runs_as_one_of_sixteen_on_joints() -> 
     *_, last = until(0.5, run(rig.backend, rig.controller))
     rig.backend.close()
     assert last.state.position.shape == (4,)
-    assert rig.servos is not None
-    assert rig.servos.calibration["servos"][0]["current_limit"] == 0.03
+    assert rig.device.calibration["servos"][0]["current_limit"] == 0.03
 
 
 def test_a_recording_says_what_its_ticks_were_worth(tmp_path: Path) -> None:
@@ -108,12 +109,12 @@ def test_faults_of_a_config_happen() -> None:
 def test_gains_are_written_where_a_file_gives_them() -> None:
     spec, config = load_spec("leap"), config_of()
     assert isinstance(config.backend, DynamixelSettings)
-    servos = calibration_of(config, config.backend, spec).servos
+    servos = calibration_of(config.backend, config.hand, spec).servos
     assert [servo.gains for servo in servos[:2]] == [(600, 0, 200), (450, 0, 150)]
     rig = assemble(config)
     rig.backend.reset()
-    assert rig.servos is not None
-    line: Any = rig.servos._port
+    assert isinstance(rig.driver, DynamixelBackend)
+    line: Any = rig.driver._port
     assert [servo.memory.get("position_p_gain") for servo in line.hand.servos[:2]] == [600, 450]
     rig.backend.close()
 
@@ -180,7 +181,7 @@ def test_the_ticks_of_a_model_os_servos_are_those_of_its_authors_program() -> No
     close by 0.7, the reverse one downwards from 0.13 + 0.7."""
     config, spec = load_config("model_o_virtual"), load_spec("model_o")
     assert isinstance(config.backend, DynamixelSettings)
-    calibration = calibration_of(config, config.backend, spec)
+    calibration = calibration_of(config.backend, config.hand, spec)
     facing_the_thumb, facing_each_other = calibration.ticks(spec.lower), calibration.ticks(spec.upper)
     assert facing_the_thumb[0] - facing_each_other[0] == pytest.approx(0.37 * 4095, abs=1)
     assert facing_each_other[0] >= 0
@@ -194,7 +195,7 @@ def test_a_model_o_whose_servo_woke_up_a_turn_away_is_not_moved(servo: int, tick
     """A hair beyond the end of a servo's one turn; its authors ask before they move it, lest it shear its gears."""
     config, spec = load_config("model_o_virtual"), load_spec("model_o")
     assert isinstance(config.backend, DynamixelSettings)
-    calibration = calibration_of(config, config.backend, spec)
+    calibration = calibration_of(config.backend, config.hand, spec)
     ticks = np.array(calibration.ticks(spec.rest))
     check_place(spec, calibration.position(ticks), calibration)
     ticks[servo] = tick

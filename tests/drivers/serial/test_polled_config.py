@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import recording_meta
+from allegro_twin.drivers.polled.backend import PolledBackend
 from allegro_twin.errors import ConfigError, LinkError, LinkTimeout
 from allegro_twin.files.schema import parse
 from allegro_twin.loop import run, until
@@ -26,8 +27,8 @@ HANDS = {"qb_softhand": "qb", "sih": "schunk"}
 @pytest.mark.parametrize("name", ["qb_softhand_virtual", "sih_virtual"])
 def test_a_virtual_hand_goes_where_its_config_says_and_its_time_is_its_own(name: str) -> None:
     rig = assemble(load_config(name))
-    assert rig.there is rig.polled is not None
-    assert not rig.live
+    assert isinstance(rig.driver, PolledBackend)
+    assert not rig.device.live
     with closing(rig.backend):
         last = list(until(3.0, run(rig.backend, rig.controller)))[-1].state
     middle = (rig.spec.lower + rig.spec.upper) / 2

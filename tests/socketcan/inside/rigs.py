@@ -20,10 +20,10 @@ import can
 import numpy as np
 
 # What commands import when they need it: here once, before any fork.
-import allegro_twin.app.backends.bus_listener
-import allegro_twin.app.backends.can
+import allegro_twin.app.bus_listener
 import allegro_twin.app.session
 import allegro_twin.control.controllers
+import allegro_twin.drivers.can.opening
 import allegro_twin.recording.recorder
 import allegro_twin.surfaces.cli.console
 import allegro_twin.surfaces.cli.hardware.bus_tables

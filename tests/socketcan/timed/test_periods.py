@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 # What commands import when they need it: once, before any fork.
-import allegro_twin.app.backends.serve_can
+import allegro_twin.app.serve_can
 import allegro_twin.drivers.can.driver.backend
 import allegro_twin.sim.engine.backend  # noqa: F401
 from allegro_twin.recording.reader import load

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,9 +12,10 @@ import pytest
 import yaml
 
 from allegro_twin.app import assemble
-from allegro_twin.app.backends import can as wired
-from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.config import load_config
+from allegro_twin.drivers.can import opening
 from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
@@ -21,6 +23,7 @@ from allegro_twin.hands.description.calibration import Version
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.loop import run, until
+from allegro_twin.plugins import BackendContext
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.cli.hardware.calibration import refuse_another_hand, store_limits
 from allegro_twin.twin.identify.motions.encoders import centred
@@ -45,16 +48,16 @@ def config_file(path: Path, version: Version, side: Side, serial: Path | None) -
 def hide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], tuple[int, ...]]:
     """Have the encoders of the virtual hand at the far end of the bus be off by up to so many counts, by how many
     each; its user does not know."""
-    path, real = tmp_path / "hidden.yaml", wired.firmware_of
+    path, real = tmp_path / "hidden.yaml", opening.firmware_of
 
-    def firmware_of(config: RunConfig, scene: wired.Scene, *, step: float, restart: bool) -> Firmware:
-        hand = config.hand.model_copy(update={"serial": str(path)})
-        return real(config.model_copy(update={"hand": hand}), scene, step=step, restart=restart)
+    def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, restart: bool) -> Firmware:
+        hand = context.hand.model_copy(update={"serial": str(path)})
+        return real(settings, replace(context, hand=hand), step=step, restart=restart)
 
     def hidden(most: int) -> tuple[int, ...]:
         offset = np.random.default_rng(4).integers(-most, most, 16).tolist()
         path.write_text(yaml.safe_dump({"wire": {"encoder_offset": offset}}))
-        monkeypatch.setattr(wired, "firmware_of", firmware_of)
+        monkeypatch.setattr(opening, "firmware_of", firmware_of)
         return tuple(offset)
 
     return hidden

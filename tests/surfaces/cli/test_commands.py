@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from allegro_twin.app import session
-from allegro_twin.app.config import ReplaySettings
 from allegro_twin.app.session import Outcome, Outputs
 from allegro_twin.errors import ConfigError, HandFault, LinkError, RecordingError
 from allegro_twin.grasping.verdict import PhaseReport, Report
+from allegro_twin.recording.settings import ReplaySettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli import main
 from allegro_twin.surfaces.cli.data.convert import convert

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.app.assembly import assemble
-from allegro_twin.app.config import CanSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.hands.description.calibration import Calibration
 from allegro_twin.twin.identify.results.hand_file import shift
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.appearance import lighter, of_series

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from allegro_twin.app.assembly import assemble
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform, recording_meta
 from allegro_twin.control.controllers import PD, Follow
 from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains

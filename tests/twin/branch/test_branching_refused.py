@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from allegro_twin.app.assembly import assemble
 from allegro_twin.app.config import load_config
+from allegro_twin.app.rig import assemble
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import load

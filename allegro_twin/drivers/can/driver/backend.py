@@ -77,9 +77,9 @@ class CanBackend:
         return self._watch.keeper
 
     @property
-    def lockstep(self) -> bool:
-        """Whether the hand's time passes only while this backend reads."""
-        return self._lockstep
+    def live(self) -> bool:
+        """Whether the hand's time passes by itself; else only while this backend reads."""
+        return not self._lockstep
 
     def warnings(self) -> list[str]:
         """What went wrong since reset without ending the session."""
@@ -90,10 +90,11 @@ class CanBackend:
         """What was counted since reset."""
         return self._listener.health
 
-    def listen(self, log: Callable[[can.Message], None]) -> None:
-        """Tell a bus log of every frame, sent or received, until this bus is closed."""
+    def listen(self, log: Callable[[can.Message], None]) -> bool:
+        """Pass every frame, sent or received, to a bus log until this bus is closed."""
         if self._port is not None:
             self._port.link.listen(log)
+        return True
 
     def reset(self) -> HandState:
         self._watch.disarm()

@@ -34,7 +34,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
     ConfigError."""
     if config is None:
         raise ConfigError(f"{path}: a bus log does not say whose it is; name a config of that hand with --config")
-    from allegro_twin.app.backends.bus_log import make_recording
+    from allegro_twin.app.bus_log import make_recording
 
     found = make_recording(load_config(config), path, target, bus)
     return found.states, found.summary()

@@ -250,10 +250,11 @@ def _write_recordings(
 
 def _write_recording(target: Target, row: Mapping[str, Any], path: Path) -> bool:
     """Write one recording. Returns whether there is one: if the guard stops the hand there is none."""
-    from allegro_twin.app.backends.simulated import following
-    from allegro_twin.app.config import HandSettings, RunConfig
+    from allegro_twin.app.config import RunConfig
     from allegro_twin.app.portraits import staged
     from allegro_twin.app.session import Outputs, perform
+    from allegro_twin.app.simulated import following
+    from allegro_twin.hands.settings import HandSettings
 
     hand = HandSettings(model=target.spec.model, side=target.side)
     config = RunConfig.model_validate(

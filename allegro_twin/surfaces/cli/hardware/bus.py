@@ -15,8 +15,8 @@ from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.app.backends.can import Scene
     from allegro_twin.app.config import RunConfig
+    from allegro_twin.app.rig import Scene
     from allegro_twin.drivers.can.virtual.serve import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
     from allegro_twin.grasping.verdict import Report
@@ -32,8 +32,8 @@ def check(
     """Test the link to a hand step by step, at zero torque."""
     from rich.live import Live
 
-    from allegro_twin.app.backends.can import checkup_of
     from allegro_twin.app.config import load_config
+    from allegro_twin.app.serve_can import checkup_of
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
     from allegro_twin.surfaces.cli.hardware import bus_tables
@@ -70,7 +70,7 @@ def sniff(
     """Listen to a CAN bus and decode its frames; sends nothing.
 
     A serial adapter serves one program at a time."""
-    from allegro_twin.app.backends.bus_listener import ears_of
+    from allegro_twin.app.bus_listener import ears_of
     from allegro_twin.drivers.can.tools.sniff import listened
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hardware import bus_tables
@@ -118,11 +118,14 @@ def firmware(
     ] = None,
 ) -> None:
     """Serve a virtual hand on a bus or serial port, for any driver."""
-    from allegro_twin.app.backends.serve_can import far_end, local, virtual_hands
-    from allegro_twin.app.config import CanSettings, DynamixelSettings, PolledSettings, load_config
+    from allegro_twin.app.config import load_config
+    from allegro_twin.app.serve_can import far_end, local, virtual_hands
+    from allegro_twin.drivers.can.config import CanSettings
     from allegro_twin.drivers.can.driver import realtime
     from allegro_twin.drivers.can.tools.log import LoggedBus, WireLog
     from allegro_twin.drivers.can.virtual.serve import serve
+    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+    from allegro_twin.drivers.polled.config import PolledSettings
     from allegro_twin.grasping.evaluation.report_file import write_reports
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand_override import on_hand
@@ -160,7 +163,7 @@ def _serve_can(
     serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
 ) -> tuple[Served | None, dict[str, Report]]:
     """Serve until `seconds` are over or Ctrl-C. Returns statistics, and the verdicts on scenarios."""
-    from allegro_twin.app.backends.serve_can import judged
+    from allegro_twin.app.serve_can import judged
     from allegro_twin.surfaces.cli import console
 
     served, verdicts = None, dict[str, "Report"]()
@@ -178,13 +181,15 @@ def _serve_can(
 def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: float | None, *, more: bool) -> None:
     """Serve the config's hand in real time at a pseudo-terminal in place of its port. `more`: a report or a bus log is
     requested. Raises ConfigError or LinkError."""
-    from allegro_twin.app.backends import dynamixel, polled
-    from allegro_twin.app.backends.can import Scene
-    from allegro_twin.app.config import VIRTUAL_PORT, DynamixelSettings, PolledSettings
-    from allegro_twin.drivers.base.serve import Device, serve
+    from allegro_twin.app.rig import Scene, context_of
+    from allegro_twin.drivers.base.serve import serve
+    from allegro_twin.drivers.base.settings import VIRTUAL_PORT
     from allegro_twin.drivers.base.terminal import Terminal
     from allegro_twin.drivers.can.driver.realtime import ask_short_slice
+    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+    from allegro_twin.drivers.polled.config import PolledSettings
     from allegro_twin.hands.description.hands import load_spec
+    from allegro_twin.plugins import BACKENDS
     from allegro_twin.surfaces.cli import console
 
     config = configs[0]
@@ -195,12 +200,10 @@ def _serve_serial(configs: Sequence[RunConfig], step: float | None, seconds: flo
     if settings.port == VIRTUAL_PORT:
         raise ConfigError(f"port {VIRTUAL_PORT} is a line inside one program; give the path that a terminal shall have")
     spec = load_spec(config.hand.model, config.hand.side, config.hand.serial)
-    if isinstance(settings, PolledSettings):
-        hand: Device = polled.virtual_hand(config, settings, spec, Scene(), step or config.period)
-        who: str = settings.kind
-    else:
-        hand = there = dynamixel.virtual_hand(config, settings, spec, Scene(), step or config.period)
-        who = "ids " + ", ".join(str(servo.id) for servo in there.servos)
+    hand = BACKENDS.kind(settings.kind).virtual(settings, context_of(config, Scene()), step or config.period)
+    who: str = settings.kind
+    if isinstance(settings, DynamixelSettings):
+        who = "ids " + ", ".join(str(servo.id) for servo in hand.servos)
     terminal, served = Terminal(Path(settings.port)), None
     ask_short_slice()
     sys.setswitchinterval(_SWITCH)

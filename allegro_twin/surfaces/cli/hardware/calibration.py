@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app import assemble
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
 from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
+from allegro_twin.controller import Controller
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import parse_yaml, refuse_shipped
 from allegro_twin.files.yaml_edit import holds_anything, locked, read_text, with_document, with_note, write_text
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture
-from allegro_twin.loop import Controller, run, to_the_end, until
+from allegro_twin.loop import run, to_the_end, until
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.motions.limits import BEYOND, TORQUE, FoundLimits, observed, sweep
@@ -61,13 +63,13 @@ def find_limits(
 
 def codec_with_encoders(settings: RunConfig, config: str) -> Codec:
     """The codec of a config's hand. Raises ConfigError for a hand without encoders."""
-    from allegro_twin.app.backends.can import codec_of
+    from allegro_twin.drivers.can.opening import codec_of
 
     if not isinstance(settings.backend, CanSettings):
         raise ConfigError(
             f"--offsets: {config} has backend {settings.backend.kind}, which has no encoders; a hand on a bus has"
         )
-    return codec_of(settings, settings.backend)
+    return codec_of(settings.backend, settings.hand)
 
 
 def refuse_another_hand(path: Path, settings: RunConfig, config: str, codec: Codec | None) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.app import Rig, scenario_config
-from allegro_twin.app.backends.simulated import following
-from allegro_twin.app.config import PositionSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.app.session import Outputs
+from allegro_twin.app.simulated import following
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import parse

@@ -188,8 +188,8 @@ def mirror(
         console.warn(left_out(spec, hand or ""))
         found = mirrored(Path(target), hand or "", free, down)
     else:
-        from allegro_twin.app.backends.can import spec_of
         from allegro_twin.app.config import load_config
+        from allegro_twin.app.rig import spec_of
 
         config = load_config(target)
         spec = spec_of(config)

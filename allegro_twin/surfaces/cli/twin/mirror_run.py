@@ -43,8 +43,9 @@ def run_with_mirror(
     report: Callable[[str], None],
 ) -> Mirrored:
     """Run a config's hand with its mirror. Raises HandError; HandFault for an event that stops it."""
-    from allegro_twin.app.assembly import assemble
-    from allegro_twin.app.config import CanSettings, DynamixelSettings
+    from allegro_twin.app.rig import assemble
+    from allegro_twin.drivers.can.config import CanSettings
+    from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.loop import run, to_the_end, until
     from allegro_twin.twin.mirror.contact_detection import contacts
     from allegro_twin.twin.mirror.for_hand import Mirrored
@@ -74,8 +75,8 @@ def run_with_mirror(
 
 def _mirror(config: RunConfig, rig: Rig, hand: str, outputs: MirrorOutputs) -> Mirror:
     """Raises HandError."""
-    from allegro_twin.app.backends.can import codec_of
-    from allegro_twin.app.config import CanSettings
+    from allegro_twin.drivers.can.config import CanSettings
+    from allegro_twin.drivers.can.opening import codec_of
     from allegro_twin.twin.mirror.fault_detection import Calm
     from allegro_twin.twin.mirror.for_hand import limits, make_loop_mirror, make_mirror
 
@@ -84,7 +85,7 @@ def _mirror(config: RunConfig, rig: Rig, hand: str, outputs: MirrorOutputs) -> M
     calm = Calm.usual(rig.spec) if outputs.free is None else limits(outputs.free, file, gravity)
     if not isinstance(config.backend, CanSettings):
         return make_loop_mirror(rig.spec, config.period, calm, outputs.stop, gravity)
-    codec = codec_of(config, config.backend)
+    codec = codec_of(config.backend, config.hand)
     return make_mirror(
         rig.spec, file, codec.version, codec.calibration, config.period, calm, outputs.stop, outputs.gravity
     )
@@ -101,9 +102,9 @@ def _record(
 ) -> Iterator[Sample]:
     from allegro_twin.recording.recorder import recorded
 
-    if outputs.record is None or rig.there is None:
+    if outputs.record is None:
         return samples
-    meta: dict[str, object] = {"calibration": rig.there.calibration, "config": config.model_dump(mode="json")}
+    meta: dict[str, object] = {"calibration": dict(rig.device.calibration), "config": config.model_dump(mode="json")}
     gravity = _gravity(rig, outputs)
     meta |= {} if gravity is None else {"gravity": gravity.tolist()}
     meta |= rig.sim.meta() if rig.sim is not None else {}
@@ -126,7 +127,7 @@ def _draw(
     viewer_of, _ = rerun_stage()
     from allegro_twin.twin.mirror.rerun_view import RATE, drawn, stage
 
-    health = rig.wire.health if rig.wire is not None else None
+    health = getattr(rig.driver, "health", None)
     if outputs.rrd is not None:
         temporary = stack.enter_context(whole_file(outputs.rrd))
         viewer = viewer_of(rig.spec, stage(rig.spec), rate=RATE)
@@ -139,7 +140,7 @@ def _draw(
             report(f"Open {viewer.serve()}")
         else:
             viewer.spawn()
-        samples = drawn(paced(samples) if not rig.live else samples, mirror, viewer, health)
+        samples = drawn(paced(samples) if not rig.device.live else samples, mirror, viewer, health)
     return samples
 
 

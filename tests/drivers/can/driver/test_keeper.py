@@ -42,8 +42,8 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Served]:
 @pytest.fixture
 def driven(hand: Served) -> Iterator[CanBackend]:
     """A backend that drives the hand."""
-    backend = assemble(load_config(hand.path)).wire
-    assert backend is not None
+    backend = assemble(load_config(hand.path)).driver
+    assert isinstance(backend, CanBackend)
     at_work(backend)
     yield backend
     backend.close()
@@ -92,8 +92,8 @@ def test_ends_are_confirmed_by_the_hand_itself(hand: Served, driven: CanBackend)
 
 @pytest.mark.long
 def test_a_hundred_ends_in_a_row_leave_the_hand_limp(hand: Served) -> None:
-    backend = assemble(load_config(hand.path)).wire
-    assert backend is not None
+    backend = assemble(load_config(hand.path)).driver
+    assert isinstance(backend, CanBackend)
     for _ in range(100):
         at_work(backend)
         backend.close()
@@ -233,8 +233,8 @@ def test_the_computer_is_asked_not_to_sleep_while_a_hand_is_driven(
     fake.write_text(f'#!/bin/sh\necho "$@" > {asked}\nexec cat\n')
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    backend = assemble(load_config(hand.path)).wire
-    assert backend is not None
+    backend = assemble(load_config(hand.path)).driver
+    assert isinstance(backend, CanBackend)
     at_work(backend)
     inhibitor = backend._watch._inhibitor
     assert inhibitor is not None
@@ -257,8 +257,10 @@ def test_a_keeper_hears_no_signal_that_is_meant_for_the_program(driven: CanBacke
 
 def test_without_a_keeper_a_thread_cuts_off_a_program_that_stalls(hand: Served) -> None:
     config = load_config(hand.path)
-    backend = assemble(config.model_copy(update={"backend": config.backend.model_copy(update={"keeper": False})})).wire
-    assert backend is not None
+    backend = assemble(
+        config.model_copy(update={"backend": config.backend.model_copy(update={"keeper": False})})
+    ).driver
+    assert isinstance(backend, CanBackend)
     at_work(backend)
     assert not [line for line in backend.warnings() if "keeper" in line]  # It was not wanted.
     time.sleep(0.9)

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from allegro_twin.app.backends.can import Scene, codec_of, fault_plan, firmware_of, host_settings
-from allegro_twin.app.config import CanSettings
+from allegro_twin.app.rig import Scene
+from allegro_twin.app.serve_can import virtual_firmware
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.adapter import AdapterLink
 from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.opening import codec_of, fault_plan, host_settings
 from allegro_twin.drivers.can.tools import findings
 from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.tools.findings import Finding
@@ -67,13 +69,13 @@ def walked(
         for config, serial in zip((ours, theirs), serials, strict=True)
     )
     assert isinstance(ours.backend, CanSettings)
-    hand = firmware_of(theirs, Scene(), step=0.003, restart=False)
+    hand = virtual_firmware(theirs, Scene(), step=0.003, restart=False)
     if reporting:
         for message in (*hand.codec.opening(0.003, 0.0, 0.0), m.ServoOn()):
             hand.receive(hand.codec.encode(message))
     room = Room(hand, fault_plan(ours.backend.faults), noise, off_at)
-    link, codec = AdapterLink(LockstepBus(room)), codec_of(ours, ours.backend)
-    found = list(Checkup(load_spec(), codec, link.port, host_settings(ours, ours.backend)).walk())
+    link, codec = AdapterLink(LockstepBus(room)), codec_of(ours.backend, ours.hand)
+    found = list(Checkup(load_spec(), codec, link.port, host_settings(ours.backend, ours.period)).walk())
     return found, room
 
 
@@ -123,12 +125,12 @@ def test_a_hand_that_switches_its_motors_off_by_itself_is_a_fault() -> None:
 
 def test_a_run_says_who_reports_instead_of_the_configs_hand(spec: HandSpec) -> None:
     theirs, ours = can_config("v4"), can_config("v2")
-    hand = firmware_of(theirs, Scene(), step=0.003, restart=False)
+    hand = virtual_firmware(theirs, Scene(), step=0.003, restart=False)
     for message in (m.SetPeriod(0.003), m.ServoOn()):
         hand.receive(hand.codec.encode(message))
     assert isinstance(ours.backend, CanSettings)
     link = AdapterLink(LockstepBus(VirtualHands([hand])))
-    backend = CanBackend(spec, codec_of(ours, ours.backend), link.port, host_settings(ours, ours.backend))
+    backend = CanBackend(spec, codec_of(ours.backend, ours.hand), link.port, host_settings(ours.backend, ours.period))
     with pytest.raises(
         LinkTimeout, match=r"a v2 \(but a v4, v5 or v5plus hand reports: correct `version`\), for 0.5 s"
     ):
@@ -204,7 +206,7 @@ def test_a_bus_that_does_not_open_is_the_first_finding(spec: HandSpec) -> None:
     def refuse() -> Any:
         raise LinkError("socketcan can7 does not open: no such device; plug the adapter in")
 
-    (only,) = Checkup(spec, make_codec("v4"), refuse, host_settings(can_config("v4"), can_config("v4").backend)).walk()  # type: ignore[arg-type]
+    (only,) = Checkup(spec, make_codec("v4"), refuse, host_settings(can_config("v4").backend, 0.003)).walk()  # type: ignore[arg-type]
     assert (only.name, only.remedy, only.broken) == ("interface", "plug the adapter in", LinkError)
 
 

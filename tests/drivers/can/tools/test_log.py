@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 
 from allegro_twin.app import assemble
-from allegro_twin.app.backends.bus_log import make_recording
-from allegro_twin.app.backends.can import codec_of
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.bus_log import make_recording
+from allegro_twin.app.config import RunConfig
 from allegro_twin.app.session import Outputs, perform
 from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.frames import Frame
 from allegro_twin.drivers.can.codec.messages import Message
 from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.opening import codec_of
 from allegro_twin.drivers.can.tools.log import SUFFIXES, WireLog, samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError, HandFault, RecordingError
 from allegro_twin.hands.description.calibration import FULL_SCALE, Version
-from allegro_twin.hands.limits import LimitSettings
+from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.recording.reader import Recording, load
 from allegro_twin.recording.replay import ReplayBackend, samples_of
 from tests.conftest import can_config
@@ -76,7 +77,7 @@ def test_a_log_becomes_the_recording_that_the_run_itself_made(version: Version, 
         np.testing.assert_array_equal(mine.columns[name], theirs.columns[name], name)
     np.testing.assert_allclose(mine.columns["t"], theirs.columns["t"], rtol=0, atol=1.1e-6)  # The logs' microsecond.
     assert isinstance(config.backend, CanSettings)
-    codec = codec_of(config, config.backend)
+    codec = codec_of(config.backend, config.hand)
     count = 1.0 / FULL_SCALE[codec.version]
     limit = np.array(codec.pwm_limits) * count
     wanted = np.clip(mine.columns["command_torque"], -limit, limit)

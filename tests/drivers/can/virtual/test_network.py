@@ -12,13 +12,12 @@ import can
 import numpy as np
 import pytest
 
-from allegro_twin.app.backends.can import Scene, make_can
-from allegro_twin.app.backends.serve_can import far_end
-from allegro_twin.app.config import CanSettings
+from allegro_twin.app.rig import open_backend
+from allegro_twin.app.serve_can import far_end
+from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.drivers.can.driver.buses import open_bus
 from allegro_twin.drivers.can.virtual.socketcand import GRACE, SocketcandServer
 from allegro_twin.errors import LinkError
-from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.types import TorqueCommand
 from tests.conftest import can_config
 from tests.drivers.can.rigs import Serving, driven, soon_limp
@@ -197,4 +196,4 @@ def test_a_channel_that_is_not_there_is_a_link_error() -> None:
     config = can_config("v4", interface="socketcan", channel="nocan7")
     assert isinstance(config.backend, CanSettings)
     with pytest.raises(LinkError, match="socketcan nocan7 does not open"):
-        make_can(config, config.backend, load_spec(), Scene())
+        open_backend(config)

@@ -6,26 +6,31 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.files.schema import PerJoint, Positive, Settings, Vector3
+from allegro_twin.files.schema import PerJoint, Positive, Vector3
+from allegro_twin.plugins import ControllerSettings
 
 
-class TorqueSettings(Settings):
+class TorqueSettings(ControllerSettings):
     """Set and keep the same torques."""
+
+    takes_posture = False
 
     kind: Literal["torque"]
     torque: PerJoint = 0.0
     """N·m."""
 
 
-class GravitySettings(Settings):
+class GravitySettings(ControllerSettings):
     """Carry the hand's own weight."""
+
+    takes_posture = False
 
     kind: Literal["gravity"]
     gravity: Vector3 | None = None
     """m/s² in the palm frame; default: what the hand reports."""
 
 
-class PositionSettings(Settings):
+class PositionSettings(ControllerSettings):
     """Perform the task under PD or PID control."""
 
     kind: Literal["pd", "pid"]
@@ -40,13 +45,15 @@ class PositionSettings(Settings):
     """m/s² in the palm frame; default: what the hand reports."""
 
 
-class LimpSettings(Settings):
+class LimpSettings(ControllerSettings):
     """Let go of the joints."""
+
+    takes_posture = False
 
     kind: Literal["limp"]
 
 
-class FollowSettings(Settings):
+class FollowSettings(ControllerSettings):
     """Perform the task with a hand whose firmware closes the loop."""
 
     kind: Literal["position"]
@@ -57,8 +64,10 @@ class FollowSettings(Settings):
     """The most that each motor may give, N·m; default: what the hand allows."""
 
 
-class CartesianSettings(Settings):
+class CartesianSettings(ControllerSettings):
     """Bring an arm's flange to a pose, as on a spring: docs/arm.md."""
+
+    takes_posture = False
 
     kind: Literal["impedance", "compliance"]
     position: Vector3
@@ -77,7 +86,7 @@ class CartesianSettings(Settings):
     """Of the compliance: more are faster."""
 
 
-class PolicySettings(Settings):
+class PolicySettings(ControllerSettings):
     """Let a trained policy decide."""
 
     kind: Literal["policy"]
@@ -85,3 +94,15 @@ class PolicySettings(Settings):
     """.onnx or .zip, by path or by its name in conf/policies."""
     trust: bool = False
     """Load a .zip too, which can run any program: its maker is trusted."""
+
+
+OwnController = Annotated[
+    TorqueSettings
+    | GravitySettings
+    | PositionSettings
+    | LimpSettings
+    | FollowSettings
+    | PolicySettings
+    | CartesianSettings,
+    Field(discriminator="kind"),
+]

@@ -1,4 +1,4 @@
-"""Hands of DYNAMIXEL servos, real and virtual."""
+"""Opens a hand of DYNAMIXEL servos, real or virtual, from its block of a config."""
 
 from __future__ import annotations
 
@@ -6,15 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.app.backends.can import Scene
-from allegro_twin.app.backends.simulated import simulated
-from allegro_twin.app.config import RunConfig, SceneSettings
-from allegro_twin.app.config.dynamixel import VIRTUAL_PORT, DynamixelSettings, LineFaultSettings, ServoSettings
 from allegro_twin.drivers.base.line_noise import Noise
 from allegro_twin.drivers.base.lockstep import LockstepPort
 from allegro_twin.drivers.base.port import Port
 from allegro_twin.drivers.dynamixel.codec.calibration import Calibration, Mounting
 from allegro_twin.drivers.dynamixel.codec.table import model_named
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings, LineFaultSettings, ServoSettings
 from allegro_twin.drivers.dynamixel.driver.backend import DynamixelBackend
 from allegro_twin.drivers.dynamixel.driver.settings import HostSettings
 from allegro_twin.drivers.dynamixel.virtual.faults import Event, FaultPlan
@@ -22,26 +19,29 @@ from allegro_twin.drivers.dynamixel.virtual.hand import VirtualHand
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import parse
+from allegro_twin.hands.settings import HandSettings
+from allegro_twin.plugins import BackendContext, BackendKind
 from allegro_twin.spec import HandSpec
 
 
-def make_servos(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scene: Scene) -> DynamixelBackend:
-    """The hand on its line; `scene` is filled in when the hand is virtual. Raises ConfigError or LinkError."""
-    calibration = calibration_of(config, settings, spec)
+def open_dynamixel(settings: DynamixelSettings, context: BackendContext) -> DynamixelBackend:
+    """The hand on its line. Raises ConfigError or LinkError."""
+    spec = context.spec()
+    calibration = calibration_of(settings, context.hand, spec)
+    context.check(spec)
     host = HostSettings(
-        period=config.period,
+        period=context.period,
         watchdog=settings.watchdog,
         tries=settings.tries,
         keeper=settings.keeper,
         return_delay=settings.return_delay,
     )
-    opener = _opener(config, settings, spec, scene)
-    return DynamixelBackend(spec, calibration, opener, host, latency=settings.latency)
+    return DynamixelBackend(spec, calibration, _port_opener(settings, context), host, latency=settings.latency)
 
 
-def calibration_of(config: RunConfig, settings: DynamixelSettings, spec: HandSpec) -> Calibration:
+def calibration_of(settings: DynamixelSettings, hand: HandSettings, spec: HandSpec) -> Calibration:
     """The servos of a config's hand: its own, or those that the hand's file describes. Raises ConfigError."""
-    servos = settings.servos or _described(config.hand.model, config.hand.serial)
+    servos = settings.servos or _described(hand.model, hand.serial)
     n = len(servos.ids)
     rows = zip(
         servos.ids,
@@ -58,21 +58,20 @@ def calibration_of(config: RunConfig, settings: DynamixelSettings, spec: HandSpe
     return calibration
 
 
-def virtual_hand(
-    config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scene: Scene, step: float
-) -> VirtualHand:
-    """A hand of servos as the config describes it, with physics behind it that go into `scene`. Raises ConfigError."""
-    calibration = calibration_of(config, settings, spec)
+def virtual_hand(settings: DynamixelSettings, context: BackendContext, step: float) -> VirtualHand:
+    """A hand of servos with physics behind it that step by `step` seconds. Raises ConfigError."""
+    spec = context.spec()
+    calibration = calibration_of(settings, context.hand, spec)
     if settings.baud not in calibration.model.bauds:
         known = ", ".join(map(str, calibration.model.bauds))
         raise ConfigError(f"backend.baud is {settings.baud}; a {calibration.model.name} has {known}")
-    scene.sim, scene.trial = simulated(settings.scene or SceneSettings(kind="sim"), config.task, spec, step)
-    return VirtualHand(scene.sim, calibration, settings.baud, plan=_plan(settings.faults))
+    sim = context.simulate(settings.scene, spec, step)
+    return VirtualHand(sim, calibration, settings.baud, plan=_plan(settings.faults))
 
 
-def _opener(config: RunConfig, settings: DynamixelSettings, spec: HandSpec, scene: Scene) -> Callable[[], Port]:
-    if settings.port == VIRTUAL_PORT:
-        hand = virtual_hand(config, settings, spec, scene, config.period)
+def _port_opener(settings: DynamixelSettings, context: BackendContext) -> Callable[[], Port]:
+    if settings.virtual:
+        hand = virtual_hand(settings, context, context.period)
         return lambda: LockstepPort(hand, settings.baud)
 
     def opened() -> Port:
@@ -107,3 +106,6 @@ def _plan(settings: LineFaultSettings | None) -> FaultPlan | None:
         return None
     script = tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script)
     return FaultPlan(Noise(settings.lose, settings.garble, settings.seed), script)
+
+
+KIND = BackendKind(DynamixelSettings, open_dynamixel, virtual_hand)

@@ -6,12 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.app.config.backends import Probability, SceneSettings
-from allegro_twin.files.schema import PerJoint, Positive, Settings
-
-VIRTUAL_PORT = "virtual"
-"""The port that is a line inside this program."""
-
+from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.files.schema import PerJoint, Positive, Probability, Settings
+from allegro_twin.plugins import BackendSettings
+from allegro_twin.sim.settings import SceneSettings
 
 Gains = tuple[int, int, int]
 
@@ -62,7 +60,7 @@ class LineFaultSettings(Settings):
     script: tuple[LineEvent, ...] = ()
 
 
-class DynamixelSettings(Settings):
+class DynamixelSettings(BackendSettings):
     """A hand of DYNAMIXEL servos on a serial port, real or virtual, through the vendor's SDK."""
 
     kind: Literal["dynamixel"]
@@ -86,3 +84,11 @@ class DynamixelSettings(Settings):
     """How a virtual hand stands where the task has no scenario."""
     faults: LineFaultSettings | None = None
     """What goes wrong with a virtual hand."""
+
+    @property
+    def virtual(self) -> bool:
+        return self.port == VIRTUAL_PORT
+
+    @property
+    def place(self) -> str:
+        return "virtual" if self.virtual else f"on {self.port}"

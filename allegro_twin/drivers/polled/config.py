@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from allegro_twin.app.config.backends import Probability, SceneSettings
-from allegro_twin.files.schema import PerJoint, Positive, Settings
+from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.files.schema import PerJoint, Positive, Probability, Settings
+from allegro_twin.plugins import BackendSettings
+from allegro_twin.sim.settings import SceneSettings
 
 
 class LineSettings(Settings):
@@ -38,7 +40,7 @@ class PolledFaultSettings(Settings):
     script: tuple[PolledEvent, ...] = ()
 
 
-class PolledSettings(Settings):
+class PolledSettings(BackendSettings):
     """What all of them have."""
 
     kind: str
@@ -63,20 +65,10 @@ class PolledSettings(Settings):
     faults: PolledFaultSettings | None = None
     """What goes wrong with a virtual hand."""
 
+    @property
+    def virtual(self) -> bool:
+        return self.port == VIRTUAL_PORT
 
-class QbSettings(PolledSettings):
-    """A hand of qb electronics on RS-485, real or virtual."""
-
-    kind: Literal["qb"]
-    baud: Annotated[int, Field(gt=0)] = 2_000_000
-    """bit/s, as it is set in the hand: 2000000 or 460800."""
-    id: Annotated[int, Field(ge=1, le=127)] = 1
-    """Of the device; 120 is reserved."""
-
-
-class SchunkSettings(PolledSettings):
-    """A Schunk hand whose frames are not public: this layout is ours, and no real hand speaks it."""
-
-    kind: Literal["schunk"]
-    baud: Annotated[int, Field(gt=0)] = 1_000_000
-    """bit/s. A lab's report on the hand."""
+    @property
+    def place(self) -> str:
+        return "virtual" if self.virtual else f"on {self.port}"

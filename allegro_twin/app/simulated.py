@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.app.config import HandSettings, RunConfig, SimSettings, TaskSettings
+from allegro_twin.app.config import RunConfig
 from allegro_twin.app.references import posture_of
 from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.settings import HandSettings, TaskSettings
+from allegro_twin.plugins import BackendContext, BackendKind
+from allegro_twin.sim.settings import SimSettings
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -83,3 +86,13 @@ def _alone(settings: SimSettings, spec: HandSpec, period: float, start: Vector |
         physics=Physics() if step is None else Physics(timestep=step),
     )
     return SimBackend(spec, compile_scene(spec, stage), period=period, posture=start)
+
+
+def open_simulated(settings: SimSettings, context: BackendContext) -> SimBackend:
+    """The hand in MuJoCo, in the scene of the task. Raises ConfigError."""
+    spec = context.spec()
+    context.check(spec)
+    return context.simulate(settings, spec, context.period)
+
+
+KIND = BackendKind(SimSettings, open_simulated)

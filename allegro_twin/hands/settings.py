@@ -1,8 +1,21 @@
-"""The task block: what is to be done, whichever hand does it."""
+"""Blocks of a config that say which hand it is, what it is to do, and what its guard lets through."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from pydantic import Field
+
 from allegro_twin.files.schema import PerJoint, Settings
+from allegro_twin.spec import Side
+
+
+class HandSettings(Settings):
+    model: str = "allegro"
+    """Of hand, or of arm."""
+    side: Side = "right"
+    serial: str = ""
+    """File in conf/hands with what was measured on this very hand."""
 
 
 class TaskSettings(Settings):
@@ -18,3 +31,14 @@ class TaskSettings(Settings):
     """With a scenario: another object in place of its first: of the catalogue, or a mesh (.obj, .stl)."""
     posture: str | PerJoint | None = None
     """Where to go, by name or in rad. For a policy that reaches goals: the goal, whose fingertips it is to reach."""
+
+
+class LimitSettings(Settings):
+    """What the guard lets through; docs/safety.md."""
+
+    torque: PerJoint | None = None
+    """N·m; default: the hand's own clip, which is also the highest possible."""
+    velocity: PerJoint = 12.0
+    """rad/s; of an arm, at most what its maker allows."""
+    margin: Annotated[float, Field(ge=-0.6)] = 0.0
+    """Soft stops this far inside the joint limits, rad; negative: outside, to look for the real ones."""

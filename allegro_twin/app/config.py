@@ -1,4 +1,4 @@
-"""The run config: one block a part, and `kind` picks the implementation."""
+"""The run config: one block a part; `kind` chooses the backend and the controller."""
 
 from __future__ import annotations
 
@@ -8,32 +8,23 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from allegro_twin.app.config.backends import CanSettings, ReplaySettings, SimSettings
-from allegro_twin.app.config.controllers import (
-    CartesianSettings,
-    FollowSettings,
-    GravitySettings,
-    LimpSettings,
-    PolicySettings,
-    PositionSettings,
-    TorqueSettings,
-)
-from allegro_twin.app.config.dynamixel import DynamixelSettings
-from allegro_twin.app.config.polled import QbSettings, SchunkSettings
-from allegro_twin.app.config.task import TaskSettings
-from allegro_twin.app.config.unread import unread
+from allegro_twin.app.config_rules import contradiction
+from allegro_twin.app.controller_settings import OwnController
+from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.qb.config import QbSettings
+from allegro_twin.drivers.schunk.config import SchunkSettings
 from allegro_twin.files.assets import find
 from allegro_twin.files.schema import Positive, Settings, load, parse
-from allegro_twin.hands.limits import LimitSettings
-from allegro_twin.spec import Side
+from allegro_twin.hands.settings import HandSettings, LimitSettings, TaskSettings
+from allegro_twin.plugins import BACKENDS, CONTROLLERS
+from allegro_twin.recording.settings import ReplaySettings
+from allegro_twin.sim.settings import SimSettings
 
-
-class HandSettings(Settings):
-    model: str = "allegro"
-    """Of hand, or of arm."""
-    side: Side = "right"
-    serial: str = ""
-    """File in conf/hands with what was measured on this very hand."""
+OwnBackend = Annotated[
+    SimSettings | CanSettings | DynamixelSettings | QbSettings | SchunkSettings | ReplaySettings,
+    Field(discriminator="kind"),
+]
 
 
 class RunConfig(Settings):
@@ -42,20 +33,8 @@ class RunConfig(Settings):
     another_kind = "arm"  # Of a cell: conf/lab_*.yaml.
 
     hand: HandSettings = HandSettings()
-    backend: Annotated[
-        SimSettings | CanSettings | DynamixelSettings | QbSettings | SchunkSettings | ReplaySettings,
-        Field(discriminator="kind"),
-    ]
-    controller: Annotated[
-        TorqueSettings
-        | GravitySettings
-        | PositionSettings
-        | LimpSettings
-        | FollowSettings
-        | PolicySettings
-        | CartesianSettings,
-        Field(discriminator="kind"),
-    ]
+    backend: Annotated[OwnBackend, BACKENDS]
+    controller: Annotated[OwnController, CONTROLLERS]
     task: TaskSettings = TaskSettings()
     limits: LimitSettings = LimitSettings()
     period: Positive = 0.003
@@ -65,7 +44,7 @@ class RunConfig(Settings):
 
     @model_validator(mode="after")
     def _everything_is_read(self) -> RunConfig:
-        line = unread(self.task, self.controller, self.backend)
+        line = contradiction(self.task, self.controller, self.backend)
         if line is not None:
             raise ValueError(line)
         return self

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from allegro_twin.app.backends.can import codec_of, host_settings, spec_of
-from allegro_twin.app.config import CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import spec_of
 from allegro_twin.drivers.can.codec.codec import described
+from allegro_twin.drivers.can.config import CanSettings
+from allegro_twin.drivers.can.opening import codec_of, host_settings
 from allegro_twin.drivers.can.tools.log import samples_of_log
 from allegro_twin.drivers.can.tools.samples import Found
 from allegro_twin.errors import ConfigError
@@ -22,14 +24,14 @@ def make_recording(config: RunConfig, log: Path, target: Path, bus: str | None =
         raise ConfigError(f"a bus log needs a config of a hand on a bus; this one has backend {settings.kind}")
     spec = spec_of(config)
     found = Found()
-    codec = codec_of(config, settings)
+    codec = codec_of(settings, config.hand)
     meta = {
         "allegro_twin": __version__,
         "calibration": described(codec),
         "config": config.model_dump(mode="json"),
         "log": log.name,
     }
-    samples = samples_of_log(log, codec, host_settings(config, settings), found, bus)
+    samples = samples_of_log(log, codec, host_settings(settings, config.period), found, bus)
     with whole_file(target) as temporary:
         for _ in recorded(samples, temporary, spec, config.period, meta=meta):
             pass

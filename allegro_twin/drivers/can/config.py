@@ -1,53 +1,19 @@
-"""The backend block: a simulated hand, a hand on a bus, or a recording."""
+"""The backend block of a hand on a CAN bus, real or virtual: docs/protocol.md."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from allegro_twin.errors import unknown
-from allegro_twin.files.schema import PerJoint, Positive, Settings, Vector3
+from allegro_twin.files.schema import Positive, Probability, Settings, Vector3
 from allegro_twin.hands.description.calibration import Version
+from allegro_twin.plugins import BackendSettings
+from allegro_twin.sim.settings import SceneSettings
 from allegro_twin.spec.drivetrain import Ailment
 
 VIRTUAL = "allegro-virtual"
 """The interface that is a bus inside this program."""
-
-
-class SimSettings(Settings):
-    """A hand in MuJoCo: alone, or in the scene of the task."""
-
-    kind: Literal["sim"]
-    facing: Vector3 = (1.0, 0.0, 0.0)
-    """Alone: where the palm looks, world axes; z is up."""
-    fingers: Vector3 = (0.0, 0.0, 1.0)
-    """Alone: where stretched fingers point."""
-    start: str | PerJoint | None = None
-    """Joint positions at reset; default: the pre-shape of the scenario's grasp, else the nearest to zero inside the
-    limits."""
-
-
-class SceneSettings(SimSettings):
-    """How a virtual hand stands, and what it really is."""
-
-    truth: str | dict[str, Any] | None = None
-    """What is hidden from the host: the blocks `actuation`, `drive` and `wire` of a hand's file, or such a file; they
-    override what the hand's own file says. docs/twin.md"""
-    timestep: Positive | None = None
-    """Alone: of the physics, s; default 0.001."""
-
-    @field_validator("truth")
-    @classmethod
-    def _blocks(cls, value: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
-        for key in value if isinstance(value, dict) else ():
-            if key not in _HIDDEN:
-                raise ValueError(unknown("block", str(key), _HIDDEN))
-        return value
-
-
-_HIDDEN = ("actuation", "drive", "wire")
 
 
 class FaultEvent(Settings):
@@ -60,9 +26,6 @@ class FaultEvent(Settings):
     """`silence`: the finger, 0 … 3; `overheat` and what goes wrong with the hand itself: the joint, 0 … 15."""
     amount: float | None = None
     """Of what goes wrong with the hand itself; docs/twin.md."""
-
-
-Probability = Annotated[float, Field(ge=0, le=1)]
 
 
 class FaultSettings(Settings):
@@ -90,7 +53,7 @@ class FirmwareSettings(Settings):
     """The most that a motor follows: what the manufacturer's driver sends, or its full PWM."""
 
 
-class CanSettings(Settings):
+class CanSettings(BackendSettings):
     """A hand on a CAN bus, real or virtual."""
 
     kind: Literal["can"]
@@ -130,14 +93,10 @@ class CanSettings(Settings):
     faults: FaultSettings | None = None
     """What goes wrong on a virtual hand's bus."""
 
+    @property
+    def virtual(self) -> bool:
+        return self.interface == VIRTUAL
 
-class ReplaySettings(Settings):
-    """A recording in place of a hand."""
-
-    kind: Literal["replay"]
-    file: Path
-    """A .arrow recording, or a bag: .mcap, .bag, or a folder of rosbag2."""
-    partial: bool = False
-    """Use the readable rows of a recording that was cut short."""
-    track: str | None = None
-    """Of a recording of a whole cell: `hand` or `arm`."""
+    @property
+    def place(self) -> str:
+        return "virtual" if self.virtual else f"on {self.interface} {self.channel}"

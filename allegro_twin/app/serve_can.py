@@ -7,9 +7,13 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from allegro_twin.app.backends.can import Scene, fault_plan, firmware_of
-from allegro_twin.app.config import VIRTUAL, CanSettings, RunConfig
+from allegro_twin.app.config import RunConfig
+from allegro_twin.app.rig import Scene, context_of
+from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.driver.buses import LOCAL, Bus, open_bus
+from allegro_twin.drivers.can.opening import checkup_of as can_checkup
+from allegro_twin.drivers.can.opening import fault_plan, firmware_of
+from allegro_twin.drivers.can.tools.checkup import Checkup
 from allegro_twin.drivers.can.virtual.firmware import Firmware
 from allegro_twin.drivers.can.virtual.lockstep import LockstepBus
 from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
@@ -21,6 +25,22 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
+def virtual_firmware(config: RunConfig, scene: Scene, *, step: float, restart: bool) -> Firmware:
+    """The virtual hand of a config, whose physics step by `step` s; its simulation goes into `scene`. Raises
+    ConfigError."""
+    if not isinstance(config.backend, CanSettings):
+        kind = config.backend.kind
+        raise ConfigError(f"a virtual hand needs `backend: {{kind: can, …}}`; this config has kind {kind}")
+    return firmware_of(config.backend, context_of(config, scene), step=step, restart=restart)
+
+
+def checkup_of(config: RunConfig) -> Checkup:
+    """A checkup of the link to a config's hand; a virtual hand is put on its bus. Raises ConfigError."""
+    if not isinstance(config.backend, CanSettings):
+        raise ConfigError(f"only a hand on a bus has a link to check; this config has backend {config.backend.kind}")
+    return can_checkup(config.backend, context_of(config, Scene()))
+
+
 def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[Scene], restart: bool) -> VirtualHands:
     """The hands of some configs on one bus. `step`: s; default: the configs' period. Raises ConfigError."""
     firmwares: list[Firmware] = []
@@ -28,7 +48,7 @@ def virtual_hands(configs: list[RunConfig], *, step: float | None, scenes: list[
         if step is not None and step > config.period:
             raise ConfigError(f"a step of {step} s is longer than the hand's period of {config.period} s")
         scene = Scene()
-        firmwares.append(firmware_of(config, scene, step=step or config.period, restart=restart))
+        firmwares.append(virtual_firmware(config, scene, step=step or config.period, restart=restart))
         scenes.append(scene)
     _check_apart(configs, firmwares)
     first = configs[0].backend

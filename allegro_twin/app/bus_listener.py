@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.app.backends.can import codec_of
-from allegro_twin.app.config import VIRTUAL, CanSettings, RunConfig, load_config
+from allegro_twin.app.config import RunConfig, load_config
+from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
 from allegro_twin.drivers.can.driver.buses import Bus, open_bus
+from allegro_twin.drivers.can.opening import codec_of
 from allegro_twin.drivers.can.tools.sniff import Sniffer
 from allegro_twin.drivers.can.virtual.slcan import TAP
 from allegro_twin.errors import ConfigError
@@ -29,7 +30,7 @@ def ears_of(name: str | None, given: Mapping[str, Any], options: Sequence[str] =
     version, calibration = settings.version, None
     if config is not None:
         config = config.model_copy(update={"backend": settings})
-        version = codec_of(config, settings).version
+        version = codec_of(settings, config.hand).version
         calibration = load_wiring(config.hand.model, config.hand.serial).calibration
     own, channel = settings.options | dict(map(_option, options)), settings.channel
     if settings.interface == "slcan":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from allegro_twin.app.config import CanSettings, FaultSettings
+from allegro_twin.drivers.can.config import CanSettings, FaultSettings
 from allegro_twin.files.assets import find, read_yaml
 from allegro_twin.hands.description.wiring import NOTHING
 from allegro_twin.spec import HandSpec

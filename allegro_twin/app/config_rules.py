@@ -1,44 +1,28 @@
-"""What a config says that nobody would read: an error, for its author believes that it does something."""
+"""Rules of a run config: what contradicts, or would be read by nobody, is an error."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TypeAlias
 
-from allegro_twin.app.config.backends import VIRTUAL, CanSettings, ReplaySettings, SimSettings
-from allegro_twin.app.config.controllers import (
-    CartesianSettings,
-    FollowSettings,
-    GravitySettings,
-    LimpSettings,
-    PolicySettings,
-    PositionSettings,
-    TorqueSettings,
-)
-from allegro_twin.app.config.dynamixel import VIRTUAL_PORT, DynamixelSettings
-from allegro_twin.app.config.polled import PolledSettings
-from allegro_twin.app.config.task import TaskSettings
+from allegro_twin.app.controller_settings import CartesianSettings, FollowSettings, PolicySettings, PositionSettings
+from allegro_twin.drivers.base.settings import VIRTUAL_PORT
+from allegro_twin.drivers.can.config import VIRTUAL, CanSettings
+from allegro_twin.drivers.dynamixel.config import DynamixelSettings
+from allegro_twin.drivers.polled.config import PolledSettings
+from allegro_twin.hands.settings import TaskSettings
+from allegro_twin.plugins import BackendSettings, ControllerSettings
+from allegro_twin.sim.settings import SimSettings
 
-Controller: TypeAlias = (
-    TorqueSettings
-    | GravitySettings
-    | PositionSettings
-    | LimpSettings
-    | FollowSettings
-    | PolicySettings
-    | CartesianSettings
-)
 _MOVING = (PositionSettings, FollowSettings)
-Backend: TypeAlias = SimSettings | CanSettings | DynamixelSettings | PolledSettings | ReplaySettings
 
 
-def unread(task: TaskSettings, controller: Controller, backend: Backend) -> str | None:
+def contradiction(task: TaskSettings, controller: ControllerSettings, backend: BackendSettings) -> str | None:
     """The first thing in a config that contradicts another or is read by nobody, and the way out."""
     parts = (_task(task, controller), _controller(task, controller), _backend(task, backend))
     return next((line for part in parts for line in part), None)
 
 
-def _task(task: TaskSettings, controller: Controller) -> Iterator[str]:
+def _task(task: TaskSettings, controller: ControllerSettings) -> Iterator[str]:
     kind = controller.kind
     if task.object is not None and task.scenario is None:
         yield "task.object takes the place of a scenario's first object: name task.scenario, too"
@@ -49,12 +33,12 @@ def _task(task: TaskSettings, controller: Controller) -> Iterator[str]:
             other = "scenario" if task.scenario is not None else "grasp"
             yield f"task.posture and task.{other} are two motions: leave one out"
         return
-    for key in ("posture", "grasp"):
+    for key in () if controller.takes_posture else ("posture", "grasp"):
         if getattr(task, key) is not None:
             yield f"task.{key} is not for the {kind} controller: use pd, pid or position, or leave it out"
 
 
-def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
+def _controller(task: TaskSettings, controller: ControllerSettings) -> Iterator[str]:
     given = controller.model_fields_set
     if isinstance(controller, CartesianSettings):
         if controller.kind == "impedance" and "iterations" in given:
@@ -69,7 +53,7 @@ def _controller(task: TaskSettings, controller: Controller) -> Iterator[str]:
             yield f"controller.{key} is for postures; a grasp brings its own: leave it out"
 
 
-def _backend(task: TaskSettings, backend: Backend) -> Iterator[str]:
+def _backend(task: TaskSettings, backend: BackendSettings) -> Iterator[str]:
     scene = backend if isinstance(backend, SimSettings) else getattr(backend, "scene", None)
     if task.scenario is not None and scene is not None:
         for key in ("facing", "fingers", "timestep"):

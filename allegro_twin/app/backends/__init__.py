@@ -1,1 +1,0 @@
-"""Backends of a config: which device answers to which `backend.kind`."""

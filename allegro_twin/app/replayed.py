@@ -1,0 +1,42 @@
+"""Opens a recording in place of a hand, from its block of a config."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from allegro_twin.errors import ConfigError
+from allegro_twin.files.assets import find
+from allegro_twin.plugins import BackendContext, BackendKind
+from allegro_twin.recording.settings import ReplaySettings
+
+if TYPE_CHECKING:
+    from allegro_twin.recording.reader import Recording
+    from allegro_twin.recording.replay import ReplayBackend
+
+
+def open_recording(settings: ReplaySettings, context: BackendContext) -> ReplayBackend:
+    """The hand that was recorded. Raises ConfigError for another hand or period than the config's, RecordingError."""
+    from allegro_twin.recording.replay import ReplayBackend
+
+    recording, hand = _recording(settings, context), context.hand
+    path, backend = recording.path, ReplayBackend(recording)
+    if backend.spec.side != hand.side or backend.spec.model != hand.model:
+        wanted = f"{hand.model}_{hand.side}"
+        raise ConfigError(f"{path} is of the hand {backend.spec.name}; the config says {wanted}: change `hand`")
+    if abs(backend.period - context.period) > 1e-9:
+        raise ConfigError(f"{path} has a period of {backend.period} s; the config says {context.period} s")
+    return backend
+
+
+def _recording(settings: ReplaySettings, context: BackendContext) -> Recording:
+    """Of a .arrow file, or of a bag."""
+    from allegro_twin.recording.exchange.from_rosbag import from_bag, is_bag
+    from allegro_twin.recording.reader import load
+
+    if is_bag(settings.file):
+        return from_bag(settings.file, context.spec(), context.period)
+    path = find(settings.file, "recording", "out", ".arrow")
+    return load(path, partial=settings.partial, track=settings.track)
+
+
+KIND = BackendKind(ReplaySettings, open_recording, replays=True)

@@ -1,0 +1,129 @@
+"""Opens a hand on a CAN bus, real or virtual, from its block of a config."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from allegro_twin.drivers.can.codec.codec import Codec
+from allegro_twin.drivers.can.codec.versions import make_codec
+from allegro_twin.drivers.can.config import CanSettings, FaultSettings, FirmwareSettings
+from allegro_twin.drivers.can.driver import realtime
+from allegro_twin.drivers.can.driver.backend import CanBackend
+from allegro_twin.drivers.can.driver.buses import shared
+from allegro_twin.drivers.can.driver.link import Port
+from allegro_twin.drivers.can.driver.settings import HostSettings
+from allegro_twin.drivers.can.tools.checkup import Checkup
+from allegro_twin.drivers.can.virtual.faults import Event, FaultPlan
+from allegro_twin.drivers.can.virtual.firmware import Firmware, Identity
+from allegro_twin.drivers.can.virtual.hidden_truth import loosened, truth_of
+from allegro_twin.drivers.can.virtual.lockstep import LockstepLink
+from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
+from allegro_twin.errors import ConfigError
+from allegro_twin.hands.description.wiring import NOTHING, load_wiring
+from allegro_twin.hands.settings import HandSettings
+from allegro_twin.plugins import BackendContext, BackendKind
+from allegro_twin.spec import HandSpec
+from allegro_twin.types import frozen
+
+if TYPE_CHECKING:
+    from allegro_twin.sim.engine.backend import SimBackend
+
+_HARDWARE = {"v1": 0x0100, "v2": 0x0200, "v3": 0x0300, "v4": 0x0400, "v5": 0x0500, "v5plus": 0x0500}
+
+
+def open_can(settings: CanSettings, context: BackendContext) -> CanBackend:
+    """The hand on its bus. Raises ConfigError or LinkError."""
+    return CanBackend(*_session(settings, context))
+
+
+def _session(
+    settings: CanSettings, context: BackendContext
+) -> tuple[HandSpec, Codec, Callable[[], Port], HostSettings]:
+    spec, codec = context.spec(settings.version), codec_of(settings, context.hand)
+    context.check(spec)
+    realtime.ask(settings.realtime)
+    return spec, codec, port_opener(settings, context, spec, codec), host_settings(settings, context.period)
+
+
+def checkup_of(settings: CanSettings, context: BackendContext) -> Checkup:
+    """A checkup of the hand on its bus; a virtual hand is put on its bus. Raises ConfigError."""
+    return Checkup(*_session(settings, context))
+
+
+def host_settings(settings: CanSettings, period: float) -> HostSettings:
+    """The settings of a session with a hand on its bus. `period`: of control, s."""
+    return HostSettings(
+        period=period,
+        timeout=settings.timeout,
+        deadman=settings.deadman,
+        velocity_cutoff=settings.velocity_cutoff,
+        keeper=settings.keeper,
+        identify=settings.identify,
+        gravity=settings.gravity,
+        imu_period=settings.imu,
+    )
+
+
+def codec_of(settings: CanSettings, hand: HandSettings, over: Mapping[str, Any] = NOTHING) -> Codec:
+    """The codec of a config's hand; `over` overrides what the hand's file says. Raises ConfigError."""
+    wiring = load_wiring(hand.model, hand.serial, over)
+    version = settings.version or wiring.version
+    if version is None:
+        raise ConfigError("backend.version is missing, and no hand's own file gives it: v1, v2, v3, v4, v5 or v5plus")
+    if settings.version and wiring.version and settings.version != wiring.version:
+        raise ConfigError(f"backend.version is {settings.version}; {hand.serial} is a {wiring.version} hand")
+    return make_codec(version, wiring.calibration, settings.device)
+
+
+def firmware_of(settings: CanSettings, context: BackendContext, *, step: float, restart: bool) -> Firmware:
+    """A virtual hand whose physics step by `step` seconds. Raises ConfigError."""
+    truth = truth_of(settings)
+    codec, quirks = codec_of(settings, context.hand, truth), settings.firmware or FirmwareSettings()
+    spec = loosened(context.spec(settings.version, truth), settings.faults)
+    if quirks.clip == "full":
+        limit = load_wiring(context.hand.model, context.hand.serial, truth).calibration.full_torque(codec.version)
+        spec = replace(spec, actuation=replace(spec.actuation, torque_limit=frozen(limit)))
+    sim = context.simulate(settings.scene, spec, step)
+    who = Identity(serial=_serial(context.hand, codec), hardware=_HARDWARE[codec.version])
+    pressures = _pressures(sim) if codec.version.startswith("v5") else None
+    servo = quirks.servo == "required"
+    return Firmware(sim, codec, who, pressures=pressures, restart=restart, servo=servo)
+
+
+def fault_plan(settings: FaultSettings | None) -> FaultPlan | None:
+    """The faults block of a config."""
+    if settings is None:
+        return None
+    values = settings.model_dump(exclude={"script"})
+    return FaultPlan(**values, script=tuple(Event(e.at, e.what, e.which, e.amount) for e in settings.script))
+
+
+def port_opener(settings: CanSettings, context: BackendContext, spec: HandSpec, codec: Codec) -> Callable[[], Port]:
+    """How to get on the config's bus."""
+    if not settings.virtual:
+        load = (codec, context.period)
+        return lambda: shared(settings.interface, settings.channel, settings.bitrate, settings.options).port(load)
+    firmware = firmware_of(settings, context, step=context.period, restart=True)
+    hands = VirtualHands([firmware], fault_plan(settings.faults))
+    return lambda: LockstepLink(hands, spec.name).port()
+
+
+def _serial(hand: HandSettings, codec: Codec) -> str:
+    """Eight characters. v5 says type and side in the third and fourth (V5R :344)."""
+    if codec.version.startswith("v5"):
+        kind, side = "B" if codec.version == "v5plus" else "A", hand.side[0].upper()
+        return f"5T{kind}{side}0001"
+    return (hand.serial or "VIRTUAL1")[-8:]
+
+
+def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+    from allegro_twin.sim.engine.fingertip_pressure import FingertipPressure
+
+    return FingertipPressure(sim)
+
+
+KIND = BackendKind(CanSettings, open_can)

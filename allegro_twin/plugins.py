@@ -1,0 +1,232 @@
+"""Kinds of backends and controllers: those of the package, and those that installed packages add by entry point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from allegro_twin.backend import HandBackend
+from allegro_twin.controller import Controller
+from allegro_twin.errors import ConfigError, unknown
+from allegro_twin.files.schema import Settings
+from allegro_twin.hands.description.calibration import Version
+from allegro_twin.hands.description.hands import load_spec
+from allegro_twin.hands.description.wiring import NOTHING
+from allegro_twin.hands.settings import HandSettings, TaskSettings
+from allegro_twin.spec import HandSpec
+
+if TYPE_CHECKING:
+    from allegro_twin.grasping.trial import Trial
+    from allegro_twin.sim.engine.backend import SimBackend
+
+S = TypeVar("S", bound=Settings)
+
+
+class BackendSettings(Settings):
+    """The `backend` block of a config. A kind of backend has a subclass with `kind: Literal[...]` and keys of its
+    own."""
+
+    kind: str
+
+    @property
+    def virtual(self) -> bool:
+        """Whether the hand is a simulation in this program, which stands in the scene of the task."""
+        return False
+
+    @property
+    def place(self) -> str:
+        """Where the hand is, for people: "on socketcan can0"."""
+        return f"behind {self.kind}"
+
+
+class ControllerSettings(Settings):
+    """The `controller` block of a config. A kind of controller has a subclass with `kind: Literal[...]` and keys of its
+    own."""
+
+    takes_posture: ClassVar[bool] = True
+    """Whether `task.posture` and `task.grasp` mean anything to it; else they are refused."""
+
+    kind: str
+
+
+@dataclass(slots=True)
+class BackendContext:
+    """What a config says besides the backend's own block."""
+
+    hand: HandSettings
+    period: float
+    """Of control, s."""
+    check: Callable[[HandSpec], None]
+    """Raises ConfigError for a hand that cannot be driven in this period. Call it before the wire is opened."""
+    simulate: Callable[[Settings | None, HandSpec, float], SimBackend]
+    """`simulate(settings, spec, step)`: physics for a virtual hand, in the scene of the task, stepping by `step` s; its
+    pictures and its trial then belong to the run. Raises ConfigError."""
+
+    def spec(self, version: Version | None = None, over: Mapping[str, Any] = NOTHING) -> HandSpec:
+        """The spec of the config's hand. `version`: of a hand on CAN; `over` overrides its file. Raises ConfigError."""
+        return load_spec(self.hand.model, self.hand.side, self.hand.serial, version, over)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerContext:
+    """What a config says besides the controller's own block."""
+
+    spec: HandSpec
+    period: float
+    """Of control, s."""
+    task: TaskSettings
+    trial: Trial | None = None
+    """The scenario of the task, where it has one."""
+
+
+class MadeController(NamedTuple):
+    """A controller, and how long what it does takes."""
+
+    controller: Controller[Any]
+    seconds: float | None = None
+    """When a run without `seconds` ends, s; None: it goes on until somebody ends it."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackendKind(Generic[S]):
+    """A kind of backend: the entry point `allegro_twin.backends` of a package names one."""
+
+    settings: type[S]
+    """A subclass of `BackendSettings`."""
+    open: Callable[[S, BackendContext], HandBackend]
+    """Opens the hand. Raises ConfigError or LinkError."""
+    virtual: Callable[[S, BackendContext, float], Any] | None = None
+    """Makes a virtual hand, physics stepping by so many s, for the far end of the wire; None: there is no such hand.
+    Raises ConfigError."""
+    replays: bool = False
+    """Whether it repeats what has happened: then no guard limits it, and it says itself when it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerKind(Generic[S]):
+    """A kind of controller: the entry point `allegro_twin.controllers` of a package names one."""
+
+    settings: type[S]
+    """A subclass of `ControllerSettings`."""
+    make: Callable[[S, ControllerContext], MadeController]
+    """Makes the controller. Raises ConfigError."""
+
+
+@dataclass(frozen=True)
+class Registry:
+    """The kinds that may stand in one block of a config.
+
+    As the metadata of a pydantic field it validates the block by the settings of its `kind`; the JSON Schema of such a
+    field has every kind, those of installed packages too.
+    """
+
+    block: str
+    """As in a config: backend, controller."""
+    group: str
+    """Of entry points."""
+    builtin: Mapping[str, str] = field(repr=False)
+    """Where the package's own kinds are, `module:attribute` by kind."""
+
+    def names(self) -> list[str]:
+        """Every kind, the package's own first."""
+        return [*self.builtin, *(name for name in sorted(_installed(self.group)) if name not in self.builtin)]
+
+    def kind(self, name: str) -> Any:
+        """A kind by its name. Raises ConfigError with the nearest names, or with what is wrong with a package."""
+        if name in self.builtin:
+            module, _, attribute = self.builtin[name].partition(":")
+            return getattr(import_module(module), attribute)
+        point = _installed(self.group).get(name)
+        if point is None:
+            raise ConfigError(self._unknown(name))
+        try:
+            found = point.load()
+        except Exception as error:  # A package of somebody else's may raise anything.
+            raise ConfigError(f"{self.block}.kind {name}: {point.value} cannot be imported: {error}") from error
+        wanted = BackendKind if self.block == "backend" else ControllerKind
+        if not isinstance(found, wanted):
+            raise ConfigError(f"{self.block}.kind {name}: {point.value} is no allegro_twin.{wanted.__name__}")
+        return found
+
+    def _unknown(self, name: object) -> str:
+        installed = [each for each in self.names() if each not in self.builtin]
+        more = f"by installed packages: {', '.join(installed)}" if installed else "none by installed packages"
+        return f"{unknown(f'{self.block} kind', str(name), self.names())} ({more}, which add them as {self.group})"
+
+    def installed(self) -> Iterator[tuple[str, type[Settings]]]:
+        """The settings of every kind that an installed package adds and that can be imported."""
+        for name in self.names():
+            if name not in self.builtin:
+                try:
+                    yield name, self.kind(name).settings
+                except ConfigError:
+                    continue  # Said when a config asks for it.
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_wrap_validator_function(
+            self._validated, handler(source), serialization=core_schema.simple_ser_schema("any")
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        found = handler(schema)
+        for name, settings in self.installed():
+            more = handler(settings.__pydantic_core_schema__)
+            found.setdefault("oneOf", []).append(more)
+            if "discriminator" in found and "$ref" in more:
+                found["discriminator"]["mapping"][name] = more["$ref"]
+        return found
+
+    def _validated(self, value: Any, inner: Callable[[Any], Any]) -> Any:
+        name = value.get("kind") if isinstance(value, Mapping) else getattr(value, "kind", None)
+        if name is None or name in self.builtin:
+            return inner(value)
+        try:
+            settings = self.kind(str(name)).settings
+        except ConfigError as error:
+            raise PydanticCustomError("unknown_kind", "{reason}", {"reason": str(error)}) from error
+        return settings.model_validate(value)
+
+
+@cache
+def _installed(group: str) -> Mapping[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=group)}
+
+
+BACKENDS = Registry(
+    "backend",
+    "allegro_twin.backends",
+    {
+        "sim": "allegro_twin.app.simulated:KIND",
+        "can": "allegro_twin.drivers.can.opening:KIND",
+        "dynamixel": "allegro_twin.drivers.dynamixel.opening:KIND",
+        "qb": "allegro_twin.drivers.qb.opening:KIND",
+        "schunk": "allegro_twin.drivers.schunk.opening:KIND",
+        "replay": "allegro_twin.app.replayed:KIND",
+    },
+)
+CONTROLLERS = Registry(
+    "controller",
+    "allegro_twin.controllers",
+    {
+        kind: f"allegro_twin.app.controllers:{name}"
+        for kind, name in {
+            "torque": "TORQUE",
+            "gravity": "GRAVITY",
+            "pd": "POSITION",
+            "pid": "POSITION",
+            "limp": "LIMP",
+            "position": "SETPOINTS",
+            "policy": "POLICY",
+            "impedance": "CARTESIAN",
+            "compliance": "CARTESIAN",
+        }.items()
+    },
+)

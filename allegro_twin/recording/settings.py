@@ -1,0 +1,24 @@
+"""The backend block of a recording in place of a hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from allegro_twin.plugins import BackendSettings
+
+
+class ReplaySettings(BackendSettings):
+    """A recording in place of a hand."""
+
+    kind: Literal["replay"]
+    file: Path
+    """A .arrow recording, or a bag: .mcap, .bag, or a folder of rosbag2."""
+    partial: bool = False
+    """Use the readable rows of a recording that was cut short."""
+    track: str | None = None
+    """Of a recording of a whole cell: `hand` or `arm`."""
+
+    @property
+    def place(self) -> str:
+        return f"recording {self.file}"
