@@ -12,7 +12,8 @@ SIDES = {"": "right", "Right": "right", "Left": "left"}
 
 
 PICK = f"{NAMESPACE}/ArmPick-v{VERSION}"
-"""An arm, a hand and a thing, one environment at a time (docs/rl.md#armpick); its class is higher up in the package."""
+"""An arm, a hand and a thing, one environment at a time (docs/reference/environments.md#armpick); its class is higher
+up in the package."""
 
 
 def ids() -> dict[str, tuple[str, str]]:

@@ -31,11 +31,11 @@ TIMESTEP = 0.0005  # s, of the hidden hand.
 _N = 16
 NOISES = (5e-5, 3e-4)  # rad
 _LOAD, _STICTION, _STRIBECK, _BRISTLE = (0.02, 0.08), (1.2, 1.8), (0.08, 0.2), (5e-4, 2e-3)
-"""Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/twin.md"""
+"""Of mismatched hands: friction per torque; F_s / F_c; rad/s; rad. docs/results/identification.md"""
 
 
 def drawn(seed: int, kind: str) -> dict[str, Any]:
-    """The truth of a hand: around the nominal one, as docs/twin.md says."""
+    """The truth of a hand: around the nominal one, as docs/results/identification.md says."""
     rng = np.random.default_rng((seed, 11))
 
     def row(low: float, high: float) -> list[float]:

@@ -1,7 +1,8 @@
 """The whole cell on all things that its hand has grasps of: drawn places, perception in the loop; what the checks say.
 
 `python -m benchmarks.lab [--config lab_allegro] [--placements 5] [--seed 0] [--unlike] [--once] [--rows FILE]`
-prints the tables of docs/lab.md; a placement of all things is whole before the next begins. Every trial that takes
+prints the tables of docs/results/cell.md; a placement of all things is whole before the next begins. Every trial that
+takes
 something is done twice more (not with `--once`), without a second try: with the thing taken away once it was seen, and
 with it moved by 5 cm in a drawn direction when the approach begins. `--unlike`: the hand in the cell is not the one
 that the checks know: its joints' friction differs by factors of 0.5 to 2, its motors by 0.85 to 1.15.

@@ -1,7 +1,7 @@
 """The cell with two or three objects on the table: which it takes, what it says, and what it moves on the way.
 
 `python -m benchmarks.lab_clutter [--hand allegro] [--runs 20] [--seed 0] [--rows FILE]` draws objects, places and yaws:
-the first within 6 cm of the middle, each other one at 8 to 30 cm from it. Prints the table of docs/lab.md.
+the first within 6 cm of the middle, each other one at 8 to 30 cm from it. Prints the table of docs/results/cell.md.
 """
 
 from __future__ import annotations

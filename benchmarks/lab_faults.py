@@ -2,7 +2,8 @@
 
 `python -m benchmarks.lab_faults [--hands allegro,leap] [--kinds power,weak] [--objects 1] [--most N] [--seed 0]
 [--rows FILE]`
-prints the table of docs/lab.md. Objects, places, yaws and joints are drawn, with `--most` N cases of each kind. Kinds:
+prints the table of docs/results/cell.md. Objects, places, yaws and joints are drawn, with `--most` N cases of each
+kind. Kinds:
 
 - `power`: the motors of the whole hand, or of one finger, give nothing from a state on, for every state;
 - `weak`: the motors give 20 % from a state on;

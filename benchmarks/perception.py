@@ -1,6 +1,7 @@
 """How near perception comes to what a thing is and where it stands, on placements that are drawn; and what it costs.
 
-`python -m benchmarks.perception [--placements 20] [--seed 0] [--noise 0.08]` prints the tables of docs/perception.md.
+`python -m benchmarks.perception [--placements 20] [--seed 0] [--noise 0.08]` prints the tables of
+docs/results/perception.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The pictures of docs/camera.md and docs/perception.md: `python -m benchmarks.perception_pictures docs/images`."""
+"""The pictures of docs/reference/camera.md and docs/results/perception.md: `python -m benchmarks.perception_pictures
+docs/images`."""
 
 from __future__ import annotations
 

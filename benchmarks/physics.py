@@ -1,4 +1,4 @@
-"""What the verdicts depend on: `python -m benchmarks.physics [FILE]` makes the tables of docs/physics.md.
+"""What the verdicts depend on: `python -m benchmarks.physics [FILE]` makes the tables of docs/results/physics.md.
 
 The demo's trials, right hand, under one changed setting at a time; and whether contacts obey the laws that they stand
 for: force balance, friction cones, energy, the same bits again.

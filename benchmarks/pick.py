@@ -1,6 +1,7 @@
 """What `ArmPick` needs no learning for: nothing, random actions and the script, in the same episodes.
 
-`python -m benchmarks.pick [--episodes 100] [--seed 0]` prints the table of docs/rl.md; intervals are Wilson's, 95 %.
+`python -m benchmarks.pick [--episodes 100] [--seed 0]` prints the table of docs/results/environments.md; intervals
+are Wilson's, 95 %.
 """
 
 from __future__ import annotations

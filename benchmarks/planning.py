@@ -3,7 +3,7 @@
 Each object lies on the table at its catalogue mass, friction 0.8; five grasps are asked for. A line of JSON an object
 is appended to out/planning_<seed>_<seconds>.jsonl: what is there is not tried again, so the command goes on after an
 interruption. Held are the trials of draws that no search has seen: position ±5 mm, yaw ±10°, size ±5 %, mass ±20 %,
-friction 0.5–1.0, together. Prints the table of docs/planning.md.
+friction 0.5–1.0, together. Prints the table of docs/results/planning.md.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """As docs/planning.md has it."""
+    """As docs/results/planning.md has it."""
     lines = ["| object | grasps | CPU s | held of unseen draws | most ended |", "|---|---|---|---|---|"]
     for row in rows:
         ends = {name: count for name, count in row["ends"].items() if name not in ("passed", "held")}

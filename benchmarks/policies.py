@@ -2,7 +2,8 @@
 
 `python -m benchmarks.policies FOLDER [POLICY …] [--episodes 1000] [--seed 3000000000] [--timestep 0.001] [--alone]`
 simulates in chunks of 100 episodes. Every finished chunk is a line of FOLDER/results.jsonl, so that a run that was cut
-off goes on where it was. Then it prints the table of docs/rl.md, intervals Wilson's (95 %), of what is there; `--table`
+off goes on where it was. Then it prints the table of docs/results/policies.md, intervals Wilson's (95 %), of what is
+there; `--table`
 prints it and simulates nothing. Another time step than what ships is said in the table.
 """
 

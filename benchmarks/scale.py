@@ -1,4 +1,4 @@
-"""What evaluating many grasps takes: `python -m benchmarks.scale docs/scale.md` makes the tables of that page.
+"""What evaluating many grasps takes: `python -m benchmarks.scale docs/results/scale.md` makes the tables of that page.
 
 `--sizes 100 1000 10000` takes other sizes for the curve; 10,000 trials are some 20 minutes of two cores.
 """

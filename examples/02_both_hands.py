@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from allegro_twin import Hand
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_posture, posture_names
-from allegro_twin.surfaces.hand import Hand
 
 print("postures:", ", ".join(posture_names()))
 right, left = load_spec(side="right"), load_spec(side="left")

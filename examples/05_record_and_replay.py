@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from allegro_twin import load_config, run, until
 from allegro_twin.app import assemble
-from allegro_twin.app.config import load_config
-from allegro_twin.loop import run, to_the_end, until
+from allegro_twin.loop import to_the_end
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.recording.replay import ReplayBackend

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from allegro_twin import Hand, Library
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.hands.library.entries import trajectory_entry
-from allegro_twin.hands.library.library import Library
 from allegro_twin.sim.engine.hand_guiding import Guide
-from allegro_twin.surfaces.hand import Hand
 
 with Hand.open("sim_right") as hand:
     hand.move_to("open")

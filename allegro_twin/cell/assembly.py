@@ -28,7 +28,7 @@ from allegro_twin.sim.objects.catalogue import Placement, named, orientation
 from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
-"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/lab.md)."""
+"""rad. Elbow up and the hand down, from where it turns to either side alike (docs/explanation/cell.md)."""
 _AIR = 1e-4  # m. So that a thing settles instead of being pushed out of the table.
 
 

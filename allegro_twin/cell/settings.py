@@ -35,7 +35,7 @@ class ArmSettings(Settings):
     joint_speed: Positive = 1.5
     """Of the fastest joint on far ways, at its peak, rad/s."""
     period: Positive = 0.003
-    """s; the impedance is as stable as at 1 ms (docs/arm.md)."""
+    """s; the impedance is as stable as at 1 ms (docs/explanation/arm_control.md)."""
 
 
 class HandSettings(Settings):
@@ -108,7 +108,7 @@ class ValidateSettings(Settings):
     long: Annotated[int, Field(ge=1)] = 1500
     """After the lift, where nothing else confirms what is held: what is light and hidden is weighed for longer."""
     least: Positive = 0.053
-    """kg: what weighs more is there. `samples` detect it (docs/lab.md)."""
+    """kg: what weighs more is there. `samples` detect it (docs/explanation/cell.md)."""
     noise: NotNegative = 1.3
     """Standard deviation of each sample of the simulated sensor, N: the report's 400 g are three of it."""
     torque: Positive = 0.1

@@ -15,7 +15,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.types import Vector, frozen
 
 FASTEST = 12.0
-"""rad/s. The guard stops a hand that is faster (docs/safety.md), so nobody asks for more."""
+"""rad/s. The guard stops a hand that is faster (docs/explanation/safety.md), so nobody asks for more."""
 SLOWEST = 1e-3
 """rad/s. Half an hour for a joint's whole range: who asks for less has mistaken the unit."""
 

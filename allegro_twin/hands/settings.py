@@ -34,7 +34,7 @@ class TaskSettings(Settings):
 
 
 class LimitSettings(Settings):
-    """What the guard lets through; docs/safety.md."""
+    """What the guard lets through; docs/explanation/safety.md."""
 
     torque: PerJoint | None = None
     """N·m; default: the hand's own clip, which is also the highest possible."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from allegro_twin.errors import ConfigError
+from allegro_twin import ConfigError
 from allegro_twin.surfaces.cli import exit_codes, options
 from allegro_twin.surfaces.cli.grasps.evaluate import Count
 from allegro_twin.surfaces.cli.options import Engines
@@ -43,8 +43,7 @@ def preemption(
     another protocol are refused, and a registration that no longer fits is, too."""
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.trials import engine_of
-    from allegro_twin.sweep.runner import run
-    from allegro_twin.sweep.store import Store
+    from allegro_twin.sweep import Store, run
     from studies.preemption.folder import TRIALS
     from studies.preemption.jobs import pairs_of, sweep_of
     from studies.preemption.protocol import load_study

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from allegro_twin.errors import ConfigError
+from allegro_twin import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.files.schema import parse
-from allegro_twin.sweep.jobs import Sweep
+from allegro_twin.sweep import Sweep
 from studies.preemption.draws import block, case, object_of
 from studies.preemption.protocol import Set, Study
 from studies.preemption.registration import EXPLORATORY, contents_of

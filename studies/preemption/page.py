@@ -33,7 +33,8 @@ def page(rows: Sequence[Row], study: Study, about: Mapping[str, str]) -> str:
         f"<header><h1>{title}</h1><p class='soft'>{facts}</p></header>",
         f"<p><b>{escape(status_of(about))}</b></p>",
         f"<p><b>{escape(report_text.answer_of(answer, study))}</b></p>",
-        "<p class='soft'>In simulation, with these hands' models, grasps and objects; docs/preemption.md has the "
+        "<p class='soft'>In simulation, with these hands' models, grasps and objects; docs/results/preemption.md "
+        "has the "
         "protocol and the limits.</p>",
         _primary(answer, study),
         *(_hand(each, answer, rows, study) for each in answer.findings),

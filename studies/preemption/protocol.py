@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from allegro_twin.errors import ConfigError, unknown
+from allegro_twin import ConfigError
+from allegro_twin.errors import unknown
 from allegro_twin.files.schema import Positive, Settings, load
 from allegro_twin.grasping.scenario import PhysicsSettings, Shake
 from allegro_twin.sim.model.physics import Cone

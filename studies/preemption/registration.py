@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from allegro_twin.errors import ConfigError, RecordingError
+from allegro_twin import ConfigError, RecordingError
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.files.fingerprint import fingerprint, source_fingerprint

@@ -55,7 +55,7 @@ def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothi
         report = taken(with_things(settings, [ThingSettings(name=name, at=(x, y), yaw=yaw)], seed))
         held += report.truly
         assert report.truly or report.end.word != "held", name
-    assert held >= 10  # Of 12: docs/lab.md names those that are not.
+    assert held >= 10  # Of 12: docs/results/cell.md names those that are not.
 
 
 def test_fingers_that_point_at_the_arm_are_reached_with_the_elbow_out() -> None:

@@ -95,7 +95,8 @@ class Compliance:
     cycle: float = 0.01
     """s."""
     bandwidth: float = 22.0
-    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may; docs/arm.md."""
+    """ω of the follower, rad/s. A stiffer one asks for torques that change faster than the arm's may;
+    docs/explanation/arm_control.md."""
     lag: float = 0.05
     """rad."""
     smoothing: Smoothing | None = SMOOTH

@@ -1,6 +1,6 @@
 """What a pair of imagers makes of exact depth: all errors arise where they do in such a camera, in the disparity.
 
-Disparity is d = f·B/Z, pixels. docs/camera.md has every term with its source.
+Disparity is d = f·B/Z, pixels. docs/reference/camera.md has every term with its source.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.types import HandState, TorqueCommand, Vector
 
 _QUICK = 30.0
-"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in docs/arm.md."""
+"""rad/s: how fast what is off goes. These paths never jump, so that it may be faster than in
+docs/explanation/arm_control.md."""
 
 
 class Straight(NamedTuple):

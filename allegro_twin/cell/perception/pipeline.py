@@ -21,7 +21,7 @@ from allegro_twin.types import Array, Vector
 _LEVEL = 10
 """Degrees below which a camera does not see a thing's top, and so not how deep it is."""
 _STEEP = 30
-"""Degrees from which a camera sees enough of a thing's top, docs/perception.md."""
+"""Degrees from which a camera sees enough of a thing's top, docs/reference/perception.md."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

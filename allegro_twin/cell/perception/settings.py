@@ -53,7 +53,7 @@ class ObjectSettings(Settings):
 
 
 class TargetSettings(Settings):
-    """Where the hand goes, docs/perception.md#target."""
+    """Where the hand goes, docs/reference/perception.md#target."""
 
     offset: NotNegative = 0.05
     """From the thing's surface to the hand's frame, m."""

@@ -17,7 +17,7 @@ FULL_SCALE: dict[Version, float] = {
     "v1": 800.0, "v2": 800.0, "v3": 1200.0, "v4": 1200.0, "v5": 1430.0, "v5plus": 1430.0,
 }  # fmt: skip
 """Counts at full PWM. v1, v2: R :44-47, L main:48, C :92-95; v3, v4: R4 AllegroHandDrv.cpp:282, L4 main:169; v5 counts
-mA: V5R :205, V5R2 :184, V5W :161. docs/protocol.md names the sources."""
+mA: V5R :205, V5R2 :184, V5W :161. docs/reference/can_protocol.md names the sources."""
 _TABLE = 3 * (375, 675, 450, 285) + (525, 405, 270, 270)
 """C :55-66, 98-132 (v1 to v3) and R4 AllegroHandDrv.cpp:278-311 (v4)."""
 PWM_LIMIT: dict[Version, tuple[int, ...]] = {
@@ -85,5 +85,5 @@ class Calibration:
 def geared(version: Version) -> tuple[int, ...]:
     """Joints whose motor is geared down twice as far as the others', so that it needs half the counts for a torque: the
     second of the three fingers on a v5 Plus. V5R2 :189-194, V5W :152-156; V5R halves them on the other type
-    (docs/protocol.md)."""
+    (docs/reference/can_protocol.md)."""
     return (1, 5, 9) if version == "v5plus" else ()

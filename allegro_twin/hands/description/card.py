@@ -83,9 +83,9 @@ class HandCard(Settings):
     apart: tuple[tuple[str, str], ...] = ()
     """Pairs of fingers that could hook into each other: no command may lead them there."""
     servos: dict[str, Any] | None = None
-    """Of a hand of servos on a serial line; docs/dynamixel.md."""
+    """Of a hand of servos on a serial line; docs/reference/dynamixel.md."""
     line: dict[str, Any] | None = None
-    """Of a hand that answers when it is asked; docs/hands.md#wires."""
+    """Of a hand that answers when it is asked; docs/reference/serial_protocols.md."""
 
     @model_validator(mode="after")
     def _known_names(self) -> HandCard:

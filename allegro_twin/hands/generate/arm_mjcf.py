@@ -56,7 +56,7 @@ def _body(parent: Element, arm: Arm, link: ArmLink, place: int, spec: ArmSpec) -
     at = {"pos": numbers(link.xyz)} if any(link.xyz) else {}
     if link.roll:
         at["quat"] = numbers(quaternion_from_euler((link.roll, 0.0, 0.0)))
-    # The maker's control carries the arm: docs/arm.md.
+    # The maker's control carries the arm: docs/explanation/arm_control.md.
     body = SubElement(parent, "body", {"name": link.name, "childclass": arm.name, "gravcomp": "1"} | at)
     mass, centre, tensor = link.body
     upper = numbers(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])

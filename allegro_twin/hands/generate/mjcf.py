@@ -51,7 +51,7 @@ def _motor(actuators: Element, joint: Joint, actuation: Actuation) -> None:
 
 
 def options(root: Element) -> None:
-    """Of the simulation; docs/models.md#contact: what each was measured to do."""
+    """Of the simulation; docs/reference/allegro_model.md#contact: what each was measured to do."""
     SubElement(
         root, "option", timestep="0.001", integrator="implicitfast", cone="elliptic", impratio="100", jacobian="dense",
         noslip_iterations="2",

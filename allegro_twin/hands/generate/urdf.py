@@ -9,7 +9,7 @@ from allegro_twin.hands.description.facts import Description, Link, Tip
 from allegro_twin.hands.generate.text import document, mesh_name, number, numbers
 from allegro_twin.spec import Actuation
 
-NO_LOAD_SPEED = 9.52  # rad/s. RS303MR servo manual, p. 39; docs/models.md#actuation.
+NO_LOAD_SPEED = 9.52  # rad/s. RS303MR servo manual, p. 39; docs/reference/allegro_model.md#actuation.
 
 
 def urdf(hand: Description, actuation: Actuation) -> str:

@@ -28,7 +28,7 @@ class FingerKinematics:
     """Forward and inverse kinematics of one finger of one hand, in the palm frame.
 
     Joint vectors are the finger's own, shape (..., 4), rad, from the palm outward. The tip is the centre of the
-    fingertip sphere. A left finger is solved as the mirrored right one (docs/kinematics.md#mirror).
+    fingertip sphere. A left finger is solved as the mirrored right one (docs/explanation/kinematics.md#mirror).
     """
 
     def __init__(self, spec: HandSpec, finger: str) -> None:

@@ -1,7 +1,7 @@
 """All fingertips of a hand at once: what `FingerKinematics.tip` says of each, in a third of the operations.
 
 Every finger turns about one axis and bends in the plane that it turns; the thumb's whole chain turns once more
-(docs/kinematics.md#finger, #thumb). So one table of angles serves them all:
+(docs/explanation/kinematics.md#finger, #thumb). So one table of angles serves them all:
 (x, y, z) = offset + (r cos q_t, r sin q_t, h), r = Σ lₖ sin αₖ, h = Σ lₖ cos αₖ.
 """
 

@@ -1,4 +1,5 @@
-"""What contact does to the joints: the external torque that a hand's twin estimates beside it (docs/mirror.md)."""
+"""What contact does to the joints: the external torque that a hand's twin estimates beside it
+(docs/explanation/mirror.md)."""
 
 from __future__ import annotations
 

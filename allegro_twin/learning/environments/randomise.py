@@ -84,7 +84,7 @@ class Randomise(Settings):
     @classmethod
     def default(cls, spec: HandSpec | None = None) -> Randomise:
         """Around the nominal hand, which by default takes torques: for any other what is known of the first's own
-        motors is left out. Sources: docs/rl.md#randomisation."""
+        motors is left out. Sources: docs/reference/environments.md#randomisation."""
         everything = cls(
             mass=(0.7, 1.3),
             size=(0.95, 1.05),

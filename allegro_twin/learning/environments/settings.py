@@ -27,12 +27,13 @@ class EnvSettings(Settings):
     """The keyword arguments of `gymnasium.make`."""
 
     hand: str = HAND
-    """A model of hand, or the path of a card of one's own (docs/hands.md#any-mjcf)."""
+    """A model of hand, or the path of a card of one's own (docs/how-to/add_a_hand.md)."""
     side: Side = "right"
     control: Mode = "delta"
     """What an action means: `delta` or `absolute` joint positions, or `torque` of a hand that takes torques."""
     objects: Annotated[tuple[Given, ...], Field(min_length=1)] | None = None
-    """Of the catalogue, of scenarios, or one's own (docs/your_task.md); each episode draws one. None: the task's."""
+    """Of the catalogue, of scenarios, or one's own (docs/how-to/add_a_task.md); each episode draws one. None: the
+    task's."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
     """An object is off by up to so much along each axis, m. None: the task's own."""
     randomise: Randomise = Randomise()
@@ -43,7 +44,7 @@ class EnvSettings(Settings):
     """Of the physics, s."""
     noslip: Annotated[int, Field(ge=0)] = 0
     """Solver iterations against the creep of held objects. They double the cost of a step in contact, and without them
-    a held object creeps by 0.1 mm/s (docs/models.md#contact), 1 % of what an episode lets pass."""
+    a held object creeps by 0.1 mm/s (docs/reference/allegro_model.md#contact), 1 % of what an episode lets pass."""
     coarse: bool = False
     """Contacts without torsional and rolling friction, solved less exactly: for training, half as dear again."""
     decimation: Annotated[int, Field(ge=1)] = 13
@@ -55,7 +56,8 @@ class EnvSettings(Settings):
     device: Device = "cpu"
     """Who simulates: `cpu`, MuJoCo; `warp`, MuJoCo Warp on an NVIDIA GPU; `warp:cpu`, its kernels on one processor."""
     contacts: Annotated[int, Field(ge=1)] = 64
-    """Room for contacts on a Warp device, for each simulation; twice what the busiest task has (docs/rl.md#gpu)."""
+    """Room for contacts on a Warp device, for each simulation; twice what the busiest task has
+    (docs/explanation/reinforcement_learning.md#on-a-gpu)."""
     constraints: Annotated[int, Field(ge=1)] = 256
     """Room for constraints, likewise."""
     reach: Positive = 0.3

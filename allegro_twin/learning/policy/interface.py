@@ -36,7 +36,8 @@ Goal: TypeAlias = NDArray[np.floating[Any]]
 Pair: TypeAlias = tuple[Array, Array]
 BOUND = 5.0
 """Every number in an observation lies within ±5: clipped, for a space must be finite."""
-SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
+SPEED = 5.0
+"""rad/s. Half the no-load speed (docs/reference/allegro_model.md#actuation), so that usual speeds are of order 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +206,7 @@ class Interface:
         self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
     ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
-        environments have it. docs/rl.md#observations says which number is what."""
+        environments have it. docs/reference/environments.md#observations says which number is what."""
         xp, own = self.xp, self._own(position.ndim)
         target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]

@@ -27,7 +27,8 @@ from allegro_twin.types import Array
 EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
 STRONGEST = 2.5  # Weights of the object. Along each axis a push is drawn from [-this, this].
 SETTLE = 0.3  # s after the presenter has let go, before the episode begins.
-# Those that the scripted grasp keeps without a push (docs/rl.md#tasks); of other hands all are tried.
+# Those that the scripted grasp keeps without a push (docs/reference/environments.md#tasks); of other hands all are
+# tried.
 _OBJECTS = ("tennis_ball", "rubiks_cube", "apple", "foam_brick", "lemon", "gelatin_box", "mug")
 
 # Presented, a mug is held through all pushes by the whole hand around it, on both sides, and in 1 of 20 episodes by the

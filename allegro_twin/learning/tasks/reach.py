@@ -23,7 +23,8 @@ from allegro_twin.viewing.overlays import Mark
 
 GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
 INSIDE = 0.8  # Of each joint's range, in which these postures lie.
-REACHED = 0.010  # m, every fingertip. A PD law without the hand's weight is off by 1 mm (docs/models.md#gains).
+REACHED = 0.010
+"""m, every fingertip. PD without the hand's weight is off by 1 mm (docs/reference/allegro_model.md#gains)."""
 
 MARK, GREEN = 0.006, (0.1, 0.75, 0.3, 1.0)  # m, radius of a goal in pictures; its colour.
 

@@ -48,7 +48,8 @@ class Solved:
 
 
 class FingertipSolver:
-    """Inverse kinematics of the whole hand, a quadratic program a step (docs/kinematics.md#several-tips-at-once).
+    """Inverse kinematics of the whole hand, a quadratic program a step
+    (docs/explanation/kinematics.md#several-tips-at-once).
 
     Minimises Σ |tip - target|² over the fingers named, with a weak pull toward the start, inside the joint limits and
     with every finger clear of the others, of itself and of the palm. All in the palm frame.

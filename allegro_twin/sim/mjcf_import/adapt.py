@@ -25,7 +25,7 @@ def located(spec: HandSpec) -> Path:
     path = Path(spec.foreign.mjcf)
     if path.is_file():
         return path
-    ways = f"set `mjcf` in its file to your copy (docs/models.md); hand {spec.serial}: no MJCF at {path}"
+    ways = f"set `mjcf` in its file to your copy (docs/reference/hands.md); hand {spec.serial}: no MJCF at {path}"
     if path.parent.name not in _FETCHED:
         raise ConfigError(ways)
     try:

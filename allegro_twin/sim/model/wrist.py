@@ -18,7 +18,8 @@ from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 
 JOINTS = ("wrist_x", "wrist_y", "wrist_z", "wrist_roll", "wrist_pitch", "wrist_yaw")
-# Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped (docs/models.md#wrist).
+# Chosen to be as stiff as a good arm's end: 20 N/mm and 600 N·m/rad, critically damped
+# (docs/reference/allegro_model.md#wrist).
 _STIFFNESS = np.array([2e4] * 3 + [600.0] * 3)
 _INERTIA = np.array([8.0] * 3 + [0.08] * 3)
 

@@ -40,7 +40,8 @@ REST = 0.03
 FORGET = 0.5
 """s. Ours: long beside the 60 ms in which a push is to be seen, short beside the 5 s in which 10 mN·m wound up."""
 UNSURE = 0.25
-"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it (docs/mirror.md)."""
+"""Of F_s. Ours: a mirror's bristles are bent otherwise than the hand's by up to 0.14 of it
+(docs/explanation/mirror.md)."""
 
 
 class Estimate(NamedTuple):

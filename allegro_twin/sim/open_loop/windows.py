@@ -197,7 +197,7 @@ class Player:
 
 _STIFF = 0.999
 """Of dry friction: with it a joint creeps as little as with the two noslip iterations of a scene, at half their cost
-(0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/twin.md)."""
+(0.3 mrad apart after 0.3 s without either; 0.01 with either; docs/explanation/identification.md)."""
 _SLIDES = 0.15
 """rad/s. Ours: at this speed bristles of 2 mrad are bent anew in 13 ms."""
 _NOTHING = 1e-9  # kg: a body without mass cannot be given one later.

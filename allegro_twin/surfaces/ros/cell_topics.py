@@ -1,4 +1,4 @@
-"""Every topic of a cell: its name, type and quality. docs/ros.md has the same table (a test)."""
+"""Every topic of a cell: its name, type and quality. docs/reference/topics.md has the same table (a test)."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros.node_api import PLAIN, Quality, Received, checked, full
 
-HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/ros.md"
+HINT = "apt-get install python3-rospy, in an environment made with --system-site-packages; docs/how-to/use_ros.md"
 TF = "tf2_msgs/msg/TFMessage"
 
 

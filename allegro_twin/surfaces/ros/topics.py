@@ -1,4 +1,4 @@
-"""Every topic of the bridge: its name, type and quality. docs/ros.md has the same table (a test)."""
+"""Every topic of the bridge: its name, type and quality. docs/reference/topics.md has the same table (a test)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ back. Of 80 on hands 40-44 and 200-209: 0.96 and more, 0.4 to 1.1."""
 JUMP = 0.01  # rad in a period, 3.3 rad/s out of nothing: no joint moves so.
 STILL, PUSHED = 0.003, 0.03  # rad that a stuck joint moves at most; N·m that its motor must push in the mean.
 SINGLE = 0.9  # Of a finger's squares that the joint has: what touches a finger pushes the joints before it, too.
-HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/protocol.md.
+HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/reference/can_protocol.md.
 
 
 class Window(NamedTuple):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from allegro_twin.drivers.can.driver.health import Health
 
 RATE = 10.0
-"""Pictures a second: drawing more costs more than the mirror does (docs/mirror.md)."""
+"""Pictures a second: drawing more costs more than the mirror does (docs/results/mirror.md)."""
 COUNTS = ("missed", "incomplete", "behind", "throttled")
 """Of a link's health: what is drawn."""
 

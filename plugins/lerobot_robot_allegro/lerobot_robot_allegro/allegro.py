@@ -9,11 +9,9 @@ import numpy as np
 from lerobot.robots.robot import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.errors import ConfigError, SelfCollision
+from allegro_twin import ConfigError, Hand, HandSpec, SelfCollision, load_config
+from allegro_twin.app import RunConfig
 from allegro_twin.hands.description.hands import load_spec, side_of
-from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import Outside
 from lerobot_robot_allegro.config_allegro import AllegroConfig
 

@@ -1,4 +1,4 @@
-"""docs/your_task.md does what it says, from an empty folder."""
+"""docs/how-to/add_a_task.md does what it says, from an empty folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BOX = {"name": "soap", "shape": "box", "size": [0.055, 0.055, 0.08], "mass": 0.1
 
 @pytest.mark.slow
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
-    blocks = BLOCK.findall((ROOT / "docs" / "your_task.md").read_text())
+    blocks = BLOCK.findall((ROOT / "docs" / "how-to" / "add_a_task.md").read_text())
     assert [name for name, _ in blocks] == ["objects.py", "my_tasks.py", "use.py"]
     for name, text in blocks:
         (tmp_path / name).write_text(text)

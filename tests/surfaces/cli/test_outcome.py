@@ -178,8 +178,8 @@ def test_the_page_of_grasps_is_in_the_order_of_the_taxonomy_with_a_picture_each(
     }
     names = sorted(stored, key=lambda name: seen[name], reverse=True)
     verdicts = {
-        names[0]: "[lemon](../scenarios): held, 1.0 mm of drift",
-        names[1]: "[mug](../scenarios): not held: it fell",
+        names[0]: "[lemon](../../scenarios): held, 1.0 mm of drift",
+        names[1]: "[mug](../../scenarios): not held: it fell",
     }
     picture = np.full((40, 40, 3), 200, dtype=np.uint8)
     monkeypatch.setattr(

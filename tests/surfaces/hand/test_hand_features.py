@@ -1,4 +1,5 @@
-"""docs/features.md promises nothing that does not run: every call in it is executed as it stands, on both hands."""
+"""docs/reference/features.md promises nothing that does not run: every call in it is executed as it stands, on both
+hands."""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ class Row(NamedTuple):
 
 
 def rows() -> list[Row]:
-    lines = [line for line in (ROOT / "docs/features.md").read_text().splitlines() if line.startswith("|")]
+    lines = [line for line in (ROOT / "docs/reference/features.md").read_text().splitlines() if line.startswith("|")]
     table = [Row(*(cell.strip() for cell in line.strip("|").split("|"))) for line in lines[2:]]
     return [row for row in table if not row.paper.startswith("**")]
 
@@ -90,7 +91,7 @@ def do(call: str, names: dict[str, Any], hand: Hand, side: Side, command: Run) -
             exec(call, names)
     else:
         try:
-            value = compile(call, "docs/features.md", "eval")
+            value = compile(call, "docs/reference/features.md", "eval")
         except SyntaxError:
             exec(call, names)
         else:

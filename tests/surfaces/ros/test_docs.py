@@ -1,4 +1,4 @@
-"""The table in docs/ros.md is the bridge's."""
+"""The table in docs/reference/topics.md is the bridge's."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from allegro_twin.surfaces.ros import cell_topics as cell
 from allegro_twin.surfaces.ros.topics import HEARD, PUBLISHED
 
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "ros.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "reference" / "topics.md"
 
 
 def test_the_table_of_topics_is_the_one_that_is_used() -> None:

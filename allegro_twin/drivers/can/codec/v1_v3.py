@@ -1,7 +1,8 @@
 """Versions 1 to 3 (SAH010, SAH020, SAH030): one protocol, in which torques go out big-endian and from the tip to the
 palm, and encoders come back little-endian and from the palm to the tip.
 
-Identifier = command << 6 | destination << 3 | source. The source of every id and layout: docs/protocol.md.
+Identifier = command << 6 | destination << 3 | source. The source of every id and layout:
+docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Version 4 (SAH040): every message of the manual, with the manufacturer's code where the two disagree.
 
-Identifier = message << 2 | device; all words are little-endian. The source of every id and layout: docs/protocol.md.
+Identifier = message << 2 | device; all words are little-endian. The source of every id and layout:
+docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Version 5 and version 5 Plus: the messages of v4 with other scales, and what only a v5 hand says.
 
-Identifier = message << 2: there is no device id. The source of every id and layout: docs/protocol.md.
+Identifier = message << 2: there is no device id. The source of every id and layout: docs/reference/can_protocol.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The index, middle and ring finger in closed form: abduction, then three joints that bend in one plane.
 
-In the base frame at joint 1, with φ = q₁ + q₂ + q₃ and links l₁, l₂, t (docs/kinematics.md#finger):
+In the base frame at joint 1, with φ = q₁ + q₂ + q₃ and links l₁, l₂, t (docs/explanation/kinematics.md#finger):
 r = l₁ sin q₁ + l₂ sin(q₁ + q₂) + t sin φ, h = l₁ cos q₁ + l₂ cos(q₁ + q₂) + t cos φ,
 tip = (r cos q₀, r sin q₀, h), R = Rz(q₀) Ry(φ).
 Forward, joints are rows, shape (4, ...), rad; back, every formula takes numbers or arrays (N,).

@@ -1,6 +1,6 @@
 """The thumb in closed form: rotation about -x, then about z, then two joints that bend in one plane.
 
-In the base frame, with ψ = q₂ + q₃, offset a, rise c and links l, t (docs/kinematics.md#thumb):
+In the base frame, with ψ = q₂ + q₃, offset a, rise c and links l, t (docs/explanation/kinematics.md#thumb):
 r = l sin q₂ + t sin ψ, h = c + l cos q₂ + t cos ψ, v = a + (r cos q₁, r sin q₁, h),
 tip = Rx(-q₀) v, R = Rx(-q₀) Rz(q₁) Ry(ψ).
 Forward, joints are rows, shape (4, ...), rad; back, every formula takes numbers or arrays (N,), x counted from aₓ.

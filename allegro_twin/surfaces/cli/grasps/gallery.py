@@ -69,7 +69,7 @@ def _entries(draws: int) -> Iterator[tuple[GalleryEntry, Picture]]:
             verdict = f"held, {drift:.1f} mm of drift" if report.held else f"not held: {report.reason}"
             often = _rate(stored.evidence, name, draws) if draws else ""
             stored = stored.model_copy(update={"observed": report.observed})
-            yield GalleryEntry(name, stored, f"[{stored.evidence}](../scenarios): {verdict}", often), picture
+            yield GalleryEntry(name, stored, f"[{stored.evidence}](../../scenarios): {verdict}", often), picture
         else:
             reason = stored.evidence.removeprefix(_POSTURE) or "no scenario yet"
             yield GalleryEntry(name, stored, f"posture only: {reason}"), _pose(name)
@@ -128,26 +128,27 @@ def _order(row: GalleryEntry) -> tuple[int, str]:
 
 
 def _page(rows: list[GalleryEntry], draws: int) -> str:
-    proved = [row.stored.observed for row in rows if row.stored.observed and "](../scenarios): held" in row.verdict]
+    proved = [row.stored.observed for row in rows if row.stored.observed and "](../../scenarios): held" in row.verdict]
     types = {observed.number for observed in proved if observed.number is not None}
     none = sum(observed.number is None for observed in proved)
     again = f"allegro-twin evaluate SCENARIO --grasp NAME --uncertainty {draws}"
     often = (
         ""
         if not draws
-        else f"""How often a grasp holds when the hand is not told all is the last column: {draws} draws
-of pose (±10 mm, ±10°), size, mass, friction and torque, with the 95 % Wilson interval (`{again}`).
+        else f"""The last column is how often a grasp holds under uncertainty: {draws} draws of pose (±10 mm, ±10°),
+size, mass, friction and torque, with the 95 % Wilson interval (`{again}`).
 """
     )
     head = f"""# The grasps
 
-Made by `allegro-twin gallery docs`. {len(rows)} grasps, {len(proved)} of which hold an object in simulation, by the
-definition in [scenarios.md](scenarios.md), with either hand: one trial each, the same each time.
+*Reference: every grasp of the library, with picture and evidence. Made by `allegro-twin gallery docs/reference`.*
+
+{len(rows)} grasps, {len(proved)} of which hold an object in simulation, by the definition in
+[scenario files](scenario_files.md#protocols), with either hand: one trial each, the same each time.
 
 They are of {len(types)} of the 33 types of the GRASP taxonomy (Feix et al., IEEE Trans. Human-Machine Systems 46(1),
-2016); {none} are of none. The type is the one that the contacts show which carry the object
-([how](scenarios.md#types)), and not what the grasp is called: many names are those of the types that the postures were
-drawn after. Where nothing was held it is not known.
+2016); {none} are of none. The type is that of the contacts which carry the object ([how](grasp_types.md)), not of the
+name: many names are those of the types that the postures were drawn after. Where nothing was held it is not known.
 
 {often}Perform one with `allegro-twin grasp NAME`, and its trial with `allegro-twin run SCENARIO --view`.
 
@@ -159,7 +160,7 @@ drawn after. Where nothing was held it is not known.
         kind, size = row.stored.observed, row.stored.object_size
         width = "" if size is None else f"{size[0] * 1000:g}–{size[1] * 1000:g} mm"
         control = "" if row.stored.grip is None else f" Controls force ({row.stored.grip.kind})."
-        lost = kind is None or "](../scenarios): held" not in row.verdict
+        lost = kind is None or "](../../scenarios): held" not in row.verdict
         lines.append(
             f'| <img src="images/grasps/{row.name}.jpg" width="150"> '
             f"| **{row.name}**<br>{row.stored.description}{control} "

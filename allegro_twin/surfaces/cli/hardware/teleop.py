@@ -54,7 +54,9 @@ def teleop(
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one hand: choose one")
     if source == WEBCAM and model is None:
-        raise ConfigError("--from webcam needs --model hand_landmarker.task, MediaPipe's; docs/teleop.md says whence")
+        raise ConfigError(
+            "--from webcam needs --model hand_landmarker.task, MediaPipe's; docs/how-to/teleoperate.md says whence"
+        )
     settings = on_hand(load_config(config), other)
     track = None if source == WEBCAM else read_track(_find_track(Path(source)))
     side: Side = tracked or (None if track is None else track.side) or "right"

@@ -26,7 +26,7 @@ def interfaces(net: Path = Path("/sys/class/net"), open_: Open = socketcan) -> I
     if not found:
         yield Diagnosis(
             "CAN", "absent", "no CAN interface: hands in simulation, and virtual ones (can_virtual), need none",
-            "plug an adapter in, then `ip link set can0 up type can bitrate 1000000`; docs/protocol.md",
+            "plug in an adapter, `ip link set can0 up type can bitrate 1000000`; docs/how-to/connect_a_can_hand.md",
         )  # fmt: skip
     for path in found:
         yield _interface(path.name, _read(path / "flags"), open_)

@@ -51,7 +51,7 @@ def rospy(found: bool | None = None) -> Iterator[Diagnosis]:
     """rospy, the library of ROS 1; no extra installs it. `found`: whether it is installed."""
     there = find_spec("rospy") is not None if found is None else found
     yield Diagnosis("rospy", "works" if there else "absent", "ROS 1 works" if there else "no `allegro-twin ros1`",
-                  "" if there else "apt-get install python3-rospy; docs/ros.md")  # fmt: skip
+                  "" if there else "apt-get install python3-rospy; docs/how-to/use_ros.md")  # fmt: skip
 
 
 def _ends(given: list[str], extra: str) -> int:

@@ -66,7 +66,8 @@ def policies() -> Table:
     table = _table("policies", "name", "what it does")
     for path in sorted((data_root() / "conf" / "policies").glob("*.onnx")):
         paragraph = path.with_suffix(".md").read_text(encoding="utf-8").split("\n\n")[1]
-        table.add_row(path.stem, " ".join(paragraph.split()).removesuffix(" Observations and actions: docs/rl.md."))
+        text = " ".join(paragraph.split())
+        table.add_row(path.stem, text.removesuffix(" Observations and actions: docs/reference/environments.md."))
     return table
 
 

@@ -11,7 +11,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.groups import Group, groups
 from allegro_twin.surfaces.panel.stream import Frame
 
-_WARM = 60.0  # °C, from which on the guard fades torques: docs/safety.md.
+_WARM = 60.0  # °C, from which on the guard fades torques: docs/explanation/safety.md.
 _ROW = "display:grid;grid-template-columns:{wide:.1f}em 1fr 4em 1fr 4.2em;gap:6px;align-items:center"
 _NAME, _LETTER = 5.2, 0.55
 """em: room for a name, and of a letter."""

@@ -52,7 +52,7 @@ def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence
         check(path, content, motions)
         made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
-        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
+        write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/explanation/identification.md"))
     return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
 
 
