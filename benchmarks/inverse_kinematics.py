@@ -169,6 +169,6 @@ def _median(calls: Sequence[Callable[[], object]]) -> float:
 
 
 if __name__ == "__main__":
-    from benchmarks.__main__ import show
+    from benchmarks.figures import show
 
     show(figures())
