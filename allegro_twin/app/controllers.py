@@ -134,21 +134,21 @@ def _position(settings: PositionSettings, context: ControllerContext) -> MadeCon
 def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
     from allegro_twin.grasping.controller import performer
-    from allegro_twin.sim.model.statics import hand_model
+    from allegro_twin.kinematics.hand import hand_kinematics
 
     if settings.kind != "pd" or not settings.compensate:
         key = "kind: pid" if settings.kind != "pd" else "compensate: false"
         raise ConfigError(
             f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
         )
-    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_model(spec))
+    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_kinematics(spec))
 
 
 def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:
     from allegro_twin.control.controllers import Gravity
-    from allegro_twin.sim.model.statics import hand_model
+    from allegro_twin.kinematics.hand import hand_kinematics
 
-    return Gravity(hand_model(spec).gravity_torque, None if vector is None else frozen(vector))
+    return Gravity(hand_kinematics(spec).gravity_torque, None if vector is None else frozen(vector))
 
 
 def _cartesian(settings: CartesianSettings, context: ControllerContext) -> MadeController:

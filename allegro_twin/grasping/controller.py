@@ -16,7 +16,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.grip import CentroidGrip, EnvelopGrip
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -48,7 +48,7 @@ def performer(
     spec: HandSpec,
     gains: Gains,
     gravity: Gravity,
-    model: HandModel,
+    model: HandKinematics,
     *,
     force: float | None = None,
     touched: Touched | None = None,
@@ -77,7 +77,7 @@ def performer(
     return reach
 
 
-def strongest(grasp: Grasp, spec: HandSpec, model: HandModel) -> float:
+def strongest(grasp: Grasp, spec: HandSpec, model: HandKinematics) -> float:
     """The most that the motors can give of a grasp's force: on the thumb, toward the other fingertips, in that posture
     of the grasp in which it is largest, N; or the scale at which the last joint of an envelop grasp is at its limit."""
     limit = spec.actuation.torque_limit
@@ -108,7 +108,7 @@ def _centroid(
     timed: Timed,
     spec: HandSpec,
     gravity: Gravity,
-    model: HandModel,
+    model: HandKinematics,
     force: float | None,
     felt: Callable[[], NDArray[np.bool_]] | None,
 ) -> CentroidGrasp:

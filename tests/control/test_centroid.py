@@ -10,11 +10,11 @@ from hypothesis.extra.numpy import arrays
 from allegro_twin.control.centroid import holding, joint_torques, pressing, resting
 from allegro_twin.control.contact import Stall, stalling, touching
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.types import Array
 
 SPEC = load_spec()
-MODEL = HandModel(SPEC)
+MODEL = hand_kinematics(SPEC)
 TIPS = st.integers(2, 4).flatmap(lambda k: arrays(float, (k, 3), elements=st.floats(-0.1, 0.1)))
 
 

@@ -12,7 +12,7 @@ from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.spec import HandSpec, Side
@@ -25,7 +25,7 @@ UPRIGHT, HANGING = (0, 0, 1), (0, 0, -1)
 
 
 def gravity_of(spec: HandSpec, vector: Vector | None = None) -> Gravity:
-    return Gravity(HandModel(spec).gravity_torque, vector)
+    return Gravity(hand_kinematics(spec).gravity_torque, vector)
 
 
 def settle(backend: Any, controller: Any, seconds: float) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensati
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import run
 from allegro_twin.types import Array, TorqueCommand
 from tests.conftest import MakeSim
@@ -56,7 +56,7 @@ def test_a_changed_copy_goes_on_with_the_same_memory() -> None:
 
 @pytest.mark.parametrize("order", [("gravity", "pid", "pd", "torque"), ("torque", "pd", "gravity", "pid")])
 def test_switching_among_all_controllers_on_a_moving_hand_is_smooth(order: tuple[str, ...], make_sim: MakeSim) -> None:
-    gravity = Gravity(HandModel(SPEC).gravity_torque)
+    gravity = Gravity(hand_kinematics(SPEC).gravity_torque)
     gains = load_gains("default", SPEC)
     start = SPEC.posture(np.clip(0.3, SPEC.lower, SPEC.upper))
     kinds = {

@@ -7,7 +7,7 @@ import numpy as np
 from allegro_twin.control.batched_trajectory import Trajectories
 from allegro_twin.control.trajectory import Moves, Trajectory, Waypoint
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import hand_kinematics
 
 
 def paths(rng: np.random.Generator) -> list[Trajectory]:
@@ -35,7 +35,7 @@ def test_every_row_is_where_its_trajectory_is_alone_before_within_and_after() ->
 
 def test_the_torques_of_many_postures_are_those_of_each() -> None:
     spec, rng = load_spec(), np.random.default_rng(5)
-    model = HandModel(spec)
+    model = hand_kinematics(spec)
     postures, down = rng.uniform(spec.lower, spec.upper, (5, 16)), rng.normal(size=(5, 3))
     each = [model.gravity_torque(posture, gravity) for posture, gravity in zip(postures, down, strict=True)]
     np.testing.assert_array_equal(model.gravity_torque(postures, down), each)

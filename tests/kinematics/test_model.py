@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.spec import SIDES, Side
 from allegro_twin.types import Array
 
 SPECS = {side: load_spec(side=side) for side in SIDES}
-HANDS = {side: HandModel(SPECS[side]) for side in SIDES}
+HANDS = {side: hand_kinematics(SPECS[side]) for side in SIDES}
 SEEDS = st.integers(0, 2**32 - 1)
 STEP = 1e-6
 
@@ -88,11 +88,11 @@ def test_a_palm_that_is_no_matrix_is_refused() -> None:
         HANDS["right"].jacobian(np.zeros(16), np.array([1.0, 0, 0, 0]))
 
 
-ASKED: list[Callable[[HandModel, Any], Any]] = [
-    HandModel.fingertips,
-    HandModel.links,
-    HandModel.jacobian,
-    HandModel.manipulability,
+ASKED: list[Callable[[HandKinematics, Any], Any]] = [
+    HandKinematics.fingertips,
+    HandKinematics.links,
+    HandKinematics.jacobian,
+    HandKinematics.manipulability,
     lambda hand, q: hand.fingertip_force(q, np.ones(16)),
     lambda hand, q: hand.fingertip_jacobians(q, ["index", "thumb"]),
     lambda hand, q: hand.gravity_torque(q, [0.0, 0.0, -9.81]),
@@ -105,7 +105,7 @@ NOT_POSTURES = [
 
 @pytest.mark.parametrize("asked", ASKED)
 def test_a_list_is_as_good_as_an_array_and_what_is_no_posture_is_refused_in_one_line(
-    asked: Callable[[HandModel, Any], Any],
+    asked: Callable[[HandKinematics, Any], Any],
 ) -> None:
     q = posture(3, "right")
     listed, given_ = asked(HANDS["right"], q.tolist()), asked(HANDS["right"], q)
@@ -135,11 +135,11 @@ def test_what_else_the_hand_is_asked_with_is_refused_in_one_line() -> None:
 
 
 def test_gravity_that_changes_in_place_is_felt_and_gravity_that_is_unknown_gives_no_torque() -> None:
-    hand, q, gravity = HandModel(SPECS["right"]), posture(5, "right"), np.array([0.0, 0.0, -9.81])
+    hand, q, gravity = hand_kinematics(SPECS["right"]), posture(5, "right"), np.array([0.0, 0.0, -9.81])
     upright = hand.gravity_torque(q, gravity)
     gravity[:] = [9.81, 0.0, 0.0]
     lying = hand.gravity_torque(q, gravity)
-    np.testing.assert_array_equal(lying, HandModel(SPECS["right"]).gravity_torque(q, [9.81, 0.0, 0.0]))
+    np.testing.assert_array_equal(lying, hand_kinematics(SPECS["right"]).gravity_torque(q, [9.81, 0.0, 0.0]))
     assert np.abs(lying - upright).max() > 0.01
     assert np.isnan(hand.gravity_torque(q, np.full(3, np.nan))).any()
     np.testing.assert_array_equal(hand.gravity_torque([q, q], [gravity.tolist(), [0.0, 0.0, -9.81]]), [lying, upright])
@@ -156,5 +156,5 @@ def test_a_file_that_is_not_the_hands_urdf_is_refused_in_one_line(tmp_path: Path
         (tmp_path / "none.urdf", "no URDF at"),
     ):
         with pytest.raises(ConfigError, match=message) as refused:
-            HandModel(SPECS["right"], path)
+            HandKinematics(SPECS["right"], path)
         assert "\n" not in str(refused.value)

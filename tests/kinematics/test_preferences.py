@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures, shortly
@@ -13,7 +13,7 @@ from tests.kinematics.hands import EVERY, FINGERS, THUMBS, postures, shortly
 Key = tuple[Side, str]
 
 
-def family(finger: FingerKinematics, point: Array) -> Array:
+def family(finger: ClosedFormFinger, point: Array) -> Array:
     """Every posture inside the limits that reaches a point, in steps of 1 mrad, shape (N, 4)."""
     thumb = finger.name == "thumb"
     along = np.arange(finger.lower[0], finger.upper[0], 1e-3) if thumb else np.arange(-0.6, 5.05, 1e-3)
@@ -22,7 +22,7 @@ def family(finger: FingerKinematics, point: Array) -> Array:
     return solutions.position[solutions.within]
 
 
-def room(finger: FingerKinematics, q: Array) -> Array:
+def room(finger: ClosedFormFinger, q: Array) -> Array:
     least: Array = np.minimum(q - finger.lower, finger.upper - q).min(axis=-1)
     return least
 

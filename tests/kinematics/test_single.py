@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.solution import Solutions
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
+from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import Side
 from allegro_twin.types import Array
 from tests.kinematics.hands import EVERY, FINGERS, held, postures, shortly, solve
@@ -21,7 +21,7 @@ Key = tuple[Side, str]
 SAME = 1e-12  # rad: sums, products and roots round alike in both; an arc tangent may end in another digit.
 
 
-def asked(finger: FingerKinematics, q: Array, seed: int) -> list[dict[str, Array]]:
+def asked(finger: ClosedFormFinger, q: Array, seed: int) -> list[dict[str, Array]]:
     """Everything that can be asked for with the tip positions of postures (n, 4), exact poses and noisy ones."""
     rng = np.random.default_rng(seed)
     pose = finger.fk(q)

@@ -13,7 +13,7 @@ from allegro_twin.cell.pick.settings import PickSettings
 from allegro_twin.control.controllers import Following
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import turn, turned
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.contacts import touching
 from allegro_twin.sim.objects.catalogue import Placement, named, orientation
@@ -47,7 +47,7 @@ class Line:
 class Stand:
     """For one kind of thing; an episode begins with `begin`."""
 
-    def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandModel, name: str) -> None:
+    def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandKinematics, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
         self.thing = named(name)
         placed = Placement(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))

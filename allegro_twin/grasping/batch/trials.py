@@ -27,8 +27,8 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.limits import check_period, hand_limits
 from allegro_twin.hands.settings import LimitSettings
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
-from allegro_twin.sim.model.statics import hand_model
 
 if TYPE_CHECKING:
     from allegro_twin.spec import HandSpec, Side
@@ -73,7 +73,7 @@ class Bench:
     def __init__(self, spec: HandSpec, gains: str = "default", period: float = PERIOD, threads: int = 0) -> None:
         check_period(period, spec)
         self.spec, self.period, self._threads = spec, period, threads
-        self._model = hand_model(spec)
+        self._model = hand_kinematics(spec)
         self.gains = load_gains(gains, spec)
         self._gravity = Gravity(self._model.gravity_torque)
         self.limits = hand_limits(LimitSettings(), spec)

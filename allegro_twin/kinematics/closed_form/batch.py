@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from allegro_twin.kinematics.closed_form.bounds import Bounds
 from allegro_twin.kinematics.closed_form.chain import Asked, Chain
 from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
-from allegro_twin.kinematics.closed_form.forms.planar import Flags
-from allegro_twin.kinematics.closed_form.search.nearest import Nearest
 from allegro_twin.kinematics.closed_form.single import nearer, nearest, preferred
-from allegro_twin.kinematics.closed_form.solution import Solutions
 from allegro_twin.kinematics.closed_form.target import Target
 from allegro_twin.kinematics.orientation import Entries
+from allegro_twin.kinematics.solutions import Flags, Nearest, Solutions
 from allegro_twin.types import Array
 
 _CHUNK = 4096  # Rows at a time: the intermediate arrays then stay in the processor's cache.

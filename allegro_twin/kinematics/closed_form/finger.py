@@ -1,4 +1,4 @@
-"""One finger in closed form: `FingerKinematics` puts the forms, the limits, the mirror and the palm frame together."""
+"""One finger in closed form: formulas, limits, mirror image and palm frame together."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.arguments import finite, rows
+from allegro_twin.kinematics.arguments import check_margin, finite, rows
 from allegro_twin.kinematics.closed_form import batch, single
 from allegro_twin.kinematics.closed_form.bounds import Bounds
 from allegro_twin.kinematics.closed_form.chain import Chain
@@ -15,17 +15,17 @@ from allegro_twin.kinematics.closed_form.forms.frame import Frame
 from allegro_twin.kinematics.closed_form.forms.thumb import Thumb
 from allegro_twin.kinematics.closed_form.geometry import load_geometry
 from allegro_twin.kinematics.closed_form.scalar import ScalarKinematics
-from allegro_twin.kinematics.closed_form.solution import Solutions
 from allegro_twin.kinematics.closed_form.target import read_target
 from allegro_twin.kinematics.pose import Pose
+from allegro_twin.kinematics.solutions import Solutions
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Array
+from allegro_twin.types import Array, Vector
 
 _MARGINS = 64  # Of so many the searches are kept.
 
 
-class FingerKinematics:
-    """Forward and inverse kinematics of one finger of one hand, in the palm frame.
+class ClosedFormFinger:
+    """Forward and inverse kinematics of one Allegro finger or thumb in closed form, in the palm frame.
 
     Joint vectors are the finger's own, shape (..., 4), rad, from the palm outward. The tip is the centre of the
     fingertip sphere. A left finger is solved as the mirrored right one (docs/explanation/kinematics.md#mirror).
@@ -37,6 +37,8 @@ class FingerKinematics:
         self.name, self.lower, self.upper = finger, spec.lower[list(joints)], spec.upper[list(joints)]
         self._signs = np.array([-1.0 if left and j in spec.mirror_flips else 1.0 for j in joints])
         ends = np.sort([self.lower * self._signs, self.upper * self._signs], axis=0)
+        self.base: Vector = geometry.origin * [1.0, -1.0 if left else 1.0, 1.0]
+        """Where joint 0 is in the palm frame, shape (3,), m."""
         self._forms = (Thumb if geometry.is_thumb else ImaFinger)(geometry, *ends)
         self._frame = Frame(geometry, self._forms.shift, left=left)
         self.scalar = ScalarKinematics(geometry, self.lower, self.upper, self._signs, left=left)
@@ -71,19 +73,16 @@ class FingerKinematics:
         self,
         position: ArrayLike,
         *,
-        pitch: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         quaternion: ArrayLike | None = None,
         euler: ArrayLike | None = None,
-        q0: ArrayLike | None = None,
-        q1: ArrayLike | None = None,
-        psi: ArrayLike | None = None,
         near: ArrayLike | None = None,
         margin: float = 0.0,
+        **held: ArrayLike | None,
     ) -> Solutions:
         """All postures that bring the fingertip to a position in the palm frame, shape (..., 3), m.
 
-        A finger takes with it `pitch` φ = q₁ + q₂ + q₃; the thumb `q0`, `q1` or `psi` = q₂ + q₃; each (...), rad. Or an
+        A finger holds with it `pitch` φ = q₁ + q₂ + q₃; the thumb `q0`, `q1` or `psi` = q₂ + q₃; each (...), rad. Or an
         orientation of the tip in the palm, as `rotation` (..., 3, 3), `quaternion` (..., 4) or `euler` (..., 3): the
         position is then exact and the rotation the nearest that a finger can have there, or the one of the thumb that
         has the q₀ of the rotation; where none of these branches is the nearest that there is inside the limits, that
@@ -92,8 +91,7 @@ class FingerKinematics:
 
         `margin` is taken off both ends of every joint's range, rad. Raises ConfigError for arguments that do not fit.
         """
-        given = {"pitch": pitch, "rotation": rotation, "quaternion": quaternion, "euler": euler,
-                 "q0": q0, "q1": q1, "psi": psi, "near": near}  # fmt: skip
+        given = {**held, "rotation": rotation, "quaternion": quaternion, "euler": euler, "near": near}
         target = read_target(self.name, isinstance(self._forms, Thumb), position, given)
         if not isinstance(margin, float):
             margin = float(finite(f"{self.name}: margin", margin))
@@ -103,9 +101,7 @@ class FingerKinematics:
         return batch.solve(self._chain, bounds, target)
 
     def _bounded(self, margin: float) -> Bounds:
-        half = float((self.upper - self.lower).min()) / 2
-        if not 0.0 <= margin < half:
-            raise ConfigError(f"{self.name}: margin {margin} rad does not fit; half the least range is {half:.3f} rad")
+        check_margin(self.name, margin, self.lower, self.upper)
         if len(self._bounds) >= _MARGINS:
             self._bounds.clear()
         bounds = self._bounds[margin] = Bounds(self._forms, self.lower + margin, self.upper - margin, self._signs)

@@ -9,11 +9,10 @@ import numpy as np
 from allegro_twin.kinematics.closed_form.bounds import Bounds
 from allegro_twin.kinematics.closed_form.chain import Asked, Chain, Point
 from allegro_twin.kinematics.closed_form.forms.maths import FLOATS
-from allegro_twin.kinematics.closed_form.forms.planar import Flags
 from allegro_twin.kinematics.closed_form.search.curve import Posture
-from allegro_twin.kinematics.closed_form.search.nearest import Mode, Nearest
-from allegro_twin.kinematics.closed_form.solution import Solutions
+from allegro_twin.kinematics.closed_form.search.nearest import Mode
 from allegro_twin.kinematics.closed_form.target import Target
+from allegro_twin.kinematics.solutions import Flags, Nearest, Solutions
 
 _NONE: Posture = (nan, nan, nan, nan)
 

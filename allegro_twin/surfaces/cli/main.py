@@ -16,7 +16,7 @@ from allegro_twin.surfaces.cli import exit_codes
 from allegro_twin.surfaces.cli.cell import lab
 from allegro_twin.surfaces.cli.data import export, schemas
 from allegro_twin.surfaces.cli.grasps import evaluate, improve, plan
-from allegro_twin.surfaces.cli.hardware import bus, hand, ros, teleop
+from allegro_twin.surfaces.cli.hardware import bus, check_backend, hand, ros, teleop
 from allegro_twin.surfaces.cli.learning import collect, train
 from allegro_twin.surfaces.cli.machine import doctor
 from allegro_twin.surfaces.cli.start import lists, move, panel, run, view
@@ -27,8 +27,8 @@ PANELS: dict[str, tuple[Callable[..., None] | typer.Typer, ...]] = {
     "Start": (run.run, view.view, lists.list_, lists.examples, panel.panel, move.posture, move.grasp, move.play,
               move.keyboard),
     "Grasps": (plan.plan, plan.new, improve.improve, evaluate.evaluate, evaluate.compare, lists.gallery),
-    "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, move.teach, teleop.teleop, ros.ros2,
-                 ros.ros1),
+    "Hardware": (hand.hand, hand.calibrate, bus.check, bus.sniff, bus.firmware, check_backend.check_backend, move.teach,
+                 teleop.teleop, ros.ros2, ros.ros1),
     "Learning": (lists.envs, train.train, collect.collect),
     "Twin": (twin.excite, twin.identify, twin.gap, twin.mirror, twin.branch),
     "Cell": (lab.lab,),
@@ -66,7 +66,7 @@ def _register() -> None:
             if isinstance(command, typer.Typer):
                 app.add_typer(command, rich_help_panel=name)
             else:
-                app.command(command.__name__.rstrip("_"), rich_help_panel=name)(command)
+                app.command(command.__name__.rstrip("_").replace("_", "-"), rich_help_panel=name)(command)
 
 
 _register()

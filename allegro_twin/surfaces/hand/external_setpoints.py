@@ -11,7 +11,6 @@ from allegro_twin.control.setpoint_filter import Pursuit
 from allegro_twin.control.timed_path import Timed
 from allegro_twin.control.trajectory import FASTEST, Following
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.hand.cartesian import agreed
 from allegro_twin.surfaces.hand.facade import Hand
 from allegro_twin.types import Array, Vector
 
@@ -44,8 +43,8 @@ class Outside:
 
     def nominal(self) -> None:
         """Raises ConfigError for a hand whose fingertips are not where the nominal one has them."""
-        spec = self._hand.spec
-        agreed(spec, self._mover.model, self._mover.state.position, [finger.name for finger in spec.fingers])
+        fingers = [finger.name for finger in self._hand.spec.fingers]
+        self._mover.model.check_closed_form(fingers, self._mover.state.position)
 
     def rest(self) -> Vector:
         """Go no further than the set-point is now, (n,), rad, which is given back; what presses goes on pressing."""

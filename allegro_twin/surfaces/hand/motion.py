@@ -19,8 +19,8 @@ from allegro_twin.control.controllers import PD, PID, Follow, Gains, Gravity, Gr
 from allegro_twin.control.steered_path import Steering
 from allegro_twin.control.trajectory import Following, Hold, Reference
 from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknown
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.loop import paced, run
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.surfaces.hand.collision_free_paths import Ways
 from allegro_twin.surfaces.hand.loop_thread import Driver
 from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
@@ -40,7 +40,7 @@ class Mover:
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_model(rig.spec), Ways(rig.spec)
+        self.model, self.ways = hand_kinematics(rig.spec), Ways(rig.spec)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0]
@@ -208,7 +208,7 @@ class Mover:
 
     def _samples(self, background: bool) -> Iterator[Sample]:
         samples = run(self._rig.backend, self._relay)
-        for sample in paced(samples) if background and not self._rig.device.live else samples:
+        for sample in paced(samples) if background and not self._rig.live else samples:
             self._look(sample)
             for listener in tuple(self.listeners):
                 listener(sample)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from allegro_twin.kinematics.closed_form.forms.maths import Maths, T
 
@@ -13,7 +12,6 @@ TOUCH = 1e-13
 """A target this far outside the workspace counts as on its border, m: far above rounding, far below any use."""
 TOLERANCE = 1e-9
 """A joint this far beyond its limit counts as on it, rad: the same as `HandSpec.posture`."""
-Flags = NDArray[np.bool_]
 _LEAST = 1e-300
 Branch = tuple[T, T, T, T]
 """The joints of one way to reach a target, rad; NaN where there is none."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import atan2, ceil, cos, floor, inf, pi, sin
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 from allegro_twin.kinematics.closed_form.forms.maths import FLOATS
 from allegro_twin.kinematics.closed_form.forms.planar import bend, pair_of
 from allegro_twin.kinematics.closed_form.search.arcs import edge, nearest_of
-from allegro_twin.types import Array
 
 Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
 """What a target fixes besides the position."""
@@ -17,17 +16,6 @@ InPlane: TypeAlias = tuple[float, tuple[float, ...]]
 """The square of the least distance in a plane, m², and the joints that bend; inf and none where there are none."""
 Reach: TypeAlias = Callable[[float, float], InPlane]
 """From a target r and h in the plane, m, to what is nearest to it."""
-
-
-class Nearest(NamedTuple):
-    """The posture that brings the tip nearest to a target, in straight-line distance of the tip's centre."""
-
-    posture: Array
-    """Joints, shape (..., 4), rad; NaN where no posture has the angle asked for."""
-    point: Array
-    """Where the tip then is, in the palm frame, shape (..., 3), m."""
-    distance: Array
-    """From there to the target, shape (...), m; inf where no posture has the angle asked for."""
 
 
 def swung(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.cell.journal.second_camera import Lens
     from allegro_twin.cell.run import Report, Stage
     from allegro_twin.cell.states import Now
-    from allegro_twin.recording.events import Happening
+    from allegro_twin.recording.events import SessionEvent
     from allegro_twin.surfaces.ros.cell import CellBridge
 
 _ROS_PICTURES = 5.0  # Hz; default rate of the camera's point clouds on ROS.
@@ -201,10 +201,10 @@ def _follow(
 class _PrintRefusals:
     """Observer that prints refused commands."""
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """Print the refusal of an event."""
-        from allegro_twin.recording.events import Told
+        from allegro_twin.recording.events import JournalEntry
         from allegro_twin.surfaces.cli import console
 
-        if isinstance(happening, Told) and happening.track == "states" and happening.row.get("sentence"):
-            console.warn(str(happening.row["sentence"]))
+        if isinstance(event, JournalEntry) and event.track == "states" and event.row.get("sentence"):
+            console.warn(str(event.row["sentence"]))

@@ -44,7 +44,7 @@ def from_bag(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand. Returns its rows. Raises RecordingError, ConfigError."""
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.recording.exchange.episodes import write
-    from allegro_twin.recording.exchange.from_rosbag import from_bag as read
+    from allegro_twin.recording.exchange.rosbag import from_bag as read
 
     if target.suffix != ".arrow":
         raise ConfigError(f"{target}: a bag becomes a recording, which ends in .arrow; export that one then")
@@ -62,7 +62,7 @@ def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool
     from allegro_twin.recording.exchange.episodes import begin
     from allegro_twin.recording.exchange.lerobot import to_lerobot
     from allegro_twin.recording.exchange.minari import to_minari
-    from allegro_twin.recording.exchange.to_rosbag import to_rosbag2
+    from allegro_twin.recording.exchange.rosbag import to_rosbag2
     from allegro_twin.recording.reader import load
 
     if kind not in FORMATS:
@@ -92,7 +92,7 @@ def from_dataset(folder: Path, target: Path, episode: int) -> int:
 
 
 def _mcap(recording: Any, target: Path) -> None:
-    from allegro_twin.recording.exchange.to_rosbag import to_mcap
+    from allegro_twin.recording.exchange.rosbag import to_mcap
 
     to_mcap(recording, target)
 
@@ -116,7 +116,7 @@ def _rrd(recording: Any, target: Path) -> None:
 
     viewer_of, shown = rerun_stage()
     from allegro_twin.files.atomic_write import whole_file
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     backend = ReplayBackend(recording)
     with whole_file(target) as temporary:

@@ -61,7 +61,7 @@ def export(
     track: Annotated[str | None, typer.Option(help="Which track of a `lab` recording: hand or arm.")] = None,
 ) -> None:
     """Convert recordings, bags, bus logs and data sets."""
-    from allegro_twin.recording.exchange.from_rosbag import is_bag
+    from allegro_twin.recording.exchange.rosbag import is_bag
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.data import convert
 

@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli import options
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
     from allegro_twin.surfaces.hand import Hand
-    from allegro_twin.viewing.rerun.cell import CellViewer
+    from allegro_twin.viewing.rerun.viewer import Viewer
 
 Camera = Annotated[
     str,
@@ -71,7 +71,7 @@ def show(
     recording = load(path, partial=partial)
     total(len(recording))
     viewer_of, shown = rerun_stage()
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta), view=camera)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
@@ -120,45 +120,47 @@ def cell_recording(path: Path) -> Path | None:
 
 def cell_to_rrd(path: Path, target: Path, *, partial: bool) -> int:
     """Write the recording of a cell as a Rerun file. Returns the number of events in it."""
-    from allegro_twin.recording.events import happenings
+    from allegro_twin.recording.events import session_events
     from allegro_twin.recording.reader import load_tracks
 
     recording = load_tracks(path, partial=partial)
-    found = list(happenings(recording))
-    _rerun_cell().write_cell(recording, found, target)
+    found = list(session_events(recording))
+    _rerun().write_events(found, _rerun().viewer_of(recording), target)
     return len(found)
 
 
-def cell_viewer(room: Room) -> CellViewer:
+def cell_viewer(room: Room) -> Viewer:
     """A Rerun viewer for a running cell. Raises ConfigError without Rerun."""
     from allegro_twin.cell.journal.shapes import cell_look
+    from allegro_twin.viewing.scenery import scenery
 
-    viewer: CellViewer = _rerun_cell().CellViewer(cell_look(room), room.cell.spec, room.hand.spec, live=True)
+    scene = scenery(room.hand.spec, {"look": cell_look(room)})
+    viewer: Viewer = _rerun().Viewer(room.hand.spec, scene, arm=room.cell.spec, live=True)
     return viewer
 
 
 def _show_cell(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
     """Play the recording of a cell into a Rerun viewer. Returns the viewer and the address of its page."""
-    from allegro_twin.recording.events import happenings
+    from allegro_twin.recording.events import session_events
     from allegro_twin.recording.reader import load_tracks
 
     recording = load_tracks(path, partial=partial)
-    viewer = _rerun_cell().viewer_of(recording)
+    viewer = _rerun().viewer_of(recording)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:
         viewer.spawn()
-    for happening in happenings(recording):
-        viewer.see(happening)
+    for event in session_events(recording):
+        viewer.on_event(event)
     viewer.flush()
     return viewer, url
 
 
-def _rerun_cell() -> Any:
+def _rerun() -> Any:
     try:
-        from allegro_twin.viewing.rerun import cell
+        from allegro_twin.viewing.rerun import viewer
     except ImportError as error:
         raise ConfigError(f"viewing a cell needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
-    return cell
+    return viewer
 
 
 def _keep_open(viewer: Any, url: str) -> None:

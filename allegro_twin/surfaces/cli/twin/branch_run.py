@@ -71,7 +71,7 @@ def run_branch(path: Path, at: float, texts: list[str], outputs: BranchOutputs, 
                 samples = recorded(samples, outputs.record, origin.spec, origin.period, meta=meta, extras=beside)
             if outputs.rrd is not None:
                 viewer_of, shown = rerun_stage()
-                from allegro_twin.viewing.rerun.scene import scenery
+                from allegro_twin.viewing.scenery import scenery
 
                 viewer = viewer_of(origin.spec, replace(scenery(origin.spec, origin.meta), ghost="as it was"))
                 stack.callback(viewer.close)
