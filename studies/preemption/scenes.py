@@ -18,7 +18,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
-from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.kinematics import hand_kinematics
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.types import Array
