@@ -188,7 +188,7 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0
-    carried = Gravity(hand_kinematics(spec).gravity_torque)
+    carried = GravityFeedforward(hand_kinematics(spec).gravity_torque)
     for scale, number in product(SCALES, range(TRIES)):
         excitation = Excitation(spec, seed + 1000 * number, carried, scale)
         backend = SimBackend(spec, model, posture=excitation.middle)
