@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.control.controllers import PD, Gains, Gravity
+from allegro_twin.control.controllers import PD, Gains, GravityFeedforward
 from allegro_twin.control.force_grasp import CentroidGrasp, EnvelopGrasp
 from allegro_twin.control.trajectory import Moves
 from allegro_twin.controller import Controller
@@ -47,7 +47,7 @@ def performer(
     timed: Timed,
     spec: HandSpec,
     gains: Gains,
-    gravity: Gravity,
+    gravity: GravityFeedforward,
     model: HandKinematics,
     *,
     force: float | None = None,
@@ -107,7 +107,7 @@ def _centroid(
     reach: PD,
     timed: Timed,
     spec: HandSpec,
-    gravity: Gravity,
+    gravity: GravityFeedforward,
     model: HandKinematics,
     force: float | None,
     felt: Callable[[], NDArray[np.bool_]] | None,
@@ -138,7 +138,7 @@ def _asking(touched: Touched, fingers: tuple[str, ...]) -> Callable[[], NDArray[
 
 
 def _envelop(
-    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: Gravity, force: float | None
+    grip: EnvelopGrip, reach: PD, timed: Timed, spec: HandSpec, gravity: GravityFeedforward, force: float | None
 ) -> EnvelopGrasp:
     scale = grip.scale if force is None else force
     return EnvelopGrasp(

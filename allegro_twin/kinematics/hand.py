@@ -14,10 +14,10 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.kinematics.arguments import finite, numbers, shown
 from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS
 from allegro_twin.kinematics.closed_form.geometry import has_closed_form
 from allegro_twin.kinematics.finger import FingerKinematics
 from allegro_twin.kinematics.fingertips import ChainFingertips, ClosedFormFingertips
+from allegro_twin.kinematics.maths import ARRAYS
 from allegro_twin.kinematics.numeric import NumericFinger
 from allegro_twin.kinematics.orientation import entries_of_matrix, is_rotation
 from allegro_twin.kinematics.pose import Pose

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gravity
+from allegro_twin.control.controllers import GravityFeedforward
 from allegro_twin.grasping import scenario as rules
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Draw
@@ -64,7 +64,7 @@ class Bench:
         self.spec = load_spec(hand)
         self.limits = hand_limits(LimitSettings(), self.spec)
         self.gains = load_gains("default", self.spec)
-        self.gravity = Gravity(hand_kinematics(self.spec).gravity_torque)
+        self.gravity = GravityFeedforward(hand_kinematics(self.spec).gravity_torque)
         self._made: dict[tuple[object, ...], tuple[mujoco.MjModel, Stage, rules.Scenario, Grasp]] = {}
 
     def setup(self, job: Job) -> Setup:

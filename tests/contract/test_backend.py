@@ -12,7 +12,7 @@ import pytest
 
 from allegro_twin.backend import HandBackend, limp_of
 from allegro_twin.cell.arm.arm_with_hand import make_cell
-from allegro_twin.control.controllers import Follow, Torque
+from allegro_twin.control.controllers import ConstantTorque, PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.controller import Controller
 from allegro_twin.device import device_of, innermost
@@ -80,7 +80,9 @@ def replayed(make_sim: MakeSim, tmp_path_factory: pytest.TempPathFactory) -> Cal
         if not path.exists():
             torques = "torque" in spec.commands
             law: Controller[Any] = (
-                Torque(np.zeros(spec.n_joints)) if torques else Follow(Hold((spec.lower + spec.upper) / 2))
+                ConstantTorque(np.zeros(spec.n_joints))
+                if torques
+                else PositionControl(Hold((spec.lower + spec.upper) / 2))
             )
             for _ in recorded(until(0.75, run(make_sim(spec), law)), path, spec, 0.003):
                 pass

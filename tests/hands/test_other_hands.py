@@ -13,7 +13,7 @@ import pytest
 from allegro_twin import Hand
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig, load_config
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.hands.description.hands import load_spec
@@ -117,7 +117,7 @@ def test_a_tendon_closes_what_nothing_holds_and_the_rest_adapts(soft: HandSpec, 
 
 def test_what_follows_is_estimated_where_nothing_is_in_the_way(soft: HandSpec, make_sim: MakeSim) -> None:
     sim = make_sim(soft)
-    samples = list(until(4.0, run(sim, Follow(Hold(np.array([0.5]))))))
+    samples = list(until(4.0, run(sim, PositionControl(Hold(np.array([0.5]))))))
     true = [float(sim.data.joint(each.name).qpos[0]) for each in soft.followers]
     np.testing.assert_allclose(soft.followed(samples[-1].state.position), true, atol=0.05)
 

@@ -13,7 +13,7 @@ import yaml
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.controllers import PD, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
@@ -126,7 +126,9 @@ def test_it_goes_home_and_ends_where_our_own_hand_does(tmp_path: Path, side: Sid
     home = load_posture("home", ours)
     ends = []
     for spec in (theirs, ours):
-        controller = PD(Hold(home), load_gains("default", spec), Gravity(hand_kinematics(spec).gravity_torque))
+        controller = PD(
+            Hold(home), load_gains("default", spec), GravityFeedforward(hand_kinematics(spec).gravity_torque)
+        )
         backend = make_sim(spec)
         for sample in until(1.0, run(backend, controller)):
             last = sample.state.position

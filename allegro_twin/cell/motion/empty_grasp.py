@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.cell.motion.finger_paths import Wish, fingers
 from allegro_twin.cell.settings import HandSettings
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
@@ -91,7 +91,7 @@ def _closed(model: str, side: Side, gains: str, name: str, gravity: tuple[float,
     grasp = Library().grasp(name, spec)
     stage = Stage(np.array([0.0, 0.0, 1.0]), quaternion_from_gravity(gravity))
     backend = SimBackend(spec, compile_scene(spec, stage), period=PERIOD, posture=grasp.preshape)
-    path = Steering(grasp.preshape)
+    path = SmoothSetpoint(grasp.preshape)
     closed = path.head_for(0.0, grasp.close, grasp.speed)
     end = None
     for sample in run(backend, fingers(Wish(path), gains, spec, hand_kinematics(spec))):

@@ -10,7 +10,7 @@ from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.arm.target import Smoothing, Target
 from allegro_twin.cell.motion.finger_paths import Wish, fingers
 from allegro_twin.cell.pick.settings import PickSettings
-from allegro_twin.control.controllers import Following
+from allegro_twin.control.controllers import ReferenceMemory
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.hand import HandKinematics
@@ -78,7 +78,7 @@ class Stand:
         )  # fmt: skip
         self._grip = fingers(Wish(self.path), settings.gains, self.spec, self._hand_model)
         self._hanging: Hanging = self._law.start(self.arm)
-        self._following: Following = self._grip.start(self.hand)
+        self._following: ReferenceMemory = self._grip.start(self.hand)
 
     @property
     def palm(self) -> Pose:

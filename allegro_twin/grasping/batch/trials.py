@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import PD, Follow, Gravity
+from allegro_twin.control.controllers import PD, GravityFeedforward, PositionControl
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
@@ -75,7 +75,7 @@ class Bench:
         self.spec, self.period, self._threads = spec, period, threads
         self._model = hand_kinematics(spec)
         self.gains = load_gains(gains, spec)
-        self._gravity = Gravity(self._model.gravity_torque)
+        self._gravity = GravityFeedforward(self._model.gravity_torque)
         self.limits = hand_limits(LimitSettings(), spec)
 
     def verdicts(
@@ -100,7 +100,7 @@ class Bench:
         if "torque" not in self.spec.commands:
             if trial.grasp.grip is not None:
                 raise ConfigError(f"grasp {trial.grasp.name} controls force by torques; {self.spec.name} takes none")
-            return Follow(trial.reference)
+            return PositionControl(trial.reference)
         if trial.grasp.grip is None:
             return PD(trial.reference, self.gains, self._gravity)
         timed = Timed(trial.reference, trial.begin_of("close"), trial.begin_of("squeeze"))

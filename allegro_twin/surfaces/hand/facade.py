@@ -16,8 +16,8 @@ from allegro_twin.app import Rig, assemble
 from allegro_twin.app.config import RunConfig, load_config
 from allegro_twin.app.controller_settings import PositionSettings
 from allegro_twin.control.controllers import Gains
-from allegro_twin.control.motion import Motion
-from allegro_twin.control.trajectory import Following, Moves, Profile, Waypoint
+from allegro_twin.control.demonstration import TaughtMotion
+from allegro_twin.control.trajectory import KnownPath, Moves, Profile, Waypoint
 from allegro_twin.errors import LinkError, MotionStalled
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_posture, load_trajectory
@@ -231,7 +231,7 @@ class Hand:
             yield demonstration
         self.stop()
 
-    def play(self, motion: str | Motion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
+    def play(self, motion: str | TaughtMotion, speed: float = 1.0, *, approach: float = 1.0, wait: bool = True) -> None:
         """Go to where a motion begins (peak speed `approach`, rad/s), then repeat it `speed` times as fast as it was
         shown: one of the library's trajectories, or what a demonstration gave. Raises as `move_to` does."""
         if isinstance(motion, str):
@@ -240,7 +240,7 @@ class Hand:
         motion = replace(motion, positions=np.array([self._posture(row, what) for row in motion.positions]))
         path = motion.path(speed)
         self.move_to(motion.positions[0], approach)
-        self._mover.follow(self._mover.still_kind, Following(path), what)
+        self._mover.follow(self._mover.still_kind, KnownPath(path), what)
         if wait:
             self.wait()
 

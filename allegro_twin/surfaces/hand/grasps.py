@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.control.controllers import Follow
+from allegro_twin.control.controllers import PositionControl
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
@@ -69,7 +69,7 @@ def begin(
             f"{what}: a force is for hands that take torques; {spec.name} takes {', '.join(spec.commands)}"
         )
     else:
-        controller = Follow(motion.moves)
+        controller = PositionControl(motion.moves)
     path = motion.moves.begin(state.position)
     mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
 

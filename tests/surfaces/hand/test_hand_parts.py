@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.bumpless_switch import Relay
+from allegro_twin.control.bumpless_switch import BumplessSwitch
 from allegro_twin.control.controllers import PD, PID
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.control.trajectory import Moves, Waypoint
 from allegro_twin.errors import ConfigError, HandFault, LinkTimeout
 from allegro_twin.hands.library.gains import load_gains
@@ -234,7 +234,9 @@ def test_the_config_names_the_gains_and_the_wish_names_the_controller(monkeypatc
             np.testing.assert_array_equal(hand._mover.gains.kp, gains.kp)
             for kind, made in (("pd", PD), ("pid", PID)):
                 handed: list[object] = []
-                monkeypatch.setattr(Relay, "switch", lambda relay, controller, handed=handed: handed.append(controller))
+                monkeypatch.setattr(
+                    BumplessSwitch, "switch", lambda relay, controller, handed=handed: handed.append(controller)
+                )
                 hand.set_controller(kind)  # type: ignore[arg-type]  # Both are kinds.
                 assert [type(controller) for controller in handed] == [made]
 
@@ -256,7 +258,7 @@ def test_nobody_is_told_after_they_stopped_listening() -> None:
 
 
 def test_a_taught_motion_is_repeated_as_many_times_as_fast_as_asked(home: Vector) -> None:
-    motion = Motion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
+    motion = TaughtMotion(np.array([0.0, 0.5, 1.0]), np.array([home, home + 0.05, home]))
     with Hand.open(config()) as hand:
         for speed in (1.0, 2.0):
             hand.play(motion, speed, approach=3.0, wait=False)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from allegro_twin.app import assemble
 from allegro_twin.app.config import RunConfig
-from allegro_twin.control.controllers import PD, Gravity, GravityCompensation
+from allegro_twin.control.controllers import PD, GravityCompensation, GravityFeedforward
 from allegro_twin.controller import Controller
 from allegro_twin.drivers.can.config import CanSettings
 from allegro_twin.errors import ConfigError
@@ -38,7 +38,7 @@ def find_limits(
     if by_hand is not None and not by_hand > 0:
         raise ConfigError(f"--by-hand needs a positive time, s; not {by_hand}")
     rig = assemble(_searching(config))
-    gravity = Gravity(hand_kinematics(rig.spec).gravity_torque)
+    gravity = GravityFeedforward(hand_kinematics(rig.spec).gravity_torque)
     rest = load_posture("calibrate", rig.spec)
     moves = sweep(rig.spec, rest)
     controller: Controller[object]

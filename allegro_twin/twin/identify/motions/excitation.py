@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control import laws
-from allegro_twin.control.controllers import Following, Gravity
+from allegro_twin.control.controllers import GravityFeedforward, ReferenceMemory
 from allegro_twin.control.time_scaling import minimum_jerk
 from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.errors import ConfigError, unknown
@@ -108,7 +108,7 @@ class Excitation:
 
     spec: HandSpec
     seed: int
-    gravity: Gravity
+    gravity: GravityFeedforward
     scale: float = 1.0
 
     @cached_property
@@ -136,7 +136,7 @@ class Excitation:
         share = SHARE * self.scale * self.spec.actuation.torque_limit[:, None] / N_FAST
         return Waves(np.broadcast_to(share, band.shape), band, draw.uniform(0.0, 2.0 * np.pi, band.shape))
 
-    def start(self, state: HandState) -> Following:
+    def start(self, state: HandState) -> ReferenceMemory:
         self.gravity.check(state)
         first, travel = frozen(state.position), self.middle + self.path(0.0)[0] - state.position
 
@@ -148,9 +148,9 @@ class Excitation:
             swing, speed = self.path(warped)
             return SetPoint(self.middle + swing, pace * speed)
 
-        return Following(path, state.t)
+        return ReferenceMemory(path, state.t)
 
-    def __call__(self, state: HandState, memory: Following) -> tuple[TorqueCommand, Following]:
+    def __call__(self, state: HandState, memory: ReferenceMemory) -> tuple[TorqueCommand, ReferenceMemory]:
         t = state.t - memory.began
         target = memory.path(t)
         more = self.gravity(state)
@@ -188,7 +188,7 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0
-    carried = Gravity(hand_kinematics(spec).gravity_torque)
+    carried = GravityFeedforward(hand_kinematics(spec).gravity_torque)
     for scale, number in product(SCALES, range(TRIES)):
         excitation = Excitation(spec, seed + 1000 * number, carried, scale)
         backend = SimBackend(spec, model, posture=excitation.middle)

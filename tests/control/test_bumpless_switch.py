@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from allegro_twin.control.bumpless_switch import HANDOVER, Relay
-from allegro_twin.control.controllers import PD, PID, Gravity, GravityCompensation, Torque
+from allegro_twin.control.bumpless_switch import HANDOVER, BumplessSwitch
+from allegro_twin.control.controllers import PD, PID, ConstantTorque, GravityCompensation, GravityFeedforward
 from allegro_twin.control.trajectory import Hold
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
@@ -27,12 +27,12 @@ LIMIT = SPEC.actuation.torque_limit
 def test_between_any_two_torques_no_period_changes_by_more_than_a_twentieth_of_the_clip(
     before: Array, after: Array
 ) -> None:
-    relay = Relay(Torque(before), LIMIT)
+    relay = BumplessSwitch(ConstantTorque(before), LIMIT)
     memory = relay.start(state(0))
     sent = []
     for tick in range(200):
         if tick == 50:
-            relay.switch(Torque(after))
+            relay.switch(ConstantTorque(after))
         command, memory = relay(state(tick), memory)
         assert isinstance(command, TorqueCommand)
         sent.append(command.torque)
@@ -43,7 +43,7 @@ def test_between_any_two_torques_no_period_changes_by_more_than_a_twentieth_of_t
 
 
 def test_a_changed_copy_goes_on_with_the_same_memory() -> None:
-    relay = Relay(PID(Hold(np.zeros(16)), load_gains("default", SPEC), LIMIT), LIMIT)
+    relay = BumplessSwitch(PID(Hold(np.zeros(16)), load_gains("default", SPEC), LIMIT), LIMIT)
     memory = relay.start(state(0))
     for tick in range(10):
         _, memory = relay(state(tick), memory)
@@ -56,17 +56,17 @@ def test_a_changed_copy_goes_on_with_the_same_memory() -> None:
 
 @pytest.mark.parametrize("order", [("gravity", "pid", "pd", "torque"), ("torque", "pd", "gravity", "pid")])
 def test_switching_among_all_controllers_on_a_moving_hand_is_smooth(order: tuple[str, ...], make_sim: MakeSim) -> None:
-    gravity = Gravity(hand_kinematics(SPEC).gravity_torque)
+    gravity = GravityFeedforward(hand_kinematics(SPEC).gravity_torque)
     gains = load_gains("default", SPEC)
     start = SPEC.posture(np.clip(0.3, SPEC.lower, SPEC.upper))
     kinds = {
         "gravity": GravityCompensation(gravity),
         "pid": PID(Hold(start), gains, LIMIT, gravity),
         "pd": PD(Hold(start + 0.05), gains, gravity),
-        "torque": Torque(np.full(16, 0.02)),
+        "torque": ConstantTorque(np.full(16, 0.02)),
     }
     backend = make_sim(SPEC, facing=(0, 0, 1), fingers=(1, 0, 0), posture=start)
-    relay = Relay(kinds[order[0]], LIMIT)
+    relay = BumplessSwitch(kinds[order[0]], LIMIT)
     at_switch = []
     before = None
     for k, sample in enumerate(run(backend, relay)):

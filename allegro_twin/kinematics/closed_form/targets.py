@@ -1,18 +1,17 @@
-"""What is asked of inverse kinematics, checked: of one target in plain numbers, of a batch in columns."""
+"""Targets of inverse kinematics, read and checked: one on plain numbers, a batch in columns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, prod
-from typing import Generic, NamedTuple
+from typing import Generic, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arguments import numbers, rows
-from allegro_twin.kinematics.closed_form.forms.maths import ARRAYS, FLOATS, Maths, T
-from allegro_twin.kinematics.closed_form.search.nearest import Mode
+from allegro_twin.kinematics.maths import ARRAYS, FLOATS, Maths, T
 from allegro_twin.kinematics.orientation import Entries, entries_of_euler, entries_of_quaternion, is_rotation
 from allegro_twin.types import Array
 
@@ -21,7 +20,11 @@ _OF_FINGER = ("pitch", "rotation", "quaternion", "euler", "near")
 _OF_THUMB = ("q0", "q1", "psi", "rotation", "quaternion", "euler", "near")
 
 
-class Target(NamedTuple, Generic[T]):
+Mode: TypeAlias = Literal["position", "pitch", "rotation", "q0", "q1", "psi"]
+"""What a target fixes besides the position."""
+
+
+class IkTarget(NamedTuple, Generic[T]):
     """Targets in the palm frame: one, or N which came in the shape (...)."""
 
     mode: Mode
@@ -37,8 +40,8 @@ class Target(NamedTuple, Generic[T]):
 
 def read_target(
     finger: str, is_thumb: bool, position: ArrayLike, given: Mapping[str, ArrayLike | None]
-) -> Target[float] | Target[Array]:
-    """The targets that the arguments of `ik` describe. Raises ConfigError where they do not fit together."""
+) -> IkTarget[float] | IkTarget[Array]:
+    """The targets of a call of `ik`, from its arguments. Raises ConfigError where they do not fit together."""
     points = _array(finger, "position", position, (3,))
     named = [(name, value) for name, value in given.items() if value is not None]
     known = _OF_THUMB if is_thumb else _OF_FINGER
@@ -62,20 +65,20 @@ def _target(
     shape: tuple[int, ...],
     points: Array,
     named: Sequence[tuple[str, ArrayLike]],
-) -> Target[T]:
+) -> IkTarget[T]:
     x, y, z = split(finger, "position", points, (3,), shape)
     if not named:
-        return Target("position", shape, (x, y, z), x * 0.0, None, None)
+        return IkTarget("position", shape, (x, y, z), x * 0.0, None, None)
     ((name, value),) = named
     own = _SHAPES.get(name, ())
     values = split(finger, name, _array(finger, name, value, own), own, shape)
     if name == "near":
-        return Target("position", shape, (x, y, z), x * 0.0, None, tuple(values))
+        return IkTarget("position", shape, (x, y, z), x * 0.0, None, tuple(values))
     if name in _SHAPES:
-        return Target("rotation", shape, (x, y, z), x * 0.0, _turn(m, finger, name, values), None)
-    if name == "q1" and m.anywhere(abs(m.cos(values[0])) < 1e-6):
+        return IkTarget("rotation", shape, (x, y, z), x * 0.0, _turn(m, finger, name, values), None)
+    if name == "q1" and m.any(abs(m.cos(values[0])) < 1e-6):
         raise ConfigError(f"{finger}: at q1 = ±π/2 a position does not determine the other joints; give q0 or psi")
-    return Target(name, shape, (x, y, z), values[0], None, None)  # type: ignore[arg-type]  # One of the known.
+    return IkTarget(name, shape, (x, y, z), values[0], None, None)  # type: ignore[arg-type]  # One of the known.
 
 
 def _turn(m: Maths[T], finger: str, name: str, values: list[T]) -> Entries[T]:
@@ -84,7 +87,7 @@ def _turn(m: Maths[T], finger: str, name: str, values: list[T]) -> Entries[T]:
     if name == "quaternion":
         w, x, y, z = values
         length = m.root(w * w + x * x + y * y + z * z)
-        if m.anywhere(length <= 1e-9):
+        if m.any(length <= 1e-9):
             raise ConfigError(f"{finger}: a quaternion of length zero is no orientation")
         return entries_of_quaternion(w / length, x / length, y / length, z / length)
     a, b, c, d, e, f, g, h, i = values
@@ -100,19 +103,19 @@ def _array(finger: str, name: str, value: ArrayLike | None, own: tuple[int, ...]
 
 
 def _numbers(finger: str, name: str, array: Array, own: tuple[int, ...], shape: tuple[int, ...]) -> list[float]:
-    """Of one target."""
+    """The numbers of one target."""
     if array.shape != own:
         raise _misfit(finger, name, array, shape)
     numbers: list[float] = array.ravel().tolist()
     if not all(map(isfinite, numbers)):
-        raise _endless(finger, name, array)
+        raise _not_finite(finger, name, array)
     return numbers
 
 
 def _columns(finger: str, name: str, array: Array, own: tuple[int, ...], shape: tuple[int, ...]) -> list[Array]:
-    """Of N targets, each (N,)."""
+    """The columns of N targets, (N,) each."""
     if not np.isfinite(array).all():
-        raise _endless(finger, name, array)
+        raise _not_finite(finger, name, array)
     try:
         rows = np.broadcast_to(array, shape + own).reshape(prod(shape), prod(own))
     except ValueError as error:
@@ -124,6 +127,6 @@ def _misfit(finger: str, name: str, array: Array, shape: tuple[int, ...]) -> Con
     return ConfigError(f"{finger}: {name} {array.shape} does not go with positions {(*shape, 3)}")
 
 
-def _endless(finger: str, name: str, array: Array) -> ConfigError:
+def _not_finite(finger: str, name: str, array: Array) -> ConfigError:
     many = int((~np.isfinite(array)).sum())
     return ConfigError(f"{finger}: {name} must be finite; {many} of its values are not")

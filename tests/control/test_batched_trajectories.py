@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.control.batched_trajectory import Trajectories
-from allegro_twin.control.trajectory import Moves, Trajectory, Waypoint
+from allegro_twin.control.trajectory import BatchedTrajectories, Moves, Trajectory, Waypoint
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.hand import hand_kinematics
 
@@ -24,7 +23,7 @@ def paths(rng: np.random.Generator) -> list[Trajectory]:
 
 def test_every_row_is_where_its_trajectory_is_alone_before_within_and_after() -> None:
     alone = paths(np.random.default_rng(4))
-    together, rows = Trajectories(alone), np.array([2, 0, 1])
+    together, rows = BatchedTrajectories(alone), np.array([2, 0, 1])
     for t in np.arange(0.0, 6.0, 0.007).tolist():
         found = together(rows, t)
         for place, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""Where a function of one number is least, when its slope is known too: every local minimum between two places."""
+"""Local minima of a function of one number whose derivative is known: bracketed by slopes, found by interpolation."""
 
 from __future__ import annotations
 
@@ -7,37 +7,38 @@ from math import inf, sqrt
 from typing import TypeVar
 
 A = TypeVar("A")
-"""What there is at a place, such as a posture."""
-Place = tuple[float, float, float, A]
-"""The number τ, what the function costs there, its slope, and what there is."""
-Way = Callable[[float], A]
-"""From τ to what there is."""
+"""What a function is computed of, such as a posture."""
+Sample = tuple[float, float, float, A]
+"""The number τ, the function's value there, its slope, and what it is computed of."""
+At = Callable[[float], A]
+"""From τ to what the function is computed of."""
 Value = Callable[[A], tuple[float, float]]
-"""From that to its cost and its slope."""
-_DOUBT = 0.3  # Of the lesser slope at two places: where a cubic's falls below that, it is looked at.
+"""From that to the function's value and slope."""
+_DOUBT = 0.3  # Of the lesser slope of two samples: where a cubic's falls below that, the place is sampled.
 _APART = 1e-3  # of τ: no two minima are nearer.
-_FLAT = 1e-6  # Of the greater: a slope that is less is that of a minimum.
+_FLAT = 1e-6  # Of the greater slope: one that is less is that of a minimum.
 _CLOSE, _GAIN = 1e-6, 1e-14  # A step of τ, and what it gains, after which the next would be far smaller.
 STEPS = 60
-"""So many at most."""
+"""Steps to a minimum, at most."""
 
 
-def minima(way: Way[A], value: Value[A], low: Place[A], high: Place[A], depth: int = 3) -> list[Place[A]]:
-    """The local minima between two places."""
-    found = [minimum(way, value, low, high)] if low[2] < 0.0 < high[2] else []
+def minima(at: At[A], value: Value[A], low: Sample[A], high: Sample[A], depth: int = 3) -> list[Sample[A]]:
+    """The local minima between two samples."""
+    found = [minimum(at, value, low, high)] if low[2] < 0.0 < high[2] else []
     if depth:
         for first, last in ((low, found[0]), (found[0], high)) if found else ((low, high),):
             tau = _hidden(first, last)
             if tau is not None:
-                at = way(tau)
-                between = (tau, *value(at), at)
-                found += minima(way, value, first, between, depth - 1)
-                found += minima(way, value, between, last, depth - 1)
+                there = at(tau)
+                between = (tau, *value(there), there)
+                found += minima(at, value, first, between, depth - 1)
+                found += minima(at, value, between, last, depth - 1)
     return found
 
 
-def _hidden(low: Place[A], high: Place[A]) -> float | None:
-    """Where a cubic with the same costs and slopes, of one sign, turns back, or nearly so: there a minimum may hide."""
+def _hidden(low: Sample[A], high: Sample[A]) -> float | None:
+    """Where a minimum may hide between slopes of one sign: where the cubic with these values and slopes turns back, or
+    nearly so. None where it does not."""
     (a, cost, ga, _), (b, then, gb, _) = low, high
     if b - a < _APART:
         return None
@@ -50,17 +51,18 @@ def _hidden(low: Place[A], high: Place[A]) -> float | None:
     return a - (b - a) * linear / (2.0 * square) if ga - linear * linear / (4.0 * square) < _DOUBT * least else None
 
 
-def minimum(way: Way[A], value: Value[A], falling: Place[A], rising: Place[A]) -> Place[A]:
-    """Where the slope is zero between two places: first as of a cubic, then τ as a parabola of slope."""
-    low, high, to = falling[0], rising[0], _least(falling, rising)
+def minimum(at: At[A], value: Value[A], falling: Sample[A], rising: Sample[A]) -> Sample[A]:
+    """The minimum between a falling and a rising sample: first that of a cubic, then the zero of the slope's inverse
+    interpolation by a parabola."""
+    low, high, to = falling[0], rising[0], _least_of_cubic(falling, rising)
     first, second, third = falling, rising, falling
     for step in range(STEPS):
         if not low < to < high:
             to = (low + high) / 2
-        at = way(to)
+        there = at(to)
         if step:
             first, second = second, third
-        moved, third = to - third[0], (to, *value(at), at)
+        moved, third = to - third[0], (to, *value(there), there)
         if abs(moved) < _CLOSE and abs(moved * third[2]) < _GAIN:
             break
         if third[2] < 0.0:
@@ -71,8 +73,8 @@ def minimum(way: Way[A], value: Value[A], falling: Place[A], rising: Place[A]) -
     return third
 
 
-def _least(falling: Place[A], rising: Place[A]) -> float:
-    """Where a cubic with the same costs and slopes is least (Nocedal & Wright, Numerical Optimization, eq. 3.59)."""
+def _least_of_cubic(falling: Sample[A], rising: Sample[A]) -> float:
+    """Where the cubic with these values and slopes is least (Nocedal & Wright, Numerical Optimization, eq. 3.59)."""
     (a, cost, ga, _), (b, then, gb, _) = falling, rising
     mean = ga + gb - 3.0 * (then - cost) / (b - a)
     root = sqrt(mean * mean - ga * gb)
@@ -80,7 +82,7 @@ def _least(falling: Place[A], rising: Place[A]) -> float:
 
 
 def crossing(first: tuple[float, float], second: tuple[float, float], third: tuple[float, float]) -> float:
-    """Where something is zero, from three places and its values there, or from the last two."""
+    """Where a function is zero, from three places and its values there, or from the last two."""
     (a, ga), (b, gb), (c, gc) = first, second, third
     if ga != gb != gc != ga:
         ab, ac, bc = ga - gb, ga - gc, gb - gc

@@ -1,8 +1,9 @@
-"""Position alone leaves a finger one freedom: the postures that reach a point form a curve, cut by the joints' limits.
+"""The curve of all postures that reach one point: position alone leaves a finger one freedom.
 
-The curve is run through by an angle, φ of a finger and q₀ of the thumb. Where the elbow can be straight that angle goes
-to and fro between the two places at which it is: as middle - half · cos τ, once with the elbow bent to either side, and
-the joints go evenly with τ. Where it cannot, there are two curves, and τ is the angle itself.
+The curve has an angle as its parameter: φ = q₁ + q₂ + q₃ of a finger, q₀ of the thumb. Where the elbow can be straight,
+that angle goes to and fro between the two places at which it is: angle = middle - half · cos τ, with the elbow bent to
+one side on the way there and to the other on the way back, and the joints depend smoothly on τ. Where the elbow cannot
+be straight, there are two curves, and τ is the angle itself. Joint limits cut the curve into segments.
 """
 
 from __future__ import annotations
@@ -13,23 +14,23 @@ from typing import NamedTuple, TypeAlias
 
 Posture: TypeAlias = tuple[float, float, float, float]
 """Joints from the palm outward, rad."""
-Moving: TypeAlias = tuple[float, float, float, float, float, float, float, float]
-"""A posture, and the rate of each joint by τ."""
-Way: TypeAlias = Callable[[float], Moving]
+PostureRates: TypeAlias = tuple[float, float, float, float, float, float, float, float]
+"""A posture, and the derivative of each joint by τ."""
+PostureAt: TypeAlias = Callable[[float], PostureRates]
 """From τ to the posture there."""
 
 
-class Course(NamedTuple):
+class CurveParameter(NamedTuple):
     """How the angle depends on τ, rad."""
 
     middle: float
     half: float
     """Zero where τ is the angle itself."""
     elbow: float
-    """Then its sign, +1 or -1; +1 otherwise."""
+    """Where τ is the angle itself, the sign of the elbow, +1 or -1; +1 otherwise."""
 
     def tau(self, angle: float, elbow: float) -> float:
-        """τ, within π of zero, or of the middle where it is the angle."""
+        """τ at an angle, within π of zero, or of the middle where τ is the angle."""
         angle = near_turn(angle, self.middle)
         if self.half == 0.0:
             return angle
@@ -37,17 +38,17 @@ class Course(NamedTuple):
         return turn if elbow >= 0.0 else -turn
 
 
-class Piece(NamedTuple):
+class Segment(NamedTuple):
     """A part of the curve, from one τ to another."""
 
-    at: Way
+    at: PostureAt
     low: float
     high: float
-    middle: Moving
+    middle: PostureRates
     """Half way."""
 
-    def knots(self, step: float) -> list[tuple[float, Moving]]:
-        """τ in ascending order, no further apart than a step if not half as far as it is long, and the postures."""
+    def knots(self, step: float) -> list[tuple[float, PostureRates]]:
+        """Ascending τ, at most a step apart (two intervals at least), and the postures there."""
         at, low, high, middle = self
         wide = high - low
         if wide <= 2.0 * step:
@@ -57,12 +58,12 @@ class Piece(NamedTuple):
         return [(tau, middle if 2 * k == count else at(tau)) for k, tau in enumerate(taus)]
 
 
-class Curve(NamedTuple):
+class PostureCurve(NamedTuple):
     """The postures that reach one point, inside the limits."""
 
-    pieces: list[Piece]
+    segments: list[Segment]
     ends: list[Posture]
-    """At the ends of pieces, and those that have none beside them."""
+    """At the ends of segments, and single postures beside which there are no others."""
 
 
 def near_turn(angle: float, middle: float) -> float:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from allegro_twin.control.planning import CLEARANCE, Room, _shortened, clear, crossing, way
+from allegro_twin.control.path_planning import CLEARANCE, PlanningSpace, _shorten, crossing_pairs, is_clear, plan_path
 from allegro_twin.types import Array, Vector
 
 RADIUS = 0.02  # m. Two round fingers in a plane, 0.1 m a radian: joints 0 and 1 place one, 2 and 3 the other.
@@ -29,8 +29,8 @@ def walled(postures: Array) -> Array:
     return apart(postures, wall=True)
 
 
-def room(wall: bool = False) -> Room:
-    return Room(walled if wall else apart, [(0, 1), (2, 3)], np.zeros(4), np.full(4, -1.0), np.ones(4))
+def room(wall: bool = False) -> PlanningSpace:
+    return PlanningSpace(walled if wall else apart, [(0, 1), (2, 3)], np.zeros(4), np.full(4, -1.0), np.ones(4))
 
 
 def along(rows: list[Vector]) -> Array:
@@ -45,12 +45,12 @@ RIGHT_LEFT = np.array([0.5, 0.0, -0.5, 0.0])
 
 def test_where_nothing_is_in_the_way_it_is_the_straight_line() -> None:
     goal = LEFT_RIGHT + np.array([0.0, 0.8, 0.0, 0.8])
-    (only,) = way(room(), LEFT_RIGHT, goal) or []
+    (only,) = plan_path(room(), LEFT_RIGHT, goal) or []
     np.testing.assert_array_equal(only, goal)
 
 
 def test_two_that_change_places_go_round_each_other() -> None:
-    found = way(room(), LEFT_RIGHT, RIGHT_LEFT)
+    found = plan_path(room(), LEFT_RIGHT, RIGHT_LEFT)
     assert found is not None
     assert len(found) > 1
     np.testing.assert_array_equal(found[-1], RIGHT_LEFT)
@@ -58,14 +58,14 @@ def test_two_that_change_places_go_round_each_other() -> None:
 
 
 def test_the_same_question_has_the_same_answer() -> None:
-    first, second = (way(room(), LEFT_RIGHT, RIGHT_LEFT) for _ in range(2))
+    first, second = (plan_path(room(), LEFT_RIGHT, RIGHT_LEFT) for _ in range(2))
     np.testing.assert_array_equal(np.array(first), np.array(second))
 
 
 def test_what_touches_at_the_start_comes_apart_first_and_what_touches_at_the_goal_last() -> None:
     """The two lean on each other, 1 mm deep, at both ends, with their places changed."""
     touching, changed = np.array([-0.195, 0.0, 0.195, 0.0]), np.array([0.195, 0.0, -0.195, 0.0])
-    found = way(room(), touching, changed)
+    found = plan_path(room(), touching, changed)
     assert found is not None
     seen = apart(along([touching, *found]))[:, 0]
     clear_of = np.flatnonzero(seen >= CLEARANCE)
@@ -77,7 +77,7 @@ def test_what_touches_at_the_start_comes_apart_first_and_what_touches_at_the_goa
 def test_no_way_is_found_where_there_is_none() -> None:
     """A wall stands between a finger and where it should be."""
     start, goal = np.array([-0.6, 0.0, 0.6, 0.0]), np.array([0.6, 0.9, 0.9, -0.9])
-    assert way(room(wall=True), start, goal) is None
+    assert plan_path(room(wall=True), start, goal) is None
 
 
 def test_a_start_that_cannot_come_apart_has_no_way() -> None:
@@ -86,8 +86,8 @@ def test_a_start_that_cannot_come_apart_has_no_way() -> None:
     def pressed(rows: Array) -> Array:
         return np.where(np.abs(rows[:, :1]) < 0.2, -0.005, -0.001)
 
-    stuck = Room(pressed, [(0, 1), (2, 3)], np.zeros(4), np.full(4, -1.0), np.ones(4))
-    assert way(stuck, LEFT_RIGHT, RIGHT_LEFT) is None
+    stuck = PlanningSpace(pressed, [(0, 1), (2, 3)], np.zeros(4), np.full(4, -1.0), np.ones(4))
+    assert plan_path(stuck, LEFT_RIGHT, RIGHT_LEFT) is None
 
 
 places = st.tuples(*[st.floats(-0.9, 0.9)] * 4).map(np.array)
@@ -98,7 +98,7 @@ places = st.tuples(*[st.floats(-0.9, 0.9)] * 4).map(np.array)
 def test_every_way_that_is_found_is_clear_between_clear_ends(start: Vector, goal: Vector) -> None:
     if apart(np.array([start, goal])).min() < CLEARANCE:
         return
-    found = way(room(), start, goal)
+    found = plan_path(room(), start, goal)
     assert found is not None
     assert (np.abs(np.array(found)) <= 1.0).all()
     assert apart(along([start, *found])).min() >= CLEARANCE - 5e-4  # The grain, and what counts as noise.
@@ -117,7 +117,7 @@ def test_every_way_that_is_found_is_clear_between_clear_ends(start: Vector, goal
     ],
 )
 def test_a_pair_may_come_apart_and_together_but_not_together_and_apart(distances: list[float], is_clear: bool) -> None:
-    assert crossing(np.array(distances)[:, None] * 1e-3, 0.003).tolist() == [not is_clear]
+    assert crossing_pairs(np.array(distances)[:, None] * 1e-3, 0.003).tolist() == [not is_clear]
 
 
 def test_a_thin_thing_in_the_middle_of_a_line_is_seen() -> None:
@@ -126,9 +126,9 @@ def test_a_thin_thing_in_the_middle_of_a_line_is_seen() -> None:
     def needle(rows: Array) -> Array:
         return np.where(np.abs(rows[:, :1] - 0.123) < 0.02, -0.01, 0.01)
 
-    space = Room(needle, [(0,)], np.zeros(1), np.zeros(1), np.ones(1))
-    assert not clear(space, np.zeros(1), np.ones(1))
-    assert clear(space, np.full(1, 0.2), np.ones(1))
+    space = PlanningSpace(needle, [(0,)], np.zeros(1), np.zeros(1), np.ones(1))
+    assert not is_clear(space, np.zeros(1), np.ones(1))
+    assert is_clear(space, np.full(1, 0.2), np.ones(1))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -137,19 +137,19 @@ def test_no_stop_of_a_way_can_be_left_out_and_none_that_is_needed_is(seed: int) 
     start, goal = (posture for posture in random.uniform(-0.6, 0.6, (2, 4)))
     start[:2], goal[:2] = (-0.3, 0.0), (0.3, 0.02 * seed)
     start[2:], goal[2:] = (0.3, 0.02 * seed), (-0.3, 0.0)
-    found = way(room(), start, goal)
+    found = plan_path(room(), start, goal)
     assert found is not None
     rows = [start, *found]
     assert len(rows) > 2
-    assert all(clear(room(), a, b) for a, b in pairwise(rows))
+    assert all(is_clear(room(), a, b) for a, b in pairwise(rows))
     for k, stop in enumerate(rows):
-        assert not any(clear(room(), stop, later) for later in rows[k + 2 :])
+        assert not any(is_clear(room(), stop, later) for later in rows[k + 2 :])
 
 
 def test_a_contact_that_is_left_in_two_steps_is_left_in_one_line() -> None:
     """3 mm deep, and clear after two steps of 4 mm: they make one leg, and the rest of the way another."""
     touching, goal = np.array([-0.185, 0.0, 0.185, 0.0]), np.array([-0.6, 0.3, 0.6, -0.3])
-    found = way(room(), touching, goal)
+    found = plan_path(room(), touching, goal)
     assert found is not None
     assert len(found) == 2
     np.testing.assert_allclose(found[0], [-0.225, 0.0, 0.225, 0.0], atol=1e-3)
@@ -161,8 +161,8 @@ def test_a_stop_at_a_corner_is_kept_and_one_on_a_straight_is_not() -> None:
     def corner(rows: Array) -> Array:
         return np.minimum(np.maximum(rows[:, :1], rows[:, 1:]) * 0.1 + 0.005, 0.01)
 
-    space = Room(corner, [(0, 1)], np.zeros(2), np.full(2, -1.0), np.ones(2))
+    space = PlanningSpace(corner, [(0, 1)], np.zeros(2), np.full(2, -1.0), np.ones(2))
     rows = [np.array(each) for each in ((0.0, -0.8), (0.0, -0.4), (0.0, 0.0), (-0.8, 0.0))]
-    assert np.array(_shortened(space, rows)).tolist() == [[0.0, -0.8], [0.0, 0.0], [-0.8, 0.0]]
-    assert np.array(_shortened(space, rows[1:])).tolist() == [[0.0, -0.4], [0.0, 0.0], [-0.8, 0.0]]
-    assert np.array(_shortened(space, rows[:2])).tolist() == [[0.0, -0.8], [0.0, -0.4]]
+    assert np.array(_shorten(space, rows)).tolist() == [[0.0, -0.8], [0.0, 0.0], [-0.8, 0.0]]
+    assert np.array(_shorten(space, rows[1:])).tolist() == [[0.0, -0.4], [0.0, 0.0], [-0.8, 0.0]]
+    assert np.array(_shorten(space, rows[:2])).tolist() == [[0.0, -0.8], [0.0, -0.4]]
