@@ -3,7 +3,7 @@
 import numpy as np
 
 from allegro_twin import Hand, Library
-from allegro_twin.control.trajectory import Moves, Waypoint
+from allegro_twin.control import Moves, Waypoint
 from allegro_twin.hands.library.entries import trajectory_entry
 from allegro_twin.sim.engine.hand_guiding import Guide
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.control import laws
-from allegro_twin.control.controllers import Gains, GravityFeedforward
+from allegro_twin.control import Gains, GravityFeedforward, laws
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.safety import Limits, clamp
 from allegro_twin.sim.batch.simulations import Rows, Simulations

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from allegro_twin.control.controllers import GravityFeedforward
+from allegro_twin.control import GravityFeedforward
 from allegro_twin.grasping import scenario as rules
 from allegro_twin.grasping.timeline import stage
 from allegro_twin.grasping.uncertainty import Draw
