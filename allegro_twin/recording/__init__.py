@@ -1,1 +1,1 @@
-"""Recordings: written, read, replayed and converted."""
+"""Recordings of hands and cells: write, read, replay and convert them."""

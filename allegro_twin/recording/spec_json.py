@@ -1,4 +1,4 @@
-"""A hand's spec as JSON, so that a recording says on its own which hand it is of."""
+"""Hand specs as JSON, so that a recording says by itself which hand it is of."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
 
 
 def _otherwise(spec: HandSpec) -> dict[str, Any]:
-    """What hands with a torque motor on every joint have nothing to say of."""
+    """Entries that only hands without a torque motor on every joint, and arms, have."""
     said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}

@@ -10,10 +10,10 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.learning.environments.vector import HandVectorEnv
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.recording.exchange.environment_episodes import OBSERVATION, Episode
+from allegro_twin.recording.exchange.environment_episodes import OBSERVATION, EnvironmentEpisode
 
 
-def collected(
+def collect_episodes(
     policy: Callable[[Observation], Floats],
     task: str,
     keywords: dict[str, Any],
@@ -21,7 +21,7 @@ def collected(
     *,
     seed: int = 0,
     threads: int = 0,
-) -> list[Episode]:
+) -> list[EnvironmentEpisode]:
     """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
     if episodes < 1:
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
@@ -43,7 +43,7 @@ def collected(
     whole = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
     purpose = env.engine.task.purpose
     return [
-        Episode(
+        EnvironmentEpisode(
             env.engine.task.id,
             f"{purpose} ({things[row]})" if things[row] else purpose,
             {name: values[: count + 1, row] for name, values in whole.items()},

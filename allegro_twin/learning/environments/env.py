@@ -11,11 +11,11 @@ from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import Goals
+from allegro_twin.learning.tasks.base import GoalTask
 from allegro_twin.viewing.batch import Pictures, has_screen
 
 _ONE = np.zeros(1, np.int64)
@@ -38,13 +38,13 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         EzPickle.__init__(self, task, render_mode=render_mode, width=width, height=height, **kwargs)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ConfigError(f"render_mode {render_mode!r} is none of {', '.join(self.metadata['render_modes'])}")
-        self.engine = Engine(task, read_settings(kwargs), 1, threads=1)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), 1, threads=1)
         self.action_space = action_space(self.engine.task)
         self.observation_space = observation_space(self.engine.task, self.engine.n_state)
         self.metadata = self.metadata | {"render_fps": round(1.0 / self.engine.task.interface.seconds)}
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: Pictures | None = None
-        if isinstance(self.engine.task, Goals):
+        if isinstance(self.engine.task, GoalTask):
             # Stable-Baselines3 takes everything that has these for a goal environment.
             self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
             self.compute_terminated = self.compute_truncated = _never
@@ -60,10 +60,10 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         engine = self.engine
-        actions = engine.placed(np.asarray(action)[None])
+        actions = engine.clip_actions(np.asarray(action)[None])
         engine.step(actions)
         seen = engine.observe()
-        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(actions, seen), engine.count))
+        observation, (outcome, diverged), count = engine.fetch((seen, engine.outcome(actions, seen), engine.count))
         info = {"is_success": bool(outcome.success[0])} | {name: float(row[0]) for name, row in outcome.terms.items()}
         if diverged[0]:
             info["diverged"] = True
@@ -90,11 +90,11 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         Of the goals as they are given: those of an observation are what encoders or a camera tell, so with noise or
         delay this is not what the step has paid, which follows from what is truly achieved."""
         task = self.engine.task
-        assert isinstance(task, Goals)
+        assert isinstance(task, GoalTask)
         return task.reward(achieved_goal, desired_goal, _dropped(info))
 
     def _seen(self) -> Observation:
-        return _first(self.engine.fetched(self.engine.observe()))
+        return _first(self.engine.fetch(self.engine.observe()))
 
 
 def _first(observation: Observation) -> Observation:

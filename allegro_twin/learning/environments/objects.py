@@ -37,11 +37,11 @@ def _read(value: Any) -> Any:
     return value
 
 
-Given: TypeAlias = Annotated[str | OwnObject, BeforeValidator(_read)]
+ObjectChoice: TypeAlias = Annotated[str | OwnObject, BeforeValidator(_read)]
 """A name of the catalogue, a path of a scenario, or an object."""
 
 
-def scenarios(hand: str = HAND) -> dict[str, str]:
+def object_scenarios(hand: str = HAND) -> dict[str, str]:
     """For every object that the package knows how to grasp with a model of hand, the scenario that says where the palm
     goes."""
     folders = [data_root() / "scenarios" / name for name in FOLDERS.get(hand, (hand,))]
@@ -49,14 +49,14 @@ def scenarios(hand: str = HAND) -> dict[str, str]:
     return {load_scenario(file)[0].objects[0].name: str(file) for file in files}
 
 
-def name_of(given: Given) -> str:
+def object_name(given: ObjectChoice) -> str:
     """What it is called in reports."""
     if isinstance(given, OwnObject):
         return given.name
     return load_scenario(given)[0].objects[0].name if _is_scenario(given) else given
 
 
-def scenario_of(given: Given, known: dict[str, str]) -> tuple[Scenario, Path]:
+def scenario_of(given: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, Path]:
     """Where the palm goes and how it grasps, and the folder of the files named there; `known` has the catalogue's
     scenarios. Raises ConfigError for an object that nobody has said this of."""
     if isinstance(given, OwnObject):
@@ -71,13 +71,13 @@ def scenario_of(given: Given, known: dict[str, str]) -> tuple[Scenario, Path]:
     return found, path.parent
 
 
-def thing_of(given: Given) -> Thing:
+def load_object(given: ObjectChoice) -> Thing:
     """The object alone. Raises ConfigError."""
     if isinstance(given, str) and not _is_scenario(given):
         return objects.named(given)
     if isinstance(given, OwnObject) and given.like is None:
         given = given.model_copy(update={"like": "rubiks_cube"})
-    scenario, folder = scenario_of(given, scenarios())
+    scenario, folder = scenario_of(given, object_scenarios())
     return stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
 
 

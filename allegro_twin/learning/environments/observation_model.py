@@ -12,12 +12,12 @@ from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
-from allegro_twin.learning.tasks.vectors import turned
+from allegro_twin.learning.tasks.vectors import rotate_vectors
 from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
 from allegro_twin.types import Array
 
 
-class Sensing:
+class SignalModel:
     """Noise, quantisation and delays of `n` hands; whatever no range asks for costs nothing."""
 
     def __init__(self, settings: Randomise, worlds: Worlds) -> None:
@@ -46,7 +46,7 @@ class Sensing:
 
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some hands: `values` as they were drawn, (m,) each."""
-        self._key[rows] = draws.key()
+        self._key[rows] = draws.keys()
         for name, own in self._noise.items():
             own[rows, 0] = values[name]
         if self._strength is not None:
@@ -63,7 +63,7 @@ class Sensing:
             here = self._worlds.position[rows]  # Until the first word arrives it stays where it is.
             self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
-    def measured(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
+    def measure(self, tick: NDArray[np.int64]) -> tuple[Array, Array]:
         """Joint positions and speeds as the hands report them at their periods `tick` (n,), each (n, joints)."""
         position, velocity = self._worlds.position, self._worlds.velocity
         if self.ideal:
@@ -84,7 +84,7 @@ class Sensing:
         """The law's gains, kp and kd (2, 1, joints), as these hands have them, (2, n, joints) where they differ."""
         return nominal if self._gains is None else nominal * self._gains.T[:, :, None]
 
-    def drive(self, told: Array, tick: NDArray[np.int64]) -> None:
+    def send(self, told: Array, tick: NDArray[np.int64]) -> None:
         """Tell the motors torques, N·m, or where the hand closes the loop positions, rad, (n, joints)."""
         if (late := self._late.get("actuator_delay")) is not None:
             joints = told.shape[1]
@@ -102,7 +102,7 @@ class Sensing:
         return found
 
 
-class Touch:
+class ExternalTorque:
     """Of `n` hands; with the dry friction of their joints, which nobody can tell from a contact in one moment."""
 
     def __init__(self, settings: Randomise, worlds: Worlds) -> None:
@@ -115,11 +115,11 @@ class Touch:
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some hands; what is drawn joins `values`, (m,)."""
         if self._noise is not None and self._range is not None:
-            self._key[rows] = draws.key()
-            self._noise[rows] = draws.within(*self._range)
+            self._key[rows] = draws.keys()
+            self._noise[rows] = draws.uniform(*self._range)
             values["touch_noise"] = self._noise[rows, 0]
 
-    def felt(self, tick: NDArray[np.int64]) -> Array:
+    def observe(self, tick: NDArray[np.int64]) -> Array:
         """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
         has been felt."""
         torque = self._xp.where(tick[:, None] > 0, self._worlds.external(), 0.0)
@@ -136,7 +136,7 @@ _PLACE, _FAST, _SPINS = 0.1, 0.5, 5.0
 """m, m/s and rad/s by which an object's numbers are divided, to be of order 1."""
 
 
-class State:
+class PrivilegedState:
     """Of `n` hands. In order: the joints' positions (±1 at their limits), speeds (by 5 rad/s), the torques of their
     motors and those from outside (by the limit), as they are; and where there is an object, in the world's axes, where
     it is (by 0.1 m), its quaternion, velocity (by 0.5 m/s) and spin (by 5 rad/s), and `FACTORS`."""
@@ -166,13 +166,13 @@ class State:
             xp.where(begun, worlds.external(), 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
-            pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)
+            pose, spin = thing.pose, rotate_vectors(thing.pose[:, 3:], thing.spin)
             parts += [pose[:, :3] / _PLACE, pose[:, 3:], thing.velocity / _FAST, spin / _SPINS, self._factors]
         whole = xp.clip(xp.nan_to_num(xp.concatenate(parts, axis=-1)), -BOUND, BOUND)
         return xp.asarray(whole, np.float32)  # type: ignore[no-any-return]
 
 
-class Seen(NamedTuple):
+class ObjectObservation(NamedTuple):
     """Of an object, all in the world's axes."""
 
     position: Array
@@ -185,7 +185,7 @@ class Seen(NamedTuple):
     """(n, 3), rad/s."""
 
 
-class Camera:
+class ObjectCamera:
     """Looks at a body of `n` simulations once a decision. Noise is drawn anew in each picture; a picture is late by
     whole decisions. Speeds come from elsewhere and are late only."""
 
@@ -202,14 +202,14 @@ class Camera:
     def begin(self, rows: Rows, values: dict[str, Array], draws: Draws) -> None:
         """A new episode of some simulations: `values` as they were drawn, (m,) each."""
         if self._noise:
-            self._key[rows] = draws.key()
+            self._key[rows] = draws.keys()
         for name, own in self._noise.items():
             own[rows, 0] = values[name]
         if self._late is not None:
             self._late[rows] = self._xp.asarray(values["camera_delay"], np.int64)
             self._past[:, rows] = self._now()[rows]
 
-    def look(self, tick: NDArray[np.int64]) -> Seen:
+    def look(self, tick: NDArray[np.int64]) -> ObjectObservation:
         """The picture at the decision `tick` (n,) periods after the beginning."""
         shown, picture = self._now(), tick // self._decimation
         if self._late is not None:
@@ -220,9 +220,11 @@ class Camera:
             position = position + width * jitter(self._key, picture, 8, 3)
         if (width := self._noise.get("camera_turn")) is not None:
             quaternion = turned_by(quaternion, width * jitter(self._key, picture, 9, 3))
-        return Seen(position, quaternion, velocity, spin)
+        return ObjectObservation(position, quaternion, velocity, spin)
 
     def _now(self) -> Array:
         body = self._body
-        now: Array = self._xp.concatenate([body.pose, body.velocity, turned(body.pose[:, 3:], body.spin)], axis=-1)
+        now: Array = self._xp.concatenate(
+            [body.pose, body.velocity, rotate_vectors(body.pose[:, 3:], body.spin)], axis=-1
+        )
         return now

@@ -28,50 +28,50 @@ class Draws:
         self._next = 0
 
     @classmethod
-    def of(cls, generators: list[np.random.Generator], xp: Any = np) -> Draws:
+    def from_generators(cls, generators: list[np.random.Generator], xp: Any = np) -> Draws:
         """From each simulation's own generator, in one call."""
         return cls(xp.double(np.stack([generator.random(COLUMNS) for generator in generators])))
 
     @classmethod
-    def counted(cls, key: NDArray[np.uint64], episode: NDArray[np.int64]) -> Draws:
+    def from_counters(cls, key: NDArray[np.uint64], episode: NDArray[np.int64]) -> Draws:
         """From each simulation's key (m,) and the number of its episode (m,): without a loop over simulations."""
         return cls((_even(key, episode, _STREAM, COLUMNS) + 1.0) / 2.0)
 
     def __len__(self) -> int:
         return len(self._uniform)
 
-    def within(self, low: float, high: float, count: int = 1) -> Array:
+    def uniform(self, low: float, high: float, count: int = 1) -> Array:
         """Uniform in [low, high), shape (m, count)."""
         columns = self._uniform[:, self._next : self._next + count]
         self._next += count
         found: Array = self._xp.asarray(low + (high - low) * columns, np.float64)
         return found
 
-    def number(self, below: int) -> NDArray[np.int64]:
+    def integers(self, below: int) -> NDArray[np.int64]:
         """One of 0 … below - 1, shape (m,)."""
         xp = self._xp
-        chosen: NDArray[np.int64] = xp.minimum(xp.asarray(self.within(0.0, 1.0)[:, 0] * below, np.int64), below - 1)
+        chosen: NDArray[np.int64] = xp.minimum(xp.asarray(self.uniform(0.0, 1.0)[:, 0] * below, np.int64), below - 1)
         return chosen
 
-    def whole(self, low: float, high: float) -> Array:
+    def integers_between(self, low: float, high: float) -> Array:
         """One of low … high, both included, shape (m, 1)."""
-        found: Array = self._xp.minimum(self._xp.floor(self.within(low, high + 1)), high)
+        found: Array = self._xp.minimum(self._xp.floor(self.uniform(low, high + 1)), high)
         return found
 
     def signs(self, count: int) -> Array:
         """-1 or 1, shape (m, count)."""
-        found: Array = self._xp.where(self.within(-1.0, 1.0, count) < 0, -1.0, 1.0)
+        found: Array = self._xp.where(self.uniform(-1.0, 1.0, count) < 0, -1.0, 1.0)
         return found
 
-    def direction(self) -> Array:
+    def directions(self) -> Array:
         """A unit vector, uniform over the sphere, shape (m, 3)."""
-        z, turn = self.within(-1.0, 1.0)[:, 0], self.within(0.0, 2 * np.pi)[:, 0]
+        z, turn = self.uniform(-1.0, 1.0)[:, 0], self.uniform(0.0, 2 * np.pi)[:, 0]
         xp = self._xp
         radius = xp.sqrt(xp.maximum(1.0 - z * z, 0.0))
         found: Array = xp.stack([radius * xp.cos(turn), radius * xp.sin(turn), z], axis=-1)
         return found
 
-    def key(self) -> NDArray[np.uint64]:
+    def keys(self) -> NDArray[np.uint64]:
         """For `jitter`, shape (m,)."""
         self._next += 1
         found: NDArray[np.uint64] = self._xp.asarray(self._uniform[:, self._next - 1] * 2.0**53, np.uint64)

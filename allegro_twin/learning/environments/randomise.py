@@ -111,7 +111,7 @@ class Randomise(Settings):
         return cls(**everything.model_dump(exclude=set(strange)))
 
 
-def preset(value: Any, spec: HandSpec | None = None) -> Any:
+def parse_randomise(value: Any, spec: HandSpec | None = None) -> Any:
     """From what a user may write: None, `off`, `default`, or the ranges. Raises ConfigError for another name."""
     if value is None or value == "off":
         return Randomise()
@@ -126,7 +126,7 @@ _ROTORS = ("armature", "frictionloss")
 """Ranges in units, of joints that a motor turns each; not of those that hang on a tendon."""
 
 
-def applicable(settings: Randomise, spec: HandSpec) -> None:
+def check_randomise(settings: Randomise, spec: HandSpec) -> None:
     """Raise ConfigError for a range that this hand has no use for."""
     for name in _ROTORS if spec.followers else ():
         if getattr(settings, name) is not None:
@@ -138,7 +138,7 @@ LATER = ("touch_noise",)
 """Drawn by who needs it, after everything else: the episodes of a seed are the same whether anybody does."""
 
 
-def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
+def draw_values(settings: Randomise, draws: Draws) -> dict[str, Array]:
     """One value of each range that is given for each simulation, (m,), or (m, 2) for the gains, (m, 3) for the tilt."""
     found: dict[str, Array] = {}
     for name in Randomise.model_fields:
@@ -147,9 +147,9 @@ def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
         count = {"gains": 2, "wrist_tilt": 3}.get(name, 1)
         low, high = getattr(settings, name) or (0.0, 0.0)
         if name.endswith("delay"):
-            values = draws.whole(low, high)
+            values = draws.integers_between(low, high)
         else:
-            values = draws.within(low, high, count)
+            values = draws.uniform(low, high, count)
         if getattr(settings, name) is not None:
             found[name] = values if count > 1 else values[:, 0]
     if (tilt := found.get("wrist_tilt")) is not None:
@@ -157,7 +157,7 @@ def drawn(settings: Randomise, draws: Draws) -> dict[str, Array]:
     return found
 
 
-class Physics:
+class PhysicsRandomiser:
     """Writes what was drawn into the models of the simulations."""
 
     def __init__(self, worlds: Worlds, thing: Body | None) -> None:
@@ -228,14 +228,14 @@ class Physics:
         own[rows, palm] = product(own[rows, palm], quaternion_from_vector(angles))
 
 
-_HOW: dict[str, Callable[[Physics, Rows, Array], None]] = {
-    "mass": Physics._mass,
-    "size": Physics._size,
-    "friction": Physics._friction,
-    "armature": Physics._armature,
-    "damping": Physics._damping,
-    "frictionloss": Physics._frictionloss,
-    "gains": Physics._gains,
-    "strength": Physics._strength,
-    "wrist_tilt": Physics._tilt,
+_HOW: dict[str, Callable[[PhysicsRandomiser, Rows, Array], None]] = {
+    "mass": PhysicsRandomiser._mass,
+    "size": PhysicsRandomiser._size,
+    "friction": PhysicsRandomiser._friction,
+    "armature": PhysicsRandomiser._armature,
+    "damping": PhysicsRandomiser._damping,
+    "frictionloss": PhysicsRandomiser._frictionloss,
+    "gains": PhysicsRandomiser._gains,
+    "strength": PhysicsRandomiser._strength,
+    "wrist_tilt": PhysicsRandomiser._tilt,
 }

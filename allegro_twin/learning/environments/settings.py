@@ -10,8 +10,8 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.schema import Positive, Settings, parse
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.environments.objects import Given
-from allegro_twin.learning.environments.randomise import Randomise, preset
+from allegro_twin.learning.environments.objects import ObjectChoice
+from allegro_twin.learning.environments.randomise import Randomise, parse_randomise
 from allegro_twin.learning.policy.interface import Mode
 from allegro_twin.sim.batch.warp_model import Device
 from allegro_twin.spec import SIDES, HandSpec, Side
@@ -19,7 +19,7 @@ from allegro_twin.spec import SIDES, HandSpec, Side
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
 
 Level: TypeAlias = Literal["default", "easy"]
-OWN = ("observation", "goals", "farthest", "level")
+TASK_SETTINGS = ("observation", "goals", "farthest", "level")
 """Settings that only some tasks have."""
 
 
@@ -31,7 +31,7 @@ class EnvSettings(Settings):
     side: Side = "right"
     control: Mode = "delta"
     """What an action means: `delta` or `absolute` joint positions, or `torque` of a hand that takes torques."""
-    objects: Annotated[tuple[Given, ...], Field(min_length=1)] | None = None
+    objects: Annotated[tuple[ObjectChoice, ...], Field(min_length=1)] | None = None
     """Of the catalogue, of scenarios, or one's own (docs/your_task.md); each episode draws one. None: the task's."""
     position_noise: Annotated[float, Field(ge=0, le=0.03)] | None = None
     """An object is off by up to so much along each axis, m. None: the task's own."""
@@ -82,7 +82,7 @@ class EnvSettings(Settings):
         """`default` is what there is to vary of that very hand."""
         if not isinstance(given, dict) or "randomise" not in given:
             return given
-        return given | {"randomise": preset(given["randomise"], _spec_of(given))}
+        return given | {"randomise": parse_randomise(given["randomise"], _spec_of(given))}
 
 
 def _spec_of(given: dict[str, Any]) -> HandSpec | None:
@@ -91,7 +91,7 @@ def _spec_of(given: dict[str, Any]) -> HandSpec | None:
     return None if hand == HAND or not isinstance(hand, str) or side not in SIDES else load_spec(hand, side)
 
 
-class Options(Settings):
+class ResetOptions(Settings):
     """The `options` of a reset: what this episode does not draw."""
 
     object: str | None = None
@@ -117,7 +117,7 @@ def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     return parse(EnvSettings, given, "environment")
 
 
-def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> Options:
+def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> ResetOptions:
     """Raises ConfigError with the nearest option, or for one that the task has no use for."""
     given = dict(options or {})
     for key in given:
@@ -125,4 +125,4 @@ def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task:
             raise ConfigError(unknown("option", key, OPTIONS))
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
-    return parse(Options, given, "options")
+    return parse(ResetOptions, given, "options")

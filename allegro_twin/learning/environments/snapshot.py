@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 
 _OURS = ("allegro_twin.learning.environments.", "allegro_twin.learning.tasks.", "allegro_twin.sim.batch.")
 _PHYSICS = "physics"
@@ -23,9 +23,9 @@ class _Slot(NamedTuple):
     value: Any
 
 
-def taken(env: Any) -> dict[str, Any]:
+def take_snapshot(env: Any) -> dict[str, Any]:
     """Of an environment whose `engine` simulates on processors: arrays by their paths in it, copies, and numbers."""
-    engine: Engine = env.engine
+    engine: EpisodeEngine = env.engine
     found: dict[str, Any] = {_PHYSICS: np.stack([engine.worlds.state(row) for row in range(engine.n)])}
     for path, slot in _slots(env, engine):
         value = slot.value
@@ -33,9 +33,9 @@ def taken(env: Any) -> dict[str, Any]:
     return found
 
 
-def put_back(env: Any, content: dict[str, Any]) -> None:
+def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
     """Into an environment of the same settings and size. Raises ConfigError where it has no place for a part."""
-    engine: Engine = env.engine
+    engine: EpisodeEngine = env.engine
     for path in content:
         if path.startswith(_FIELD):
             engine.worlds.expand(path.removeprefix(_FIELD))
@@ -46,7 +46,7 @@ def put_back(env: Any, content: dict[str, Any]) -> None:
                 engine.worlds.restore(row, state)
         elif path in slots:
             _set(path, slots[path], value)
-    again = taken(env)
+    again = take_snapshot(env)
     different = [path for path, value in content.items() if path in slots and not _same(again[path], value)]
     if different:
         raise ConfigError(
@@ -74,7 +74,7 @@ def _same(one: Any, other: Any) -> bool:
     return np.array_equal(one, other, equal_nan=isinstance(one, np.ndarray) and one.dtype.kind == "f")
 
 
-def _slots(env: Any, engine: Engine) -> Iterator[tuple[str, _Slot]]:
+def _slots(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, _Slot]]:
     """Arrays with a row a simulation and plain numbers, by their paths."""
     modules = (*_OURS, type(engine.task).__module__)
     yield from _within(env, "", engine.n, modules, set())

@@ -22,7 +22,7 @@ def action_space(task: Task) -> spaces.Space[Floats]:
 def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
     """`state`: how many numbers a critic sees besides."""
     parts: dict[str, spaces.Space[Any]] = {}
-    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.unmeasured,), np.float32)
+    parts["observation"] = spaces.Box(-BOUND, BOUND, (task.interface.n_observation + task.n_unmeasured,), np.float32)
     goal = task.goal()
     if goal is not None:
         room = _ROOM if task.interface.n_goal else _UNIT
@@ -33,7 +33,7 @@ def observation_space(task: Task, state: int = 0) -> spaces.Space[Observation]:
     return parts["observation"] if len(parts) == 1 else spaces.Dict(parts)  # type: ignore[return-value]  # Of a Dict.
 
 
-def described(space: spaces.Space[Any]) -> str:
+def describe_space(space: spaces.Space[Any]) -> str:
     """How many numbers it has, and their bounds; of a dictionary, of each part."""
     if isinstance(space, spaces.Dict):
         return ", ".join(f"{name} {part.shape[0]}" for name, part in space.items() if part.shape)

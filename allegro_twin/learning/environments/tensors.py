@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.array_api import tensors
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.random_streams import Draws
 from allegro_twin.learning.environments.settings import read_settings
-from allegro_twin.learning.environments.snapshot import put_back, taken
+from allegro_twin.learning.environments.snapshot import restore_snapshot, take_snapshot
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 
 
@@ -25,7 +25,7 @@ class TensorVectorEnv:
     def __init__(
         self, task: str, num_envs: int, *, seed: int = 0, max_episode_steps: int | None = None, **kwargs: Any
     ) -> None:
-        self.engine = Engine(task, read_settings(kwargs), num_envs)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs)
         self.num_envs, self._own = num_envs, self.engine.worlds.xp
         self.xp = tensors("cpu") if self._own is np else self._own
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
@@ -44,7 +44,7 @@ class TensorVectorEnv:
         """As Gymnasium's vector environments: `info` has `is_success`, the reward's terms, and what those that ended
         saw last, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with a NaN is `info["diverged"]`."""
         engine, own = self.engine, self._own
-        taken = engine.placed(actions.numpy() if own is np else actions)
+        taken = engine.clip_actions(actions.numpy() if own is np else actions)
         engine.step(taken)
         observation: Any = engine.observe()
         outcome, diverged = engine.outcome(taken, observation)
@@ -57,12 +57,12 @@ class TensorVectorEnv:
             observation = engine.observe()
         return self._shared((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
 
-    def spread(self) -> None:
+    def stagger_episodes(self) -> None:
         """Set the simulations at random places of their time, so that they do not all end together."""
         torch = self.xp.torch
         self._shared(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
-    def saved(self) -> dict[str, Any] | None:
+    def state_dict(self) -> dict[str, Any] | None:
         """Everything that decides how the simulations go on, what `load` takes, as tensors and numbers. None on a Warp
         device, whose runs are not equal anyway."""
         if self._own is not np:
@@ -72,7 +72,7 @@ class TensorVectorEnv:
             path: torch.from_numpy(part.view(np.int64) if part.dtype == np.uint64 else part)
             if isinstance(part, np.ndarray)
             else part
-            for path, part in taken(self).items()
+            for path, part in take_snapshot(self).items()
         }
 
     def load(self, content: dict[str, Any] | None) -> bool:
@@ -80,12 +80,12 @@ class TensorVectorEnv:
         has changed. Raises ConfigError for one of other settings."""
         if content is None or self._own is not np:
             return False
-        put_back(self, {path: _array(part) for path, part in content.items()})
+        restore_snapshot(self, {path: _array(part) for path, part in content.items()})
         return True
 
     def _begin(self, rows: Any) -> None:
         self._episode[rows] += 1
-        self.engine.begin(rows, Draws.counted(self._key[rows], self._episode[rows]))
+        self.engine.begin(rows, Draws.from_counters(self._key[rows], self._episode[rows]))
 
     def _shared(self, tree: Any) -> Any:
         """Arrays as tensors of the same memory; single precision for what is learned from."""

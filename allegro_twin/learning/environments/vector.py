@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.learning.environments.engine import Engine
+from allegro_twin.learning.environments.engine import EpisodeEngine
 from allegro_twin.learning.environments.settings import read_settings
 from allegro_twin.learning.environments.spaces import action_space, observation_space
 from allegro_twin.learning.policy.interface import Floats, Observation
@@ -53,7 +53,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             raise ConfigError(f"autoreset {autoreset!r} is none of {', '.join(modes)}")
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
-        self.engine = Engine(task, read_settings(kwargs), num_envs, threads)
+        self.engine = EpisodeEngine(task, read_settings(kwargs), num_envs, threads)
         self.num_envs, self.render_mode, self._size = num_envs, render_mode, (width, height)
         self.limit = self.engine.limit if max_episode_steps is None else max_episode_steps
         self.single_action_space = action_space(self.engine.task)
@@ -73,16 +73,16 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         rows, options = self._masked(options)
         self._seed(seed, rows)
         info = self._restart(rows, options)
-        return self.engine.fetched(self.engine.observe()), info
+        return self.engine.fetch(self.engine.observe()), info
 
     def step(self, actions: Floats) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        taken = self.engine.placed(np.asarray(actions))
+        taken = self.engine.clip_actions(np.asarray(actions))
         new = np.flatnonzero(self._ended) if self._mode is AutoresetMode.NEXT_STEP else np.zeros(0, np.int64)
         going = np.flatnonzero(~self._ended) if len(new) else None
         self.engine.step(taken, going)
         info = self._restart(new, None) if len(new) else {}
         engine, seen = self.engine, self.engine.observe()
-        observation, (outcome, diverged), count = engine.fetched((seen, engine.outcome(taken, seen), engine.count))
+        observation, (outcome, diverged), count = engine.fetch((seen, engine.outcome(taken, seen), engine.count))
         terminated, truncated = outcome.failed, count >= self.limit
         reward, success = outcome.reward, outcome.success
         if len(new):
@@ -146,7 +146,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         mask = self._ended.copy()
         info |= {"final_obs": observation, "_final_obs": mask, "final_info": last, "_final_info": mask.copy()}
         info |= self._restart(rows, None)
-        return self.engine.fetched(self.engine.observe()), info
+        return self.engine.fetch(self.engine.observe()), info
 
     def _spread(self, report: dict[str, Any], rows: Rows) -> dict[str, Any]:
         spread: dict[str, Any] = {}

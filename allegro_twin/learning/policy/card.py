@@ -15,7 +15,13 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.learning.policy.interface import VERSION, Interface, Mode
-from allegro_twin.learning.policy.script import Script, closing, holding, sampled, table
+from allegro_twin.learning.policy.script import (
+    SampledScript,
+    closing_moves,
+    holding_script,
+    sample_script,
+    script_table,
+)
 from allegro_twin.spec import HandSpec, Side
 
 KEY = "allegro_twin"
@@ -23,7 +29,7 @@ KEY = "allegro_twin"
 MEMBER = f"{KEY}.json"
 
 
-class Closed(Settings):
+class GraspScript(Settings):
     """A script that closes a grasp of the library."""
 
     grasp: str
@@ -34,14 +40,14 @@ class Closed(Settings):
     holds: bool = False
     """No motion: the squeeze from the beginning."""
 
-    def sampled(self, spec: HandSpec, periods: int, period: float) -> Script:
+    def sampled(self, spec: HandSpec, periods: int, period: float) -> SampledScript:
         grasp = load_grasp(self.grasp, spec)
         if self.holds:
-            return holding(grasp, periods)
-        return sampled(closing(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
+            return holding_script(grasp, periods)
+        return sample_script(closing_moves(grasp, self.wait, self.squeeze), grasp.preshape, periods, period)
 
 
-class Card(Settings):
+class PolicyCard(Settings):
     """What a policy file says of itself."""
 
     version: int = VERSION
@@ -58,7 +64,7 @@ class Card(Settings):
     reach: Positive
     gains: str
     goal: Literal["none", "fingertips"]
-    scripts: tuple[Closed, ...] = ()
+    scripts: tuple[GraspScript, ...] = ()
     periods: int = 0
     """Length of the scripts, in control periods."""
     observation: int
@@ -89,7 +95,7 @@ class Card(Settings):
                 "by any hand; it runs in its environment only"
             )
         rows = [closed.sampled(spec, self.periods, self.period) for closed in self.scripts]
-        scripts = table(rows) if rows else None
+        scripts = script_table(rows) if rows else None
         gains = load_gains(self.gains, spec)
         made = Interface(
             spec,
@@ -118,7 +124,7 @@ class Card(Settings):
         return names.index(grasp)
 
 
-def read_card(path: Path) -> Card:
+def read_card(path: Path) -> PolicyCard:
     """The card in a policy file. Raises ConfigError where there is none, or no such file."""
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
@@ -126,10 +132,10 @@ def read_card(path: Path) -> Card:
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
     content: Any = json.loads(text)
-    return parse(Card, content, str(path))
+    return parse(PolicyCard, content, str(path))
 
 
-def write_card(path: Path, card: Card) -> None:
+def write_card(path: Path, card: PolicyCard) -> None:
     """Put a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
     text = card.model_dump_json()
     if path.suffix == ".zip":
@@ -156,11 +162,11 @@ def _of_zip(path: Path) -> str | None:
 
 
 def _of_onnx(path: Path) -> str | None:
-    found: dict[str, str] = session(path).get_modelmeta().custom_metadata_map
+    found: dict[str, str] = onnx_session(path).get_modelmeta().custom_metadata_map
     return found.get(KEY)
 
 
-def session(path: Path) -> Any:
+def onnx_session(path: Path) -> Any:
     """An open ONNX file, computing on one thread. Raises ConfigError where onnxruntime is missing."""
     try:
         import onnxruntime

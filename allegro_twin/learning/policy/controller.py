@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from allegro_twin.errors import CommandError, ConfigError
-from allegro_twin.learning.policy.interface import Course, Floats, Interface, Memory, Observation
+from allegro_twin.learning.policy.interface import DecisionSetPoints, Floats, Interface, InterfaceMemory, Observation
 from allegro_twin.types import Command, HandState, PositionCommand, TorqueCommand, Vector
 
 
@@ -21,7 +21,7 @@ class Policy(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Still:
+class ZeroPolicy:
     """The policy that does nothing: with a script, the scripted player."""
 
     n_joints: int
@@ -31,11 +31,11 @@ class Still:
         return np.zeros((*seen.shape[:-1], self.n_joints), np.float32)
 
 
-class Deciding(NamedTuple):
+class PolicyMemory(NamedTuple):
     """What the controller remembers."""
 
-    memory: Memory
-    course: Course
+    memory: InterfaceMemory
+    set_points: DecisionSetPoints
     age: int
     """Control periods since the last decision."""
     tick: int
@@ -54,8 +54,8 @@ class PolicyController:
     """Which of the interface's scripts."""
     target: Vector | None = None
     """Where the joints are drawn to at the beginning, rad; None: to the script's beginning, or to where they are."""
-    beside: Callable[[Observation], Observation] | None = None
-    """What completes an observation with what no hand reports, as a camera beside it would."""
+    complete: Callable[[Observation], Observation] | None = None
+    """What completes an observation with what no hand reports, as a camera complete it would."""
 
     def __post_init__(self) -> None:
         wanted = self.interface.n_goal
@@ -63,27 +63,27 @@ class PolicyController:
         if given != wanted:
             raise ConfigError(f"this policy takes a goal of {wanted} numbers, not {given}")
 
-    def start(self, state: HandState) -> Deciding:
+    def start(self, state: HandState) -> PolicyMemory:
         return self._decided(state, self.interface.start(state.position, self.script, self.target), 0)
 
-    def __call__(self, state: HandState, memory: Deciding) -> tuple[Command, Deciding]:
+    def __call__(self, state: HandState, memory: PolicyMemory) -> tuple[Command, PolicyMemory]:
         inner, age = memory.memory, memory.age + state.tick - memory.tick
         while age >= self.interface.decimation:
-            inner, age = self.interface.elapsed(inner), age - self.interface.decimation
+            inner, age = self.interface.advance(inner), age - self.interface.decimation
         if inner is memory.memory:
             memory = memory._replace(age=age, tick=state.tick)
         else:
             memory = self._decided(state, inner, age)
-        told = self.interface.told(state.position, state.velocity, memory.course, age)
-        return PositionCommand(told) if self.interface.leads else TorqueCommand(told), memory
+        told = self.interface.command(state.position, state.velocity, memory.set_points, age)
+        return PositionCommand(told) if self.interface.takes_positions else TorqueCommand(told), memory
 
-    def _decided(self, state: HandState, memory: Memory, age: int) -> Deciding:
+    def _decided(self, state: HandState, memory: InterfaceMemory, age: int) -> PolicyMemory:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)
-        if self.beside is not None:
-            observation = self.beside(observation)
+        if self.complete is not None:
+            observation = self.complete(observation)
         action = self.policy(observation)
         if not np.isfinite(action).all():
             raise CommandError(f"the policy's action at {state.t:.3f} s is not finite: {action}")
         seen = observation["observation"] if isinstance(observation, dict) else observation
         memory = self.interface.act(action, memory, seen)
-        return Deciding(memory, self.interface.course(memory), age, state.tick)
+        return PolicyMemory(memory, self.interface.set_points(memory), age, state.tick)

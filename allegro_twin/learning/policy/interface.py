@@ -19,12 +19,12 @@ from allegro_twin.control import laws
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.hand import hand_kinematics
-from allegro_twin.learning.policy.script import Scripts
+from allegro_twin.learning.policy.script import ScriptTable
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
-class Memory(NamedTuple):
+class InterfaceMemory(NamedTuple):
     """What the interface remembers between two decisions."""
 
     begin: Array
@@ -41,7 +41,7 @@ class Memory(NamedTuple):
     """What was seen at the decisions before, the last one first; zeros where there were none. Shape (..., k)."""
 
 
-class Course(NamedTuple):
+class DecisionSetPoints(NamedTuple):
     """Set-points of every control period from one decision to the next."""
 
     wish: Array | None
@@ -50,7 +50,7 @@ class Course(NamedTuple):
     """Torque on top, shape (..., n), N·m."""
 
 
-class Numbers(NamedTuple):
+class InterfaceConstants(NamedTuple):
     """Shape (n,) where nothing else is said, or (1, …, n) as `Lifted` has them."""
 
     step: Vector
@@ -73,18 +73,18 @@ class Numbers(NamedTuple):
     length: int
     """Periods of a script, t."""
 
-    def base(self, xp: Any, memory: Memory) -> Array:
+    def base(self, xp: Any, memory: InterfaceMemory) -> Array:
         """What offsets are counted from when a decision is taken, (..., n)."""
         return self.middle if self.scripts is None else take(self.scripts[0], self._row(xp, memory, 0), 0)
 
-    def bases(self, xp: Any, memory: Memory) -> tuple[Array, Array]:
+    def bases(self, xp: Any, memory: InterfaceMemory) -> tuple[Array, Array]:
         """In every period until the next, with their rates, (decimation, ..., n) or (..., n) each."""
         if self.scripts is None:
             return self.middle, self.rest
         row = self._row(xp, memory, self.periods)
         return take(self.scripts[0], row, 0), take(self.scripts[1], row, 0)
 
-    def _row(self, xp: Any, memory: Memory, later: NDArray[np.int64] | int) -> Any:
+    def _row(self, xp: Any, memory: InterfaceMemory, later: NDArray[np.int64] | int) -> Any:
         """Where in the table of scripts a period stands; the last set-points stay."""
         return memory.script * self.length + xp.minimum(memory.tick + later, self.length - 1)
 
@@ -92,44 +92,46 @@ class Numbers(NamedTuple):
 _OF_JOINTS = ("step", "middle", "rest", "lower", "upper", "span", "kp", "kd", "limit", "scale")
 
 
-class Lifted:
+class ConstantsByRank:
     """The numbers with as many dimensions as what they are reckoned with: NumPy adds arrays of the same shape, as those
     of one hand then are, in a third of the time."""
 
-    def __init__(self, numbers: Numbers) -> None:
+    def __init__(self, numbers: InterfaceConstants) -> None:
         self._flat = numbers
-        self._known: dict[int, Numbers] = {}
+        self._known: dict[int, InterfaceConstants] = {}
 
-    def __call__(self, ndim: int) -> Numbers:
+    def __call__(self, ndim: int) -> InterfaceConstants:
         if ndim not in self._known:
             flat, ones = self._flat, (1,) * (ndim - 1)
             wide = {name: getattr(flat, name).reshape(*ones, -1) for name in _OF_JOINTS}
             parts, periods = flat.parts.reshape(-1, *ones, 1), flat.periods.reshape(-1, *ones)
-            self._known[ndim] = Numbers(**wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length)
+            self._known[ndim] = InterfaceConstants(
+                **wide, parts=parts, periods=periods, scripts=flat.scripts, length=flat.length
+            )
         return self._known[ndim]
 
 
-def radian_of(spec: HandSpec) -> Vector:
+def radian_scale(spec: HandSpec) -> Vector:
     """What a radian of a joint is in positions of its motor, (n,): 1; but where motors move joints through tendons or
     linkages as much of the motor's range as a radian is of a quarter turn."""
     span = spec.upper - spec.lower
     return span / (np.pi / 2) if spec.followers else np.ones_like(span)
 
 
-def numbers_of(
+def make_constants(
     spec: HandSpec,
     gains: Gains,
     sizes: tuple[Vector, Vector, Vector, Vector],
     decimation: int,
-    scripts: Scripts | None,
+    scripts: ScriptTable | None,
     xp: Any,
-) -> Numbers:
+) -> InterfaceConstants:
     """`sizes`: half the range, what a speed is divided by, the largest offset and the step of a decision, (n,) each."""
     half, speed, span, step = sizes
     limit = spec.actuation.torque_limit
     scale = np.concatenate([half, speed, limit, span, [] if scripts is None else [float(scripts.periods)]])
     place, middle = xp.asarray, (spec.lower + spec.upper) / 2
-    return Numbers(
+    return InterfaceConstants(
         step=place(step),
         middle=place(middle),
         rest=place(np.zeros_like(middle)),
@@ -147,7 +149,7 @@ def numbers_of(
     )
 
 
-def _rows_of(scripts: Scripts, place: Callable[[Array], Array]) -> tuple[Array, Array]:
+def _rows_of(scripts: ScriptTable, place: Callable[[Array], Array]) -> tuple[Array, Array]:
     joints = scripts.position.shape[-1]
     return place(scripts.position.reshape(-1, joints)), place(scripts.velocity.reshape(-1, joints))
 
@@ -184,7 +186,7 @@ class Interface:
     """Control periods between two decisions."""
     step: float = 0.1
     """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
-    scripts: Scripts | None = None
+    scripts: ScriptTable | None = None
     reach: float = 0.3
     """With a script: the farthest that a policy may go from it, rad, likewise."""
     goal: Literal["none", "fingertips"] = "none"
@@ -198,7 +200,7 @@ class Interface:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ConfigError(f"control mode {self.mode!r} is none of {', '.join(MODES)}")
-        if self.mode == "torque" and self.leads:
+        if self.mode == "torque" and self.takes_positions:
             raise ConfigError(
                 f"{self.spec.name} closes its own loop and takes no torques: control is delta or absolute"
             )
@@ -206,7 +208,7 @@ class Interface:
             raise ConfigError(f"decimation {self.decimation} must be at least 1 control period a decision")
 
     @property
-    def leads(self) -> bool:
+    def takes_positions(self) -> bool:
         """Whether the hand closes its own loop, and is told where to be."""
         return "torque" not in self.spec.commands
 
@@ -221,14 +223,14 @@ class Interface:
     @cached_property
     def span(self) -> Vector:
         """The largest offset from the base, shape (n,), rad."""
-        return self.half if self.scripts is None else self.reach * radian_of(self.spec)
+        return self.half if self.scripts is None else self.reach * radian_scale(self.spec)
 
     @cached_property
-    def _own(self) -> Lifted:
+    def _own(self) -> ConstantsByRank:
         """What is reckoned with at every decision, lying where the arrays do, for arrays of so many dimensions."""
-        unit = radian_of(self.spec)
+        unit = radian_scale(self.spec)
         sizes = self.half, SPEED * unit, self.span, self.step * unit
-        return Lifted(numbers_of(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
+        return ConstantsByRank(make_constants(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
 
     @property
     def frame(self) -> int:
@@ -248,7 +250,9 @@ class Interface:
         """Between two decisions."""
         return self.period * self.decimation
 
-    def start(self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None) -> Memory:
+    def start(
+        self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None
+    ) -> InterfaceMemory:
         """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
         the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
         own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
@@ -257,9 +261,13 @@ class Interface:
         offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
         number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
         past = xp.zeros((*shape, self.frame * (self.history - 1)), np.float32)
-        return Memory(offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past)
+        return InterfaceMemory(
+            offset, xp.copy(offset), xp.zeros(position.shape), xp.zeros(shape, np.int64), number, past
+        )
 
-    def act(self, action: NDArray[np.floating[Any]], memory: Memory, seen: Floats | None = None) -> Memory:
+    def act(
+        self, action: NDArray[np.floating[Any]], memory: InterfaceMemory, seen: Floats | None = None
+    ) -> InterfaceMemory:
         """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
         `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
         xp, own = self.xp, self._own(memory.end.ndim)
@@ -270,32 +278,38 @@ class Interface:
             past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
-                return Memory(begin, end, wish * own.limit, tick, script, past)
+                return InterfaceMemory(begin, end, wish * own.limit, tick, script, past)
             case "delta":
-                return Memory(end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past)
+                return InterfaceMemory(
+                    end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past
+                )
             case _:
-                return Memory(end, wish * own.span, push, tick, script, past)
+                return InterfaceMemory(end, wish * own.span, push, tick, script, past)
 
-    def course(self, memory: Memory) -> Course:
+    def set_points(self, memory: InterfaceMemory) -> DecisionSetPoints:
         """The set-points from a decision to the next."""
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
-            return Course(None, push)
+            return DecisionSetPoints(None, push)
         xp, own = self.xp, self._own(memory.end.ndim)
         base, speed = own.bases(xp, memory)
         travel = memory.end - memory.begin
         wish = xp.zeros((self.decimation, 2, *travel.shape))
         wish[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
         wish[:, 1] = speed + travel / self.seconds
-        return Course(wish, push)
+        return DecisionSetPoints(wish, push)
 
-    def told(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+    def command(
+        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
+    ) -> Array:
         """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
-        if self.leads and course.wish is not None:
+        if self.takes_positions and course.wish is not None:
             return np.asarray(course.wish[k, 0])
         return self.torque(position, velocity, course, k, gains)
 
-    def torque(self, position: Array, velocity: Array, course: Course, k: int, gains: Pair | None = None) -> Array:
+    def torque(
+        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
+    ) -> Array:
         """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
         wish, push = course
         if wish is None:
@@ -306,7 +320,9 @@ class Interface:
         pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
 
-    def pull(self, position: Array, velocity: Array, course: Course, k: int, gains: Array, out: Array) -> None:
+    def pd_torque_into(
+        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Array, out: Array
+    ) -> None:
         """As `torque`, to the bit, without new arrays: into one (..., n) that is there, with kp and kd in one
         (2, ..., n). It uses the course's k-th set-points up."""
         wish, push = course
@@ -323,12 +339,12 @@ class Interface:
         if push is not None:
             np.add(out, push, out)
 
-    def elapsed(self, memory: Memory) -> Memory:
+    def advance(self, memory: InterfaceMemory) -> InterfaceMemory:
         """The memory when the set-points of a decision have run out and the next is due."""
         return memory._replace(tick=memory.tick + self.decimation)
 
     def observe(
-        self, position: Array, velocity: Array, memory: Memory, goal: NDArray[np.floating[Any]] | None = None
+        self, position: Array, velocity: Array, memory: InterfaceMemory, goal: NDArray[np.floating[Any]] | None = None
     ) -> Observation:
         """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
         environments have it. docs/rl.md#observations says which number is what."""

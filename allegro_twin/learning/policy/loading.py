@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.learning.policy.card import Card, read_card, session
+from allegro_twin.learning.policy.card import PolicyCard, onnx_session, read_card
 from allegro_twin.learning.policy.controller import Policy, PolicyController
 from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.spec import HandSpec
@@ -16,14 +16,14 @@ from allegro_twin.types import Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loaded:
+class LoadedPolicy:
     """A policy and its card."""
 
     policy: Policy
-    card: Card
+    card: PolicyCard
 
 
-def load_policy(path: str | Path, *, trust: bool = False) -> Loaded:
+def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
     """From `.onnx`, or from `.zip` where `trust` says that its maker is trusted: what is pickled in it is run.
 
     Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted."""
@@ -32,13 +32,13 @@ def load_policy(path: str | Path, *, trust: bool = False) -> Loaded:
         raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
     card = read_card(file)
     if file.suffix == ".onnx":
-        return Loaded(_Onnx(file, card), card)
+        return LoadedPolicy(_Onnx(file, card), card)
     if not trust:
         raise ConfigError(
             f"{path}: a zip of Stable-Baselines3 can run any program when it is loaded: take the policy's .onnx, or, "
             "if you trust who made it, load_policy(…, trust=True), in a config trust: true"
         )
-    return Loaded(_Baselines(file, card), card)
+    return LoadedPolicy(_Baselines(file, card), card)
 
 
 def policy_controller(
@@ -53,8 +53,8 @@ def policy_controller(
 class _Onnx:
     """Inputs are named as the observation's parts, or `observation` alone; the output is `action`."""
 
-    def __init__(self, path: Path, card: Card) -> None:
-        self._session = session(path)
+    def __init__(self, path: Path, card: PolicyCard) -> None:
+        self._session = onnx_session(path)
         self._inputs = [entry.name for entry in self._session.get_inputs()]
         sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
         given = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
@@ -71,7 +71,7 @@ class _Onnx:
 class _Baselines:
     """A model of Stable-Baselines3, deterministic."""
 
-    def __init__(self, path: Path, card: Card) -> None:
+    def __init__(self, path: Path, card: PolicyCard) -> None:
         try:
             import stable_baselines3
         except ImportError as error:
@@ -89,7 +89,7 @@ class _Baselines:
         return action
 
 
-def _fitting(path: Path, given: tuple[object, object], card: Card) -> None:
+def _fitting(path: Path, given: tuple[object, object], card: PolicyCard) -> None:
     """Raise ConfigError unless the file's spaces are its card's. A free axis of an ONNX file is no number."""
     for mine, its, what in zip(given, (card.observation, card.action), ("sees", "gives"), strict=True):
         if isinstance(mine, int) and mine != its:

@@ -13,7 +13,7 @@ from allegro_twin.types import Array, Vector, frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Script:
+class SampledScript:
     """Set-points of one motion; after the last the hand stays there."""
 
     position: Array
@@ -23,7 +23,7 @@ class Script:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scripts:
+class ScriptTable:
     """Several motions in one table, so that a batch reads each simulation's own in one go."""
 
     position: Array
@@ -36,19 +36,19 @@ class Scripts:
         return int(self.position.shape[1])
 
 
-def sampled(moves: Moves, start: Vector, periods: int, period: float) -> Script:
+def sample_script(moves: Moves, start: Vector, periods: int, period: float) -> SampledScript:
     """The motion from `start` at every period, exactly as a PD controller with the same reference would follow it."""
     path = moves.begin(start)
     points = [path(k * period) for k in range(periods)]
-    return Script(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
+    return SampledScript(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
 
 
-def table(scripts: Sequence[Script]) -> Scripts:
+def script_table(scripts: Sequence[SampledScript]) -> ScriptTable:
     """One table of motions of the same length."""
-    return Scripts(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
+    return ScriptTable(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
 
 
-def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
+def closing_moves(grasp: Grasp, wait: float, squeeze: float) -> Moves:
     """What the scripted player does with a grasp: it takes its pre-shape for `wait` seconds, closes at the grasp's own
     speed, and squeezes for `squeeze` seconds."""
     return Moves(
@@ -60,12 +60,12 @@ def closing(grasp: Grasp, wait: float, squeeze: float) -> Moves:
     )
 
 
-def holding(grasp: Grasp, periods: int) -> Script:
+def holding_script(grasp: Grasp, periods: int) -> SampledScript:
     """The squeeze of a grasp and nothing else."""
     still = frozen(np.tile(grasp.squeeze, (periods, 1)))
-    return Script(still, frozen(np.zeros_like(still)))
+    return SampledScript(still, frozen(np.zeros_like(still)))
 
 
-def closed_after(grasp: Grasp, wait: float, squeeze: float) -> float:
+def closing_time(grasp: Grasp, wait: float, squeeze: float) -> float:
     """When that player has squeezed, s."""
     return wait + travel_time(grasp.preshape, grasp.waypoint("close")) + squeeze

@@ -18,7 +18,7 @@ TASKS = {
     "Rotate": "rotate",
 }
 """Where each task is."""
-ALONE = "ArmPick"
+NO_BATCH = "ArmPick"
 """The environment that has no batch, and so no recipe and no card of a policy."""
 
 
@@ -26,19 +26,19 @@ def task_type(name: str) -> type[Task]:
     """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
     if ":" in name:
         return _foreign(name)
-    if name == ALONE:
-        raise ConfigError(alone())
+    if name == NO_BATCH:
+        raise ConfigError(explain_no_batch())
     if name not in TASKS:
         raise ConfigError(unknown("task", name, TASKS))
-    found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), name)
+    found: type[Task] = getattr(import_module(f"allegro_twin.learning.tasks.{TASKS[name]}"), f"{name}Task")
     return found
 
 
-def alone() -> str:
+def explain_no_batch() -> str:
     """Why nothing here takes the environment without a batch, and what does."""
     return (
-        f"{ALONE} is a single environment: train, evaluate and collect take the tasks that have a batch; any library "
-        f'trains on gymnasium.make("AllegroTwin/{ALONE}-v0")'
+        f"{NO_BATCH} is a single environment: train, evaluate and collect take the tasks that have a batch; "
+        f'any library trains on gymnasium.make("AllegroTwin/{NO_BATCH}-v0")'
     )
 
 

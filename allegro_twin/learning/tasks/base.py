@@ -13,9 +13,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.randomise import applicable
-from allegro_twin.learning.environments.settings import OWN, EnvSettings, Options
-from allegro_twin.learning.policy.card import Card, Closed
+from allegro_twin.learning.environments.randomise import check_randomise
+from allegro_twin.learning.environments.settings import TASK_SETTINGS, EnvSettings, ResetOptions
+from allegro_twin.learning.policy.card import GraspScript, PolicyCard
 from allegro_twin.learning.policy.interface import Interface, Observation
 from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
 from allegro_twin.types import Array
@@ -25,7 +25,7 @@ Flags = NDArray[np.bool_]
 Ticks = NDArray[np.int64]
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """What a step came to, one value a simulation, shape (n,)."""
 
     reward: Array
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
 
 
 @runtime_checkable
-class Goals(Protocol):
+class GoalTask(Protocol):
     """What a task with goals can besides."""
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
@@ -56,19 +56,19 @@ class Task(ABC):
     """How long an episode takes."""
     options: ClassVar[tuple[str, ...]]
     """Which `Options` a reset takes."""
-    own: ClassVar[tuple[str, ...]] = ()
+    own_settings: ClassVar[tuple[str, ...]] = ()
     """Which of the settings that only some tasks have (`OWN`) it has."""
-    extra: int = 0
+    n_privileged: int = 0
     """Numbers in an observation that no real hand has: the task is privileged when there are any."""
     settings: EnvSettings
     interface: Interface
     worlds: Worlds
-    counted: ClassVar[str] = ""
+    count_term: ClassVar[str] = ""
     """Of what an outcome tells, what an episode has come to besides success; with its unit in `unit`."""
-    unit: ClassVar[str] = ""
-    shares: ClassVar[tuple[str, ...]] = ()
+    count_unit: ClassVar[str] = ""
+    share_terms: ClassVar[tuple[str, ...]] = ()
     """Of what an outcome tells, shares of the episode's time so far, from 0 to 1, that an evaluation reports."""
-    turns: ClassVar[bool] = False
+    goal_is_orientation: ClassVar[bool] = False
     """Its goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
     """How far new goals are at most, rad, where a task has such."""
@@ -77,8 +77,8 @@ class Task(ABC):
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         self.settings, self.n = settings, n
-        for name in OWN:
-            if name in settings.model_fields_set and name not in self.own:
+        for name in TASK_SETTINGS:
+            if name in settings.model_fields_set and name not in self.own_settings:
                 raise ConfigError(f"{self.name} has no {name} to choose")
         action = settings.period * settings.decimation
         if action > self.seconds / 2:
@@ -87,35 +87,37 @@ class Task(ABC):
                 f"episode of {self.name} {self.seconds:g} s: choose a smaller decimation or period"
             )
         self.spec = load_spec(settings.hand, settings.side)
-        applicable(settings.randomise, self.spec)
+        check_randomise(settings.randomise, self.spec)
         self.gains = load_gains(settings.gains, self.spec)
 
     @abstractmethod
-    def variant(self, rows: Rows, draws: Draws, options: Options) -> Rows:
+    def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         """Which of the batch's variants each new episode takes, (m,)."""
 
     @abstractmethod
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         """Set up new episodes of simulations that have their variant and what was randomised (`values`, (m,) each)."""
 
-    def vary(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def draw_variation(
+        self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
+    ) -> None:
         """Add to `values` what the task itself draws of `Randomise`'s quantities, where nobody else has."""
         return
 
-    def targets(self, rows: Rows) -> Array | None:
+    def initial_targets(self, rows: Rows) -> Array | None:
         """Where the fingers are drawn to at the beginning, (m, joints), rad; None: where they are."""
         return None
 
-    def plan(self, tick: Ticks) -> None:
+    def plan_surroundings(self, tick: Ticks) -> None:
         """Prepare what surrounds the hands for the step that begins `tick` (n,) periods after the beginning."""
         return
 
-    def drive(self, k: int) -> None:
+    def move_surroundings(self, k: int) -> None:
         """Move what surrounds the hands for the k-th control period of that step."""
         return
 
     @abstractmethod
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         """What the step that ended at `tick` came to. `action` as it was taken, shape (n, joints).
 
         Judged by the simulation's own state (`worlds`, `thing`). `observation` is what the policy sees, with the noise
@@ -138,7 +140,7 @@ class Task(ABC):
         """Look around at the decision `tick` (n,) periods after the beginning, once, for `achieved` and `seen`."""
         return
 
-    def seen(self, tick: Ticks) -> Array | None:
+    def privileged_observation(self, tick: Ticks) -> Array | None:
         """What no real hand has, shape (n, extra), at the decision `tick` (n,) periods after the beginning."""
         return None
 
@@ -146,7 +148,7 @@ class Task(ABC):
         """What should be drawn of a simulation's goal."""
         return ()
 
-    def facts(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
+    def reset_info(self, rows: Rows) -> dict[str, NDArray[np.generic]]:
         """What a reset should report besides what was randomised, (m, …) each."""
         return {}
 
@@ -158,9 +160,9 @@ class Task(ABC):
         return Interface(self.spec, self.gains, **(common | given | chosen))
 
     @property
-    def unmeasured(self) -> int:
+    def n_unmeasured(self) -> int:
         """Numbers at the end of an observation that no hand reports by itself."""
-        return self.extra + (self.spec.n_joints if self.settings.touch else 0)
+        return self.n_privileged + (self.spec.n_joints if self.settings.touch else 0)
 
     @property
     def id(self) -> str:
@@ -169,10 +171,10 @@ class Task(ABC):
         own = kind.__module__.startswith("allegro_twin.")
         return f"AllegroTwin/{self.name}-v0" if own else f"{kind.__module__}:{kind.__qualname__}"
 
-    def card(self) -> Card:
+    def card(self) -> PolicyCard:
         """What a policy that was trained here should say of itself."""
         interface, settings = self.interface, self.settings
-        return Card(
+        return PolicyCard(
             task=self.id,
             hand=self.spec.model,
             side=self.spec.side,
@@ -183,14 +185,14 @@ class Task(ABC):
             reach=interface.reach,
             gains=settings.gains,
             goal=interface.goal,
-            scripts=self.closed_scripts(),
+            scripts=self.grasp_scripts(),
             periods=0 if interface.scripts is None else interface.scripts.periods,
-            observation=interface.n_observation + self.unmeasured,
+            observation=interface.n_observation + self.n_unmeasured,
             action=self.spec.n_joints,
             history=interface.history,
-            privileged=self.unmeasured,
+            privileged=self.n_unmeasured,
         )
 
-    def closed_scripts(self) -> tuple[Closed, ...]:
+    def grasp_scripts(self) -> tuple[GraspScript, ...]:
         """What the scripts are made of, one each."""
         return ()

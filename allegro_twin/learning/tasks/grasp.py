@@ -6,14 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from allegro_twin.learning.environments.objects import Given
+from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.scenes import Scene, known, presented, some
-from allegro_twin.learning.tasks.scripted_closing import Closing
-from allegro_twin.learning.tasks.vectors import effort_of, length
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.scenes import TaskScene, known_scenarios, presented_scene, require_objects
+from allegro_twin.learning.tasks.scripted_closing import ScriptedClosingTask
+from allegro_twin.learning.tasks.vectors import effort_cost, length
 from allegro_twin.sim.batch.worlds import Rows
 from allegro_twin.types import Array, Vector
 
@@ -29,7 +29,7 @@ HELD, LOST = 0.03, 0.05  # m from where the object was let go: still held, and g
 WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
 
 
-class Grasp(Closing):
+class GraspTask(ScriptedClosingTask):
     """The scripted player closes where the object should be; it is off by the position noise."""
 
     name = "Grasp"
@@ -48,37 +48,39 @@ class Grasp(Closing):
         self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = xp.arange(settings.decimation)[:, None]
 
-    def things(self) -> tuple[Given, ...]:
-        return self.settings.objects or some(tuple(known(self.spec.model))[:12], self.spec, self.name)
+    def object_choices(self) -> tuple[ObjectChoice, ...]:
+        return self.settings.objects or require_objects(
+            tuple(known_scenarios(self.spec.model))[:12], self.spec, self.name
+        )
 
-    def scene(self, given: Given, grasp: str | None) -> Scene:
-        return presented(given, self.spec, self.settings, grasp)
+    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
+        return presented_scene(given, self.spec, self.settings, grasp)
 
-    def apart(self, scene: Scene, size: float) -> Vector:
+    def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
         return np.zeros(3)
 
-    def learned(self) -> None:
+    def update_tables(self) -> None:
         period = self.settings.period
         part = np.minimum(np.arange(self.periods + 1) * period / APPROACH, 1.0)
         place = self.worlds.xp.asarray
         self._left = place(1.0 - part**3 * (10 + part * (6 * part - 15)))  # Minimum jerk.
         self._arrived = int((part < 1.0).sum())
-        self._release = place(np.array([self.closed(scene) + round(GRACE / period) for scene in self.scenes]))
+        self._release = place(np.array([self.closing_period(scene) + round(GRACE / period) for scene in self.scenes]))
         self._retreats = place(np.array([scene.retreat for scene in self.scenes]))
         self._middles = place(np.array([scene.pose[:3] for scene in self.scenes]))
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self.thing.pose[rows, :3] = self._hand[rows] = self._hand_at(rows, 0 * rows)
         self._way[rows] = self.thing.pose[rows, 3:]
         mass = self.worlds.expand("body_mass")[rows, self.thing.id]
         weight = mass * -self.worlds.model.opt.gravity[2]
-        self.push[rows] = draws.direction() * draws.within(*PUSH) * weight[:, None]
+        self.push[rows] = draws.directions() * draws.uniform(*PUSH) * weight[:, None]
         self.place[rows] = self._middles[variant]
         self._holds[rows] = 1.0
 
-    def plan(self, tick: Ticks) -> None:
+    def plan_surroundings(self, tick: Ticks) -> None:
         """What is the same in every period of the step is set here, once."""
         assert self.thing is not None
         release, calm = self._release[self.script], CALM / self.settings.period
@@ -99,7 +101,7 @@ class Grasp(Closing):
         else:
             self.thing.force[:] = 0.0
 
-    def drive(self, k: int) -> None:
+    def move_surroundings(self, k: int) -> None:
         assert self.thing is not None
         if self._path is not None:
             self._hand[:] = self._path[k]
@@ -107,7 +109,7 @@ class Grasp(Closing):
         if self._forces is not None:
             self.thing.force[:] = self._forces[k]
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         going = tick - self._release[self.script]
         alone = going > 0
@@ -116,11 +118,11 @@ class Grasp(Closing):
         self.place[...] = xp.where(just[:, None], self.thing.pose[:, :3], self.place)
         drift = xp.where(alone, length(self.thing.pose[:, :3] - self.place), 0.0)
         hold = xp.where(alone, xp.exp(-((drift / WIDTH) ** 2)), 0.0)
-        effort = effort_of(action)
+        effort = effort_cost(action)
         failed = drift > LOST
         over = going >= (CALM + PUSHED) / self.settings.period
         terms = {"hold": hold, "effort": effort}
-        return Outcome(hold + effort, failed, over & (drift < HELD), terms)
+        return StepOutcome(hold + effort, failed, over & (drift < HELD), terms)
 
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
         """Where the presenter's hand is, (..., 3), m, world."""

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from allegro_twin.array_api import host, library, own
 from allegro_twin.kinematics.orientation import angle_between_quaternions, turned_by
 from allegro_twin.learning.environments.random_streams import Draws, jitter
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Floats, Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.in_hand import DROPPED, InHand
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import twist
 from allegro_twin.sim.batch.worlds import Rows
 from allegro_twin.types import Array
@@ -29,7 +29,7 @@ BONUS = (
 )
 
 
-class Reorient(InHand):
+class ReorientTask(InHandTask):
     """A goal is an orientation, as a quaternion w, x, y, z in the world, whose x is where the fingers point. When it is
     reached, the next step brings another.
 
@@ -39,10 +39,10 @@ class Reorient(InHand):
     name = "Reorient"
     purpose = "turn a cube in the hand to one goal orientation after another"
     seconds = 30.0
-    counted, unit = "reached", "goals"
-    shares = ("on_palm",)
-    own: ClassVar[tuple[str, ...]] = ("goals", "farthest")
-    turns = True
+    count_term, count_unit = "reached", "goals"
+    share_terms = ("on_palm",)
+    own_settings: ClassVar[tuple[str, ...]] = ("goals", "farthest")
+    goal_is_orientation = True
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -54,12 +54,12 @@ class Reorient(InHand):
         self.reached = xp.zeros(n, np.int64)
         """Goals since the reset."""
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
-        self._key[rows], self.reached[rows], self._renewed[rows] = draws.key(), 0, False
+        self._key[rows], self.reached[rows], self._renewed[rows] = draws.keys(), 0, False
         self._renew(rows)
 
-    def plan(self, tick: Ticks) -> None:
+    def plan_surroundings(self, tick: Ticks) -> None:
         rows = self.worlds.xp.flatnonzero(self._renewed)
         if len(rows):
             self._renew(rows)
@@ -82,7 +82,7 @@ class Reorient(InHand):
     def achieved(self, tick: Ticks) -> Array:
         return self.shown.quaternion
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         # In the precision of observations: without noise `compute_reward` of what was seen is the reward to the bit.
         angle = _angle(self.worlds.xp.asarray(self.thing.pose[:, 3:], np.float32), self._goal)
@@ -95,7 +95,9 @@ class Reorient(InHand):
         terms = {"near": self._near(angle), "bonus": _bonus(angle), "dropped": dropped, "angle": angle}
         reward = terms["near"] + terms["bonus"] + dropped
         reached = xp.asarray(self.reached, np.float64)
-        return Outcome(reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.over_palm(tick))
+        return StepOutcome(
+            reward, lost, (self.reached > 0) & ~lost, terms | {"reached": reached} | self.palm_terms(tick)
+        )
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """How near the orientations (..., 4) are, from 0 to 1 a second, the bonus for a goal, and what a loss costs."""

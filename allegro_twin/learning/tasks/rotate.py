@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.learning.environments.random_streams import Draws
-from allegro_twin.learning.environments.settings import EnvSettings, Options
+from allegro_twin.learning.environments.settings import EnvSettings, ResetOptions
 from allegro_twin.learning.policy.interface import Observation
-from allegro_twin.learning.tasks.base import Outcome, Ticks
-from allegro_twin.learning.tasks.in_hand import DROPPED, InHand
+from allegro_twin.learning.tasks.base import StepOutcome, Ticks
+from allegro_twin.learning.tasks.in_hand import DROPPED, InHandTask
 from allegro_twin.learning.tasks.vectors import length, tilt, twist
 from allegro_twin.sim.batch.worlds import Rows
 from allegro_twin.types import Array
@@ -21,15 +21,15 @@ ENOUGH = 2.0 * np.pi  # rad in an episode, net.
 _SLIDE, _POSTURE, _TORQUE, _WORK = 0.3, 0.02, 0.01, 0.005
 
 
-class Rotate(InHand):
+class RotateTask(InHandTask):
     """Counter-clockwise seen from above for the right hand; clockwise for the left. The object may be put down on the
     palm and turned there: that is neither paid nor charged, and `on_palm` in `info` tells it."""
 
     name = "Rotate"
     purpose = "rotate an object in the hand about the vertical, continuously"
     seconds = 30.0
-    counted, unit = "turned", "rad"
-    shares = ("on_palm",)
+    count_term, count_unit = "turned", "rad"
+    share_terms = ("on_palm",)
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
@@ -41,13 +41,13 @@ class Rotate(InHand):
         """Net since the reset, rad."""
         self._farthest = xp.zeros(n)
 
-    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: Options) -> None:
+    def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         assert self.thing is not None
         self._before[rows] = twist(self.thing.pose[rows, 3:])
         self.turned[rows] = self._farthest[rows] = 0.0
 
-    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> Outcome:
+    def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         assert self.thing is not None
         xp, now = self.worlds.xp, self.thing.pose[:, 3:]
         # Where it looks, not its spin about z: a rocking object turns without one.
@@ -74,4 +74,4 @@ class Rotate(InHand):
         reward = xp.stack(list(terms.values())).sum(axis=0)
         told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
-        return Outcome(reward, lost, success, terms | told | self.over_palm(tick))
+        return StepOutcome(reward, lost, success, terms | told | self.palm_terms(tick))

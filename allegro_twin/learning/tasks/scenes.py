@@ -15,7 +15,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
-from allegro_twin.learning.environments.objects import Given, name_of, scenario_of, scenarios
+from allegro_twin.learning.environments.objects import ObjectChoice, object_name, object_scenarios, scenario_of
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.sim.batch.warp import WarpWorlds
 from allegro_twin.sim.batch.worlds import Worlds
@@ -33,7 +33,7 @@ _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class TaskScene:
     """One object, the grasp for it, and where both are when the fingers close."""
 
     thing: str
@@ -46,17 +46,17 @@ class Scene:
 
 
 @cache
-def known(hand: str = HAND) -> dict[str, str]:
+def known_scenarios(hand: str = HAND) -> dict[str, str]:
     """The scenarios of the catalogue's objects for a model of hand, read once."""
-    return scenarios(hand)
+    return object_scenarios(hand)
 
 
-def from_above(hand: str = HAND) -> tuple[str, ...]:
+def grasped_from_above(hand: str = HAND) -> tuple[str, ...]:
     """The objects that are grasped from above."""
-    return tuple(name for name, path in known(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
+    return tuple(name for name, path in known_scenarios(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
 
 
-def some(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
+def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
     """The objects of a task by default. Raises ConfigError for a hand that the package knows no grasps of."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
@@ -64,44 +64,45 @@ def some(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
     return names
 
 
-def presented(
-    given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
-) -> Scene:
+def presented_scene(
+    given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
+) -> TaskScene:
     """An object in somebody's fingers before a hand that stands still."""
     found, around, retreat = _found(given if scenario is None else str(load_scenario(scenario)[1]), spec)
     position = np.asarray(around.position) - retreat
     around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(name_of(given), around, retreat, spec, settings, grasp or found.grasp)
+    return _built(object_name(given), around, retreat, spec, settings, grasp or found.grasp)
 
 
-def on_table(given: Given, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> Scene:
+def table_scene(given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
     """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
     found, around, retreat = _found(given, spec)
     if retreat[2] <= 0:
         raise ConfigError(
-            f"{name_of(given)} is grasped from its side; the slide serves {', '.join(from_above(spec.model))}"
+            f"{object_name(given)} is grasped from its side; the slide serves "
+            f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _built(name_of(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
+    return _built(object_name(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
 
 
-def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
-    settings, folder = scenario_of(given, known(spec.model))
+def _found(given: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
+    settings, folder = scenario_of(given, known_scenarios(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one is "
+        raise ConfigError(f"{object_name(given)}: its scenario is for the hand {settings.model}, and this one is "
                           f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
     around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, around, mirror * settings.wrist.retreat
 
 
-def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> Scene:
+def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> TaskScene:
     placed = around.things[0]
     thing = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
     one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
-    model = compiled(spec, replace(around, things=[thing], every_shape=one_layout), settings)
+    model = compile_task_scene(spec, replace(around, things=[thing], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
-    return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
+    return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
 
 PALM = 0.0111
@@ -110,17 +111,17 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 """Of the upturned palm in the world: its x points up, its fingers along the world's x."""
 
 
-def upturned(
+def upturned_model(
     spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
     """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
     x is up and its y the world's y."""
     placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
     around = Stage(np.zeros(3), FACING, [placed], friction=friction)
-    return compiled(spec, around, settings)
+    return compile_task_scene(spec, around, settings)
 
 
-def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
+def compile_task_scene(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
     """The model of a scene, with the physics that the settings ask for."""
     model = compile_scene(spec, around)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
@@ -130,7 +131,7 @@ def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjM
     return model
 
 
-def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
+def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
     """`n` simulations that begin as `model`, on the device that the settings name."""
     if settings.device == "cpu":
         return Worlds(spec, model, n, threads)

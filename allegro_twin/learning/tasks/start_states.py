@@ -18,10 +18,10 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.orientation import quaternion_from_vector
-from allegro_twin.learning.environments.randomise import Physics
+from allegro_twin.learning.environments.randomise import PhysicsRandomiser
 from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
-from allegro_twin.learning.tasks.scenes import PALM, THING, upturned
+from allegro_twin.learning.tasks.scenes import PALM, THING, upturned_model
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.worlds import Rows, Worlds
 from allegro_twin.sim.model.physics import Physics as ScenePhysics
@@ -40,7 +40,7 @@ _STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m that it moves from then to the en
 _GAP, _HIGHEST, _ASIDE = 0.008, 0.090, 0.035  # m: above the palm; highest middle; from the middle of the palm's edge.
 
 
-class Tries(NamedTuple):
+class StartCandidates(NamedTuple):
     """What is tried, a row each."""
 
     posture: Array
@@ -54,7 +54,7 @@ class Tries(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class StartStateSearch:
     """What is tried: fingers opposite the thumb, in any posture that leaves room for the object between them. Ranges in
     rad. Its repr tells one search from another."""
 
@@ -71,7 +71,7 @@ class Search:
     apart: tuple[float, float] = (0.02, 0.1)
     """m, from the thumb to the fingers."""
 
-    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> Tries:
+    def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> StartCandidates:
         """For objects so high (n,), m."""
         n, tips = len(height), hand_kinematics(spec).batch_fingertips()
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
@@ -88,7 +88,7 @@ class Search:
             good = (apart > self.apart[0]) & (apart < self.apart[1]) & _inside(place[missing], height[missing])
             missing = missing[~good]
         target = np.clip(posture + squeeze, spec.lower, spec.upper)
-        return Tries(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
+        return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
 
     def _postures(self, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
         finger = np.array([rng.uniform(*wide, n) for wide in self.finger]).T
@@ -100,15 +100,17 @@ class Search:
         return np.concatenate([fingers.reshape(n, 12), thumb], axis=1), squeeze.reshape(n, 16)
 
 
-def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+def try_candidates(
+    thing: Thing, search: StartStateSearch, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array]:
     """One batch: of what held, joints, targets (m, 16), rad, pose (m, 7), m, and factor on the size (m,)."""
     spec = load_spec(side="right")
     gains = load_gains("default", spec)
-    model = upturned(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
+    model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
     worlds, rows = Worlds(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
     body = worlds.free(THING)
-    physics = Physics(worlds, body)
+    physics = PhysicsRandomiser(worlds, body)
     size = physics.sizes(worlds.variant, rng.uniform(*SIZES, AT_ONCE))
     height = 2.0 * size * thing.half_extents()[2]
     physics.apply(rows, {"size": size})
@@ -146,13 +148,13 @@ def _inside(place: Array, height: Array) -> Flags:
 
 VERSION = 2
 """Of the search; counted up when another search would find other states."""
-COUNT, SEED, SEARCH = 1024, 20260101, Search()
+COUNT, SEED, SEARCH = 1024, 20260101, StartStateSearch()
 MOST = 200
 """Batches, after which a search is given up: it finds too little."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class StartStates:
     """For one side, a state a row, in order of size."""
 
     position: Array
@@ -165,7 +167,7 @@ class Held:
     """Factor on the object's size, (m,)."""
 
 
-def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
+def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH) -> StartStates:
     """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
     ConfigError where there is no cache."""
     name = file_name(thing, search)
@@ -173,38 +175,48 @@ def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
     if not path.is_file():
         path = cache_folder("starts", f"how fingertips hold a {thing.name}") / name
         if not path.is_file():
-            write(thing, path, search)
+            write_start_states(thing, path, search)
     found = _read(path)
     return found if side == "right" else _mirrored(found)
 
 
-def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
+def write_start_states(thing: Thing, path: Path, search: StartStateSearch = SEARCH) -> None:
     """Search for the states of the right hand and write them. Raises RecordingError."""
-    found = searched(thing, search)
+    found = search_start_states(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
     with whole_file(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
-def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
+def search_start_states(thing: Thing, search: StartStateSearch, count: int = COUNT, seed: int = SEED) -> StartStates:
     """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
     while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
-        parts.append(tried(thing, search, rng))
+        parts.append(try_candidates(thing, search, rng))
     if not any(len(part[0]) for part in parts):
         raise ConfigError(f"no grasp of the fingertips was found that holds {thing.name} above the palm: it may be too "
                           "large, too small or too heavy")  # fmt: skip
     columns = [np.concatenate(column)[:count] for column in zip(*parts, strict=True)]
     order = np.argsort(columns[3], kind="stable")
-    return Held(*(column[order] for column in columns))
+    return StartStates(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: Search = SEARCH) -> str:
+def file_name(thing: Thing, search: StartStateSearch = SEARCH) -> str:
     """Another search, another object, or another hand, has another."""
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
-    whole = (VERSION, own, repr(search), COUNT, SEED, SIZES, FRICTION, _hand(), repr(ScenePhysics()))
+    whole = (
+        VERSION,
+        own,
+        repr(search).replace("StartStateSearch", "Search", 1),
+        COUNT,
+        SEED,
+        SIZES,
+        FRICTION,
+        _hand(),
+        repr(ScenePhysics()),
+    )
     return f"{fingerprint(*whole)}.npz"
 
 
@@ -216,13 +228,13 @@ def _hand() -> str:
     return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 
-def _mirrored(right: Held) -> Held:
+def _mirrored(right: StartStates) -> StartStates:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)
-    return Held(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
+    return StartStates(spec.mirrored(right.position), spec.mirrored(right.target), pose, right.size)
 
 
-def _read(path: Path) -> Held:
+def _read(path: Path) -> StartStates:
     with np.load(path) as kept:
-        return Held(*(kept[name].astype(np.float64) for name in ("position", "target", "pose", "size")))
+        return StartStates(*(kept[name].astype(np.float64) for name in ("position", "target", "pose", "size")))

@@ -14,13 +14,13 @@ def length(v: Array) -> Array:
     return size
 
 
-def effort_of(action: Array) -> Array:
+def effort_cost(action: Array) -> Array:
     """What moving costs in most rewards, actions (..., n) in [-1, 1], shape (...)."""
     cost: Array = (action * action).sum(axis=-1) * (-0.02 / action.shape[-1])
     return cost
 
 
-def turned(quaternion: Array, vector: Array) -> Array:
+def rotate_vectors(quaternion: Array, vector: Array) -> Array:
     """Vectors (..., 3) of a body's axes in the world's, where its orientation is (..., 4)."""
     axis = quaternion[..., 1:]
     twice = 2.0 * cross(axis, vector)

@@ -38,7 +38,7 @@ def _matrices() -> tuple[Any, Any, Any, Any]:
 WANTED, HAD, SCALAR, VECTOR = _matrices()
 
 
-def left(desired: Any, achieved: Any, turns: bool) -> Any:
+def goal_difference(desired: Any, achieved: Any, turns: bool) -> Any:
     """Of goals (n, k), or with `turns` of orientations (n, 4), shape (n, 3)."""
     if not turns:
         return desired - achieved
@@ -48,6 +48,6 @@ def left(desired: Any, achieved: Any, turns: bool) -> Any:
     return (products @ vector) * xp.sign(products @ scalar)
 
 
-def numbers_left(width: int, turns: bool) -> int:
+def goal_difference_width(width: int, turns: bool) -> int:
     """How many those are, of goals of so many numbers."""
     return 3 if turns else width

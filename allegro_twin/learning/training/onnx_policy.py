@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.learning.policy.card import Card, write_card
+from allegro_twin.learning.policy.card import PolicyCard, write_card
 from allegro_twin.learning.training.goal_features import HAD, SCALAR, VECTOR, WANTED
 from allegro_twin.learning.training.progress import ACHIEVED, GOAL
 
@@ -40,7 +40,7 @@ class _Graph:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layered:
+class PolicyNetwork:
     """A policy's mean action: its inputs side by side, normalised, through layers one after the other."""
 
     widths: dict[str, int]
@@ -57,7 +57,7 @@ class Layered:
     """Goals are orientations (allegro_twin/learning/training/goal_features.py)."""
 
 
-def to_onnx(policy: Layered, path: Path, card: Card) -> None:
+def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
     """Its mean action, within [-1, 1]."""
     names = list(policy.widths)
     inputs = [_floats(name, width) for name, width in policy.widths.items()]
@@ -113,7 +113,7 @@ def _floats(name: str, width: int) -> Any:
 _PLAIN = {"Tanh": torch.nn.Tanh, "Elu": torch.nn.ELU}
 
 
-def layers_of(path: Path) -> Layered:
+def read_onnx_network(path: Path) -> PolicyNetwork:
     """Of a file that `to_onnx` has written. Raises ConfigError for any other."""
     graph = onnx.load(str(path)).graph
     weights = {each.name: np.array(numpy_helper.to_array(each)) for each in graph.initializer}
@@ -129,13 +129,13 @@ def layers_of(path: Path) -> Layered:
     bound = float(constants[2][1]) if kinds[2] == "Clip" else None
     first = 2 if bound is None else 3
     layers = [_layer(kind, given) for kind, given in zip(kinds[first:], constants[first:], strict=True)]
-    return Layered(widths, constants[0][0], constants[1][0], bound, layers, turns)
+    return PolicyNetwork(widths, constants[0][0], constants[1][0], bound, layers, turns)
 
 
-class Acting(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
+class NetworkActor(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
     """Its mean action, within [-1, 1], of inputs that are side by side already, (n, features)."""
 
-    def __init__(self, policy: Layered) -> None:
+    def __init__(self, policy: PolicyNetwork) -> None:
         super().__init__()
         self.register_buffer("mean", torch.as_tensor(policy.mean))
         self.register_buffer("scale", torch.as_tensor(policy.scale))

@@ -31,7 +31,7 @@ _MODULES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class TrainingProgress:
     """How far a training is."""
 
     rounds: int = 0
@@ -42,7 +42,7 @@ class Progress:
     """Spent in training, pauses not counted."""
 
 
-def made_of(recipe: Recipe) -> dict[str, str]:
+def input_fingerprints(recipe: Recipe) -> dict[str, str]:
     """What a training is made of beside its recipe, by fingerprint: the engine, the code that trains and simulates, the
     hand with its gains, and the catalogue of objects. Files of a user's own, such as meshes, are not in it."""
     spec = load_spec(recipe.environment.hand, recipe.environment.side)
@@ -55,31 +55,31 @@ def made_of(recipe: Recipe) -> dict[str, str]:
     }
 
 
-def checkpoint_content(recipe: Recipe, progress: Progress) -> dict[str, Any]:
+def checkpoint_content(recipe: Recipe, progress: TrainingProgress) -> dict[str, Any]:
     """What every checkpoint says of its training; `checked_progress` reads it."""
     return {
         "version": VERSION,
         "recipe": recipe.model_dump(mode="json"),
-        "made_of": made_of(recipe),
+        "made_of": input_fingerprints(recipe),
         "progress": asdict(progress),
     }
 
 
-def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> Progress:
+def checked_progress(path: Path, content: Mapping[str, Any], recipe: Recipe) -> TrainingProgress:
     """How far a checkpoint is. Raises ConfigError for one of another version, another recipe or other inputs."""
     if content["version"] != VERSION:
         raise ConfigError(
             f"{path} is a checkpoint of version {content['version']}; this package continues {VERSION}: "
             "train anew in another folder"
         )
-    same_training(path, content["recipe"], recipe)
-    same_inputs(path, content.get("made_of", {}), recipe)
-    return Progress(**content["progress"])
+    check_same_recipe(path, content["recipe"], recipe)
+    check_same_inputs(path, content.get("made_of", {}), recipe)
+    return TrainingProgress(**content["progress"])
 
 
-def same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
+def check_same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint that was made of something else: to go on from it would mix two trainings."""
-    now = made_of(recipe)
+    now = input_fingerprints(recipe)
     changed = [name for name in {**now, **was} if was.get(name) != now.get(name)]
     if changed:
         raise ConfigError(
@@ -88,7 +88,7 @@ def same_inputs(path: Path, was: Mapping[str, str], recipe: Recipe) -> None:
         )
 
 
-def same_training(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
+def check_same_recipe(path: Path, was: dict[str, Any], recipe: Recipe) -> None:
     """Raise ConfigError for a checkpoint of another recipe than this one; more steps are a longer training of the same
     kind, and where it simulates a training may change."""
     then, now = (each.model_dump(mode="json") for each in (parse(Recipe, was, str(path)), recipe))
@@ -113,24 +113,24 @@ ROUND_SEEDS = 100_003  # Apart: more than there are simulations, so that no two 
 
 
 @dataclass(frozen=True, slots=True)
-class Trained:
+class TrainingResult:
     """What a training has left behind."""
 
     policy: Path
     """The .onnx file."""
-    progress: Progress
+    progress: TrainingProgress
     rate: float
     """Success rate of the last evaluation, on what was trained on."""
 
 
-def note(recipe: Recipe, progress: Progress) -> str:
+def training_note(recipe: Recipe, progress: TrainingProgress) -> str:
     """How a policy was trained, for its card."""
     how = "PPO" if recipe.teacher is None else f"DAgger of {recipe.teacher}"
     how += "" if recipe.start is None else f" from {recipe.start} on"
     return f"{how}, seed {recipe.seed}, {progress.steps} actions in {progress.seconds:.0f} s"
 
 
-def rate_of(recipe: Recipe, progress: Progress) -> float:
+def learning_rate(recipe: Recipe, progress: TrainingProgress) -> float:
     """Of learning, in the next round: it falls in a straight line to a tenth."""
     return recipe.learning_rate * (1.0 - (1.0 - FINAL_RATE) * progress.rounds / recipe.rounds)
 
@@ -140,7 +140,7 @@ def round_seed(seed: int, rounds: int) -> int:
     return (seed + rounds * ROUND_SEEDS) % 2**31
 
 
-def farthest_of(recipe: Recipe, progress: Progress) -> float | None:
+def goal_distance(recipe: Recipe, progress: TrainingProgress) -> float | None:
     """How far goals are in the next round, rad, where the recipe says so."""
     if recipe.farthest is None:
         return None
@@ -153,7 +153,7 @@ COLUMNS = ("steps", "seconds", "episodes", "return", "length", "success", "evalu
 that went well; and the success rate without noise on the actions, once a round. Empty: nothing to tell."""
 
 
-class Curve:
+class LearningCurve:
     """Goes on after the rows up to `steps`; what a killed training wrote behind them is done again."""
 
     def __init__(self, path: Path, steps: int) -> None:

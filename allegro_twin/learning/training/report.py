@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.learning.environments.env import HandEnv
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.policy.controller import Policy, Still
+from allegro_twin.learning.policy.controller import Policy, ZeroPolicy
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.training.evaluation import Evaluation, evaluate, fitting, keywords
+from allegro_twin.learning.training.evaluation import Evaluation, check_card, env_keywords, evaluate
 from allegro_twin.learning.training.progress import EVALUATION, round_seed
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.viewing.camera import Picture
@@ -33,7 +33,7 @@ LOOKED_AT = "trained on: by a look"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Compared:
+class Comparison:
     """One set of episodes, with the policy and without."""
 
     name: str
@@ -42,23 +42,23 @@ class Compared:
     """No action: the scripted player where the task has a script, else a hand that stays."""
 
 
-def compare(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Compared]:
+def compare(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
     """A policy file in all `sets`, in the episodes of the seeds from `seed` on. Raises ConfigError for a policy of
     another task."""
     loaded = load_policy(path)
-    still = Still(loaded.card.action)
-    fitting(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
+    still = ZeroPolicy(loaded.card.action)
+    check_card(loaded.card, make_task(recipe.task, as_shipped(recipe.environment), 1, 1).card())
     return [
-        Compared(
+        Comparison(
             name,
             evaluate(loaded.policy, recipe.task, settings, episodes, seed=seed),
             evaluate(still, recipe.task, settings, episodes, seed=seed),
         )
-        for name, settings in sets(recipe).items()
+        for name, settings in evaluation_sets(recipe).items()
     ]
 
 
-def sets(recipe: Recipe) -> dict[str, EnvSettings]:
+def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     """The environments of an evaluation: with the objects that were trained on, with those by which a training was
     chosen, and with those that were kept from both. The physics is that of the environments as they ship, whatever the
     training used."""
@@ -68,7 +68,7 @@ def sets(recipe: Recipe) -> dict[str, EnvSettings]:
     return {"trained on": seen} | others
 
 
-def overlap(recipe: Recipe, seed: int, episodes: int) -> str:
+def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:
     """Which episodes of those from `seed` on a training of this recipe has used, in words; empty where none."""
     used = {
         "the evaluation after every round": range(EVALUATION, EVALUATION + recipe.trials),
@@ -87,22 +87,22 @@ def overlap(recipe: Recipe, seed: int, episodes: int) -> str:
 def as_shipped(settings: EnvSettings) -> EnvSettings:
     """The same environments with the physics that they have by default, on processors, and nothing randomised."""
     own = ("timestep", "noslip", "coarse", "randomise", "device")
-    given = {name: value for name, value in keywords(settings).items() if name not in own}
+    given = {name: value for name, value in env_keywords(settings).items() if name not in own}
     return EnvSettings(**given)
 
 
-def write(compared: list[Compared], path: Path) -> None:
+def write_report(compared: list[Comparison], path: Path) -> None:
     """As JSON: rates, standard errors, and successes of every object."""
     content = {each.name: {"policy": _figures(each.policy), "script": _figures(each.still)} for each in compared}
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1))
 
 
-def filmed(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3, seed: int = SEED) -> None:
+def film_policy(policy: Policy, recipe: Recipe, path: Path, episodes: int = 3, seed: int = SEED) -> None:
     """A film of some episodes, of the seeds from `seed` on, on what was held out, or else trained on. Raises
     ConfigError where nothing renders."""
-    settings = list(sets(recipe).values())[-1]
-    env = HandEnv(recipe.task, render_mode="rgb_array", **keywords(settings))
+    settings = list(evaluation_sets(recipe).values())[-1]
+    env = HandEnv(recipe.task, render_mode="rgb_array", **env_keywords(settings))
     film(_pictures(env, policy, episodes, seed), path, round(1.0 / env.engine.task.interface.seconds))
     env.close()
 
@@ -126,7 +126,7 @@ def quartiles(counted: NDArray[np.float64]) -> list[float]:
 
 
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
-    counted = evaluation.counted
+    counted = evaluation.counts
     more: dict[str, Any] = (
         {} if counted is None else {"counted": {"mean": float(counted.mean()), "quartiles": quartiles(counted)}}
     )
@@ -136,6 +136,6 @@ def _figures(evaluation: Evaluation) -> dict[str, Any]:
         "episodes": len(evaluation.success),
         "rate": evaluation.rate,
         "error": evaluation.error,
-        "return": float(np.mean(evaluation.returned)),
-        "objects": evaluation.by_thing(),
+        "return": float(np.mean(evaluation.returns)),
+        "objects": evaluation.by_object(),
     }

@@ -10,9 +10,9 @@ from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root, find, read_yaml
 from allegro_twin.files.schema import Positive, Settings, parse
 from allegro_twin.hands.library.entries import HAND
-from allegro_twin.learning.environments.objects import Given
+from allegro_twin.learning.environments.objects import ObjectChoice
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.learning.tasks import ALONE, TASKS, alone
+from allegro_twin.learning.tasks import NO_BATCH, TASKS, explain_no_batch
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -25,9 +25,9 @@ class Recipe(Settings):
     task: str
     environment: EnvSettings = EnvSettings()
     """Keywords of the environments that are trained in."""
-    held_out: tuple[Given, ...] = ()
+    held_out: tuple[ObjectChoice, ...] = ()
     """Objects that are kept from training and from every choice about it, for the evaluation."""
-    looked_at: tuple[Given, ...] = ()
+    looked_at: tuple[ObjectChoice, ...] = ()
     """Objects that no simulation of the training has, but by which it was chosen what and how long to train. They say
     as little of what was never seen as those that were trained on."""
     learner: Literal["stable-baselines3", "rsl-rl", "dagger"] = "stable-baselines3"
@@ -116,8 +116,8 @@ def load_recipe(name: str, **changes: Any) -> Recipe:
     given = {key: value for key, value in changes.items() if value is not None}
     own = {key: given.pop(key) for key in ("hand", "side", "device") if key in given}
     shipped = {path.stem: path for path in sorted((data_root() / "conf" / "training").glob("*.yaml"))}
-    if name == ALONE:
-        raise ConfigError(alone())
+    if name == NO_BATCH:
+        raise ConfigError(explain_no_batch())
     # What ships is for one hand, with its objects: for another a task's name means the defaults.
     foreign = name in TASKS and own.get("hand", HAND) != HAND
     if ":" in name or foreign or (name in TASKS and name.lower() not in shipped):

@@ -9,17 +9,19 @@ import numpy as np
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.contact.self_clearance import Clearance
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.branch.recover_controller import Driver
-from allegro_twin.twin.branch.result import Wanted
-from allegro_twin.twin.mirror.faults import words
-from allegro_twin.twin.mirror.for_hand import Mirrored
+from allegro_twin.twin.branch.recover_controller import BranchController
+from allegro_twin.twin.branch.result import BranchOptions
+from allegro_twin.twin.mirror.faults import fault_text
+from allegro_twin.twin.mirror.on_recording import MirrorResult
 from allegro_twin.types import Array, Vector
 
 _EVERY = 0.03  # s between two postures that are looked at. Ours: at 2 rad/s a fingertip goes by 6 mm.
 _DEEPER = 0.001  # m. Ours: the shapes are not known better.
 
 
-def knowledge(recording: Recording, at: float, seen: Mirrored, driver: Driver, wanted: Wanted) -> Iterator[str]:
+def list_assumptions(
+    recording: Recording, at: float, seen: MirrorResult, driver: BranchController, wanted: BranchOptions
+) -> Iterator[str]:
     """What is known of the instant, what is estimated, and what assumed."""
     row = int(np.searchsorted(seen.t, at - 1e-9))
     push, names = seen.disturbance[row], recording.spec.readable
@@ -34,7 +36,7 @@ def knowledge(recording: Recording, at: float, seen: Mirrored, driver: Driver, w
         "other and the palm."
     )
     if driver.config is None:
-        yield f"The recorded commands go on, open loop: {driver.why}."
+        yield f"The recorded commands go on, open loop: {driver.reason}."
     else:
         kind = driver.config.controller.kind
         yield (
@@ -42,11 +44,11 @@ def knowledge(recording: Recording, at: float, seen: Mirrored, driver: Driver, w
             "is known."
         )
     yield from _touches(at, seen, wanted)
-    if seen.anomaly is not None:
-        yield f"Its mirror says that something is wrong: {words(seen.anomaly, recording.spec)}. Is that its file?"
+    if seen.fault is not None:
+        yield f"Its mirror says that something is wrong: {fault_text(seen.fault, recording.spec)}. Is that its file?"
 
 
-def _touches(at: float, seen: Mirrored, wanted: Wanted) -> Iterator[str]:
+def _touches(at: float, seen: MirrorResult, wanted: BranchOptions) -> Iterator[str]:
     """What the recording's hand met and the branch does not know."""
     goes = "as a torque that stays" if wanted.disturbance == "hold" else "without it"
     for each in seen.contacts:
@@ -60,7 +62,7 @@ def _touches(at: float, seen: Mirrored, wanted: Wanted) -> Iterator[str]:
             )
 
 
-def meetings(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
+def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
     """Parts of the hand that would be in each other in the branch, (k, n), rad, and were not in the recording."""
     step = max(round(_EVERY * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-9)), 1)
     rows, clear = slice(0, len(branched), step), Clearance(spec)

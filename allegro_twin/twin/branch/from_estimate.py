@@ -16,35 +16,42 @@ from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.model.friction_changes import Change
-from allegro_twin.twin.branch.assumptions import knowledge, meetings
-from allegro_twin.twin.branch.model_backend import model_at
-from allegro_twin.twin.branch.overrides import Changes, change_of
-from allegro_twin.twin.branch.recover_controller import Driver, changed_by, driver_of
-from allegro_twin.twin.branch.result import Branched, Through, Wanted, rows_before
+from allegro_twin.twin.branch.assumptions import list_assumptions, list_collisions
+from allegro_twin.twin.branch.model_backend import model_backend_at
+from allegro_twin.twin.branch.overrides import Changes, hand_change
+from allegro_twin.twin.branch.recover_controller import BranchController, change_controller, find_controller
+from allegro_twin.twin.branch.result import BranchOptions, BranchResult, SampleStages, first_samples
 from allegro_twin.twin.mirror.contact_detection import SETTLED
-from allegro_twin.twin.mirror.for_hand import mirrored, played, spec_in
+from allegro_twin.twin.mirror.factory import recorded_spec
+from allegro_twin.twin.mirror.on_recording import mirror_recording, recorded_samples
 from allegro_twin.types import Array, Sample
 
 
-def estimated(recording: Recording, at: float, changes: Changes, through: Through, wanted: Wanted) -> Branched:
+def branch_from_estimate(
+    recording: Recording, at: float, changes: Changes, through: SampleStages, wanted: BranchOptions
+) -> BranchResult:
     """Raises ConfigError for a recording that tells too little to go on from."""
     _check(recording, at, changes)
-    spec, columns = spec_in(recording, wanted.hand), recording.columns
+    spec, columns = recorded_spec(recording, wanted.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))
-    change = change_of(changes, spec)
-    driver = driver_of(recording, spec, row, open_loop=wanted.open_loop)
-    other = changed_by(driver, recording, spec, row, changes)
-    seen = mirrored(recording.path, wanted.hand, None, wanted.gravity)
+    change = hand_change(changes, spec)
+    driver = find_controller(recording, spec, row, open_loop=wanted.open_loop)
+    other = change_controller(driver, recording, spec, row, changes)
+    seen = mirror_recording(recording.path, wanted.hand, None, wanted.gravity)
     before = columns["position"][:row]
     alone = _Future(recording, row, driver, Change(), wanted)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
     future, beside = _Future(recording, row, other, change, wanted), _Beside(columns["position"], unchanged)
-    samples = chain(rows_before(played(recording), row), future.samples())
+    samples = chain(first_samples(recorded_samples(recording), row), future.samples())
     branched = np.array([sample.state.position for sample in through(beside.counted(samples), beside)])
-    said = [*knowledge(recording, at, seen, driver, wanted), *alone.stopped("without a change "), *future.stopped()]
+    said = [
+        *list_assumptions(recording, at, seen, driver, wanted),
+        *alone.stopped("without a change "),
+        *future.stopped(),
+    ]
     rest = slice(row, len(branched))
-    said += meetings(spec, columns["t"][rest], columns["position"][rest], branched[rest])
-    return Branched(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(said))
+    said += list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest])
+    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(said))
 
 
 def _check(recording: Recording, at: float, changes: Changes) -> None:
@@ -67,7 +74,9 @@ def _check(recording: Recording, at: float, changes: Changes) -> None:
 class _Future:
     """The rows of a recording from one on, as a model has them."""
 
-    def __init__(self, recording: Recording, row: int, driver: Driver, change: Change, wanted: Wanted) -> None:
+    def __init__(
+        self, recording: Recording, row: int, driver: BranchController, change: Change, wanted: BranchOptions
+    ) -> None:
         self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, wanted
         self._fault = ""
 
@@ -75,7 +84,7 @@ class _Future:
         """Until the recording ends, or the guard would have stopped the hand."""
         driver = self._driver
         closed = driver.config is not None
-        hand: HandBackend = model_at(self._recording, self._row, self._change, self._wanted, closed=closed)
+        hand: HandBackend = model_backend_at(self._recording, self._row, self._change, self._wanted, closed=closed)
         if driver.config is not None:
             hand = guarded(driver.config, hand.spec, hand)
         ticks = self._recording.columns["tick"].astype(int).tolist()

@@ -23,15 +23,16 @@ from allegro_twin.sim.model.friction_changes import Change
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.branch.result import Wanted
-from allegro_twin.twin.identify.motions.motion import calibration_of, noise_floor
-from allegro_twin.twin.identify.results.hand_file import shift
-from allegro_twin.twin.mirror.for_hand import mirror_of, played
+from allegro_twin.twin.branch.result import BranchOptions
+from allegro_twin.twin.identify.motions.motion import noise_floor, recorded_calibration
+from allegro_twin.twin.identify.results.hand_file import offset_shift
+from allegro_twin.twin.mirror.factory import mirror_for_recording
 from allegro_twin.twin.mirror.mirror import Mirror
+from allegro_twin.twin.mirror.on_recording import recorded_samples
 from allegro_twin.types import Command, HandState, Vector, frozen
 
 
-class Heard(NamedTuple):
+class HostReading(NamedTuple):
     """What a host knows of the joints at the end of a period, (n,) each."""
 
     position: Vector
@@ -42,7 +43,7 @@ class Heard(NamedTuple):
     """N·m, over the period."""
 
 
-class Model(ABC):
+class ModelBackend(ABC):
     """A backend whose reset is the instant, at some row of the recording, and which ends with the recording. What it is
     not asked to be, as the temperature, stays as it was; where down is, is as recorded."""
 
@@ -76,7 +77,7 @@ class Model(ABC):
         if row == len(self._recording):
             raise EndOfRecording(f"{self._recording.path} ends at {columns['t'][-1]:.3f} s")
         at_row = replace(before, t=tick * self.period, tick=tick, gravity=columns["gravity"][row])
-        heard = self._passed(self._told, self._mirror.down(at_row))
+        heard = self._passed(self._told, self._mirror.gravity_in_palm(at_row))
         position, velocity, torque = (frozen(each) for each in heard)
         self._now = replace(at_row, position=position, velocity=velocity, torque=torque)
         return self._now
@@ -85,11 +86,11 @@ class Model(ABC):
         self._told = limp_of(self.spec)
 
     @abstractmethod
-    def _passed(self, command: Command, gravity: Vector) -> Heard:
+    def _passed(self, command: Command, gravity: Vector) -> HostReading:
         """One period."""
 
 
-class OnABus(Model):
+class TorqueModelBackend(ModelBackend):
     """Of a hand that takes torques, in counts."""
 
     def __init__(
@@ -99,27 +100,27 @@ class OnABus(Model):
         shakes the motors, which loosens dry friction."""
         super().__init__(recording, row, mirror, state)
         table, columns = recording.meta["calibration"], recording.columns
-        used = calibration_of(table)
+        used = recorded_calibration(table)
         self._observer, self._codec = observer, make_codec(table["version"], used)
         self._limits, self._constant = np.array(table["pwm_limit"]), np.array(used.torque_constant, dtype=float)
         self._rng, self._noise = (
             np.random.default_rng(0),
-            noise_in(recording) if noisy else np.zeros(self.spec.n_joints),
+            recorded_encoder_noise(recording) if noisy else np.zeros(self.spec.n_joints),
         )
         backend = (recording.meta.get("config") or {}).get("backend", {})
         cutoff = float(backend.get("velocity_cutoff", HostSettings().velocity_cutoff))
         self._filter = VelocityFilter(cutoff, columns["position"][row], columns["velocity"][row])
 
-    def _passed(self, command: Command, gravity: Vector) -> Heard:
+    def _passed(self, command: Command, gravity: Vector) -> HostReading:
         lanes = self._codec.positions
         _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._limits)
         expected = self._observer.alone(torque / self._constant, gravity).predicted
         expected = expected + self._noise * self._rng.standard_normal(len(expected))
         position = lanes.values(b"".join(frame.data for frame in lanes.frames(expected)))
-        return Heard(position, self._filter(position, self.period), torque)
+        return HostReading(position, self._filter(position, self.period), torque)
 
 
-class OnALine(Model):
+class PositionModelBackend(ModelBackend):
     """Of a hand that closes its own loop."""
 
     def __init__(
@@ -128,32 +129,34 @@ class OnALine(Model):
         super().__init__(recording, row, mirror, state)
         self._observer = observer
 
-    def _passed(self, command: Command, gravity: Vector) -> Heard:
+    def _passed(self, command: Command, gravity: Vector) -> HostReading:
         found = self._observer.alone(position_of(command, self.spec), gravity)
-        return Heard(found.predicted, found.velocity, self._observer.torque)
+        return HostReading(found.predicted, found.velocity, self._observer.torque)
 
 
-def noise_in(recording: Recording) -> Vector:
+def recorded_encoder_noise(recording: Recording) -> Vector:
     """Standard deviation of what the encoders add, (n,), rad, before counts are rounded; that adds a twelfth of a count
     squared."""
     table = recording.meta["calibration"]
-    used = calibration_of(table)
-    count = shift(table["version"], used, tuple(each + 1 for each in used.encoder_offset))
+    used = recorded_calibration(table)
+    count = offset_shift(table["version"], used, tuple(each + 1 for each in used.encoder_offset))
     seen = np.square(noise_floor(recording.columns["position"]))
     return np.asarray(np.sqrt(np.maximum(seen - np.square(count) / 12.0, 0.0)))
 
 
-def model_at(recording: Recording, row: int, change: Change, wanted: Wanted, *, closed: bool) -> Model:
+def model_backend_at(
+    recording: Recording, row: int, change: Change, wanted: BranchOptions, *, closed: bool
+) -> ModelBackend:
     """The hand as its mirror knows it at a row, changed there; `closed`: under a controller. Raises ConfigError for a
     hand that has no mirror."""
-    mirror = mirror_of(recording, wanted.hand, None, wanted.gravity)
-    for sample in islice(played(recording), row + 1):
-        mirror.see(sample)
+    mirror = mirror_for_recording(recording, wanted.hand, None, wanted.gravity)
+    for sample in islice(recorded_samples(recording), row + 1):
+        mirror.observe(sample)
         state = sample.state
     observer = mirror.observer
     if wanted.disturbance == "forget":
         observer.forget()
     observer.become(change)
     if isinstance(observer, LoopObserver):
-        return OnALine(recording, row, mirror, state, observer)
-    return OnABus(recording, row, mirror, state, observer, noisy=closed)
+        return PositionModelBackend(recording, row, mirror, state, observer)
+    return TorqueModelBackend(recording, row, mirror, state, observer, noisy=closed)

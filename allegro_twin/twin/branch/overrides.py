@@ -23,7 +23,7 @@ PHYSICS = ("friction", "damping", "frictionloss", "strength")
 _CONTROLLER = "controller."
 
 
-def changes_of(texts: list[str]) -> dict[str, Any]:
+def parse_changes(texts: list[str]) -> dict[str, Any]:
     """`friction=0.5` and the like. Raises ConfigError."""
     found = {}
     for text in texts:
@@ -40,26 +40,26 @@ def changes_of(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def change_of(changes: Changes, spec: HandSpec) -> Change:
+def hand_change(changes: Changes, spec: HandSpec) -> Change:
     """Of the hand itself. Raises ConfigError for what nobody can change in such a hand."""
     if "strength" in changes and "torque" not in spec.commands:
         raise ConfigError(f"--set strength: {spec.name} closes its own loop; damping and frictionloss can be set")
     return Change(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
 
 
-def of_controller(changes: Changes) -> dict[str, Any]:
+def controller_changes(changes: Changes) -> dict[str, Any]:
     """The keys of the controller's block that change."""
     found = {key: value for key, value in changes.items() if key.startswith(_CONTROLLER)}
     return {key.removeprefix(_CONTROLLER): value for key, value in found.items()}
 
 
-def changed(config: RunConfig, changes: Changes) -> RunConfig:
+def apply_changes(config: RunConfig, changes: Changes) -> RunConfig:
     """The config with its controller changed; the same one where that is not asked for."""
-    own = of_controller(changes)
+    own = controller_changes(changes)
     return config.changed(controller=own) if own else config
 
 
-def config_of(recording: Recording) -> RunConfig:
+def recorded_config(recording: Recording) -> RunConfig:
     """Raises ConfigError for one that this program does not understand, or a recording that holds none."""
     content = recording.meta.get("config")
     if content is None:

@@ -18,19 +18,19 @@ from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
 from allegro_twin.recording.reader import Recording
 from allegro_twin.sim.engine.backend import ENGINE, SimBackend
-from allegro_twin.twin.branch.overrides import Changes, change_of, changed, config_of
-from allegro_twin.twin.branch.recover_controller import successor
-from allegro_twin.twin.branch.result import Branched, Through
+from allegro_twin.twin.branch.overrides import Changes, apply_changes, hand_change, recorded_config
+from allegro_twin.twin.branch.recover_controller import hand_over
+from allegro_twin.twin.branch.result import BranchResult, SampleStages
 from allegro_twin.types import Array, Sample
 
 
-def repeated(recording: Recording, at: float, changes: Changes, through: Through) -> Branched:
+def resimulate(recording: Recording, at: float, changes: Changes, through: SampleStages) -> BranchResult:
     """Raises ConfigError for a recording that cannot be repeated."""
     path, engine = recording.path, recording.meta["engine"]
     if engine != ENGINE:
         raise ConfigError(f"{path} was made with {engine}, and this is {ENGINE}: it would not be the same")
-    config = config_of(recording)
-    after = changed(config, changes)
+    config = recorded_config(recording)
+    after = apply_changes(config, changes)
     rig = assemble(config)
     if rig.sim is None:
         raise ConfigError(f"{path} is of a simulation that its config does not describe: it cannot be repeated")
@@ -43,7 +43,7 @@ def repeated(recording: Recording, at: float, changes: Changes, through: Through
         found = [sample.state.position for sample in through(samples, follower.beside)]
         whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
         report = rig.trial.report() if whole and rig.trial is not None else None
-    return Branched(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
+    return BranchResult(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
 
 
 class _Follower:
@@ -81,7 +81,7 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
     controller, backend = rig.controller, rig.backend
     state = backend.reset()
     memory, done = controller.start(state), False
-    change = change_of(changes, rig.spec)
+    change = hand_change(changes, rig.spec)
     while True:
         if not done and state.t >= at - 1e-9:
             done = True
@@ -89,7 +89,7 @@ def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controll
                 sim.model.geom_friction[:, 0] = changes["friction"]
             sim.become(change)
             if other is not None:
-                controller, memory = successor(controller, memory, other, state)
+                controller, memory = hand_over(controller, memory, other, state)
         command, memory = controller(state, memory)
         backend.write(command)
         yield Sample(state, command)

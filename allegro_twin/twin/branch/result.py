@@ -12,12 +12,12 @@ from allegro_twin.types import Array, Sample, Vector
 if TYPE_CHECKING:
     from allegro_twin.grasping.verdict import Report
 
-Beside: TypeAlias = Callable[[], dict[str, Array]]
+ReferenceColumns: TypeAlias = Callable[[], dict[str, Array]]
 """What is known beside a sample: where the recording's joints were (`target`), and what a trial sees."""
-Through: TypeAlias = Callable[[Iterator[Sample], Beside], Iterator[Sample]]
+SampleStages: TypeAlias = Callable[[Iterator[Sample], ReferenceColumns], Iterator[Sample]]
 
 
-class Wanted(NamedTuple):
+class BranchOptions(NamedTuple):
     """How a hand on a wire is to go on."""
 
     hand: str = ""
@@ -31,7 +31,7 @@ class Wanted(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Branched:
+class BranchResult:
     """Both futures."""
 
     t: Vector
@@ -45,11 +45,11 @@ class Branched:
     """The verdict on the branch, where the recording is of a scenario."""
     unchanged: Array | None = None
     """As the model of a hand on a wire has it without any change: off by its own error. None: there is none."""
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     """What is known of the instant, what is estimated and what assumed."""
 
 
-def rows_before(samples: Iterable[Sample], row: int) -> Iterator[Sample]:
+def first_samples(samples: Iterable[Sample], row: int) -> Iterator[Sample]:
     """The first of some samples."""
     for number, sample in enumerate(samples):
         if number == row:

@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.hands.settings import TaskSettings
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import recorded
-from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, Pose, pose, rehearsed
+from allegro_twin.recording.recorder import record
+from allegro_twin.twin.identify.motions.excitation import APPROACH, Excitation, ExcitationPose, find_pose, rehearse
 from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 
@@ -24,10 +24,10 @@ _GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that is to tell how 
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class ExcitationRun:
     """One pose, and what of it is still to be recorded."""
 
-    pose: Pose
+    pose: ExcitationPose
     seconds: float
     seed: int
     """Of the motion in this file."""
@@ -36,10 +36,10 @@ class Task:
     file: Path
 
 
-def task_of(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> Task | None:
+def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> ExcitationRun | None:
     """What is left of a pose in a folder: nothing, all, or the rest of what was interrupted, in a file of its own.
     Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
-    lie, there, files = pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
+    lie, there, files = find_pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
     for file in files:
         try:
             recording = load(file, partial=True)
@@ -55,10 +55,12 @@ def task_of(config: RunConfig, name: str, seconds: float, seed: int, folder: Pat
     if left < min(SHORTEST, seconds / 2.0):
         return None
     number = max((int(file.stem.rpartition("_")[2]) for file in files), default=0) + 1
-    return Task(lie, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow")
+    return ExcitationRun(
+        lie, max(left, SHORTEST) + APPROACH, seed + 97 * number, seed, folder / f"{name}_{number}.arrow"
+    )
 
 
-def laid(config: RunConfig, lie: Pose) -> RunConfig:
+def pose_config(config: RunConfig, lie: ExcitationPose) -> RunConfig:
     """The config with the hand lying so: a virtual one is put there, of another it is said, unless its IMU says it.
     Raises ConfigError for what is not on a bus."""
     if not isinstance(config.backend, CanSettings):
@@ -78,18 +80,18 @@ def laid(config: RunConfig, lie: Pose) -> RunConfig:
     return config.model_copy(update={"task": TaskSettings()}).changed(backend=change)
 
 
-def play(config: RunConfig, todo: Task, advance: Callable[[float], None]) -> Excitation:
+def record_run(config: RunConfig, todo: ExcitationRun, advance: Callable[[float], None]) -> Excitation:
     """Rehearse, then play and record. The hand is limp afterwards, whatever happens. Raises HandError."""
     rig = assemble(config)
     with closing(rig.backend):
-        motion = rehearsed(rig.spec, todo.pose, todo.seed, todo.seconds).excitation
+        motion = rehearse(rig.spec, todo.pose, todo.seed, todo.seconds).excitation
         samples = _checked(until(todo.seconds, run(rig.backend, motion)), todo.pose)
-        for sample in recorded(samples, todo.file, rig.spec, config.period, meta=_meta(rig, config, todo, motion)):
+        for sample in record(samples, todo.file, rig.spec, config.period, meta=_meta(rig, config, todo, motion)):
             advance(sample.state.t)
     return motion
 
 
-def _checked(samples: Iterator[Sample], lie: Pose) -> Iterator[Sample]:
+def _checked(samples: Iterator[Sample], lie: ExcitationPose) -> Iterator[Sample]:
     """Before anything moves far: whether the hand lies as it should."""
     for number, sample in enumerate(samples):
         if number == 0:
@@ -97,7 +99,7 @@ def _checked(samples: Iterator[Sample], lie: Pose) -> Iterator[Sample]:
         yield sample
 
 
-def _meta(rig: Rig, config: RunConfig, todo: Task, motion: Excitation) -> dict[str, object]:
+def _meta(rig: Rig, config: RunConfig, todo: ExcitationRun, motion: Excitation) -> dict[str, object]:
     found: dict[str, object] = {"allegro_twin": __version__, "config": config.model_dump(mode="json")}
     if rig.sim is not None:
         found |= rig.sim.meta()

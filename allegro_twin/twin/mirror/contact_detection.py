@@ -44,7 +44,7 @@ class Contact(NamedTuple):
     -1 where joints are pushed too little each to tell."""
 
 
-class Pace:
+class MovingJoints:
     """Tells which joints have been moving for a while: theirs is another friction than that of a joint at rest, which
     holds any torque, and nobody knows which."""
 
@@ -57,12 +57,12 @@ class Pace:
         return np.asarray(self._since > FREED)
 
 
-def axes(above: Array, moving: NDArray[np.bool_]) -> Array:
+def joint_thresholds(above: Array, moving: NDArray[np.bool_]) -> Array:
     """Of thresholds (2, n) those of joints at rest or moving, (n,) or (k, n), N·m."""
     return np.asarray(np.where(moving, above[1], above[0]))
 
 
-def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
+def contact_thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: float, spec: HandSpec) -> Array:
     """The axes of every finger's ellipsoid, of joints at rest and moving, (2, n), N·m, from the disturbances (k, n),
     N·m, of a motion that touches nothing and which joints moved for a while. `held`: what friction that breaks away may
     hold in a joint at rest, (n,), N·m; less is no touch there. Raises ConfigError where it is too short to tell."""
@@ -80,7 +80,7 @@ def thresholds(free: Array, moving: NDArray[np.bool_], held: Vector, period: flo
             usual = np.sqrt(np.square(free[:, own]).mean(axis=0, where=kept))
             shares = np.where(kept, free[:, own], 0.0) / np.maximum(usual, 1e-6)
             above[which, own] = np.maximum(usual, 1e-6) * np.sqrt(_rare(np.square(shares).sum(axis=1), block))
-        both = pushed(free, axes(above, moving), spec, own)
+        both = push_ratio(free, joint_thresholds(above, moving), spec, own)
         above[:, own] *= np.sqrt(max(_rare(np.square(both), block), 1.0))
     above = np.maximum(above, LEAST)
     above[0] = np.where(held > 0.0, np.maximum(above[0], held + above[1]), above[0])
@@ -96,7 +96,7 @@ def _rare(squares: Vector, block: int) -> float:
     return max(float(rare), float(largest.max()))
 
 
-def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
+def push_ratio(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[int] | None = None) -> Array:
     """How far outside its ellipsoid each finger is, 1 on it, (k, fingers); of some joints together, (k,).
     `above`: (n,), or (k, n)."""
     share = np.square(disturbance / above)
@@ -106,9 +106,9 @@ def pushed(disturbance: Array, above: Array, spec: HandSpec, joints: Sequence[in
     return np.asarray(np.sqrt(np.stack(sums, axis=-1)))
 
 
-def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
+def touched_fingers(disturbance: Array, above: Array, spec: HandSpec) -> Array:
     """Whether each finger is touched, (k, fingers): it was outside its ellipsoid in PERIODS periods up to now."""
-    over = pushed(disturbance, above, spec) > 1.0
+    over = push_ratio(disturbance, above, spec) > 1.0
     held = over.copy()
     for back in range(1, PERIODS):
         held[back:] &= over[:-back]
@@ -116,17 +116,17 @@ def touched(disturbance: Array, above: Array, spec: HandSpec) -> Array:
     return np.asarray(held)
 
 
-def outermost(share: Vector, joints: Sequence[int]) -> int:
+def outermost_joint(share: Vector, joints: Sequence[int]) -> int:
     """The last of a finger's joints, from the palm on, that is pushed beyond its own axis; -1: none. `share`: squares
     of disturbances, in squares of axes, (n,). A push loads the joints before it and no other, so that what touches the
     finger touches the link that this joint moves, or, where the lever is short, one further out."""
     return max((joint for joint in joints if share[joint] > 1.0), key=list(joints).index, default=-1)
 
 
-def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
+def find_contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause: float = 0.1) -> Sequence[Contact]:
     """All touches, in order; one that comes back within `pause`, s, has not ended. Where disturbances are NaN the
     mirror began again."""
-    found, flags = [], touched(disturbance, above, spec)
+    found, flags = [], touched_fingers(disturbance, above, spec)
     for begun in (t[0], *t[np.isnan(disturbance).any(axis=1)]):
         flags[(t >= begun) & (t < begun + SETTLED)] = False
     for number, finger in enumerate(spec.fingers):
@@ -138,5 +138,5 @@ def contacts(t: Vector, disturbance: Array, above: Array, spec: HandSpec, pause:
             during, own = slice(part[0], part[-1] + 1), list(finger.joints)
             torque, begin, end = float(np.abs(disturbance[during, own]).max()), float(t[part[0]]), float(t[part[-1]])
             share = np.broadcast_to(np.square(disturbance / above), disturbance.shape)[during].mean(axis=0)
-            found.append(Contact(finger.name, begin, end, torque, outermost(share, own)))
+            found.append(Contact(finger.name, begin, end, torque, outermost_joint(share, own)))
     return sorted(found, key=lambda contact: contact.begin)

@@ -41,7 +41,7 @@ PART = 0.5
 _TINY = 1e-12
 
 
-class Ramp(NamedTuple):
+class DriftRamp(NamedTuple):
     """What grew, of one finger's candidates: its joints' encoders, then its motors. (2m,) each."""
 
     rate: Vector
@@ -52,7 +52,7 @@ class Ramp(NamedTuple):
     """Standard deviations from none."""
 
 
-class Block(NamedTuple):
+class DriftBlock(NamedTuple):
     """What is left of a block without what dry friction explains: products of shapes x with one another and with d."""
 
     squares: Array
@@ -63,7 +63,7 @@ class Block(NamedTuple):
     """Of payloads' shapes: with themselves, and with d, (2, n)."""
 
 
-class Drift:
+class DriftDetector:
     """Keeps blocks of what a mirror saw. `period`: of a row, s."""
 
     def __init__(self, spec: HandSpec, period: float) -> None:
@@ -72,7 +72,7 @@ class Drift:
         self._period, self._n = period, spec.n_joints
         self._turns = cycle([(finger, span) for finger in range(len(spec.fingers)) for span in SPANS])
         self._before = np.zeros((2, spec.n_joints))
-        self._blocks: deque[Block] = deque(maxlen=SPANS[-1])
+        self._blocks: deque[DriftBlock] = deque(maxlen=SPANS[-1])
         self._clear()
 
     def add(self, d: Vector, made: Array, tells: NDArray[np.bool_], lean: Array, pull: Array) -> None:
@@ -95,7 +95,7 @@ class Drift:
             self._blocks.append(self._reduced())
             self._clear()
 
-    def look(self) -> tuple[int, float] | None:
+    def check(self) -> tuple[int, float] | None:
         """The joint whose encoder drifts, and how fast, rad/s; None where nothing is sure. Each time one finger and one
         span have their turn, for a look at all would take longer than a period."""
         finger, span = next(self._turns)
@@ -117,7 +117,7 @@ class Drift:
         steady = min(shares) > 1.0 / HALVES and max(shares) < HALVES
         return (own[first], float(ramp.rate[first])) if steady else None
 
-    def grew(self, name: str, joint: int, gain: float) -> bool:
+    def explains_more(self, name: str, joint: int, gain: float) -> bool:
         """Whether a drift of an encoder of this joint's finger, begun at any time, explains more of all that was seen
         until now than a fault of this name, come at any time, and a good part of its gain, N²m², in the last seconds.
         What friction explains is in no block: of that the gain alone counts."""
@@ -136,7 +136,7 @@ class Drift:
         steps = np.concatenate([np.minimum(since, 1.0), np.sign(since)])
         return drifts > _explained(steps, came[:, :1], came[:, 1:], np.inf)
 
-    def _ramp(self, squares: Array, along: Array) -> Ramp:
+    def _ramp(self, squares: Array, along: Array) -> DriftRamp:
         """Of blocks (b, 2m, 2m) and (b, 2m): o₀ free in all, r in one at a time."""
         b = len(squares)
         t = (np.arange(b) - (b - 1) / 2.0) * BLOCK * self._period
@@ -150,15 +150,15 @@ class Drift:
         left -= t[:, None, None] * squares * rate
         scores = t[:, None] * np.einsum("bcc->bc", left) - np.einsum("bkc,ck->bc", left, back)
         spread = np.sqrt(np.square(scores).sum(axis=0) * b / (b - along.shape[1] / 2.0 - 1.0))
-        return Ramp(rate, np.square(rate) * size, np.abs(rate) * size / np.maximum(spread, _TINY))
+        return DriftRamp(rate, np.square(rate) * size, np.abs(rate) * size / np.maximum(spread, _TINY))
 
-    def _reduced(self) -> Block:
+    def _reduced(self) -> DriftBlock:
         """The block that is being filled, without what dry friction explains."""
         rub = np.maximum(self._rub, _TINY)
         squares = self._squares - self._rubbed.T @ (self._rubbed / rub[:, None])
         sides = np.stack([self._heavy_rubbed, np.broadcast_to(self._rub_along, self._heavy_rubbed.shape)])
         heavy = self._heavy - (sides * self._heavy_rubbed / rub).sum(axis=2)
-        return Block(squares, self._along - (self._rub_along / rub) @ self._rubbed, heavy)
+        return DriftBlock(squares, self._along - (self._rub_along / rub) @ self._rubbed, heavy)
 
     def _clear(self) -> None:
         n = self._n

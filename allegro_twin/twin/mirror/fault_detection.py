@@ -10,12 +10,22 @@ from numpy.typing import NDArray
 
 from allegro_twin.sim.observer.observer import Estimate
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import EULER, thresholds
-from allegro_twin.twin.mirror.encoder_drift import Drift
-from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest, shaped
-from allegro_twin.twin.mirror.faults import CREEP, JUMP, MOVING, ROW, Anomaly, Name, Window, direct, still
-from allegro_twin.twin.mirror.loose_link import Falls
-from allegro_twin.twin.mirror.slip_detection import Slips
+from allegro_twin.twin.mirror.contact_detection import EULER, contact_thresholds
+from allegro_twin.twin.mirror.encoder_drift import DriftDetector
+from allegro_twin.twin.mirror.fault_signatures import FINGERS, largest_gains, signature_fault
+from allegro_twin.twin.mirror.faults import (
+    CREEP,
+    JUMP,
+    MOVING,
+    ROW,
+    Fault,
+    FaultName,
+    MirrorWindow,
+    direct_fault,
+    still_joints,
+)
+from allegro_twin.twin.mirror.loose_link import LooseLinkDetector
+from allegro_twin.twin.mirror.slip_detection import SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
@@ -48,13 +58,13 @@ SIGMAS = 6.0
 REACH = 3
 """Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
 g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
-SHAPED: tuple[Name, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
+SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
 BLOCK, FEWEST = 20, 4
 """Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
 ENOUGH = 22.0  # s of free motion that hold so many at 3 ms, after what a mirror takes to settle and to fill a window.
 
 
-class Weights(NamedTuple):
+class LinkWeights(NamedTuple):
     """Of a hand's links, in one of its postures."""
 
     pull: Array
@@ -69,10 +79,10 @@ class Weights(NamedTuple):
     """Dry friction now over that in fast motion, (n,)."""
 
 
-class Calm(NamedTuple):
+class Thresholds(NamedTuple):
     """What free motions of a hand do not reach."""
 
-    above: Array
+    contact: Array
     """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
     """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
@@ -81,20 +91,20 @@ class Calm(NamedTuple):
     out with those that it makes now. Infinite where it is not known."""
 
     @property
-    def unnamed(self) -> tuple[Name, ...]:
+    def unchecked_faults(self) -> tuple[FaultName, ...]:
         """Names that cannot be said, for no free motion, or too short a one, tells what is usual."""
         return SHAPED if np.isinf(self.gains).any() else ()
 
     @staticmethod
-    def usual(spec: HandSpec) -> Calm:
+    def default(spec: HandSpec) -> Thresholds:
         """Where no free motion was seen; of a hand that closes its own loop a share of what its motors give."""
         above = np.full(spec.n_joints, DEFAULT)
         if "torque" not in spec.commands:
             above = np.maximum(above, PART * spec.actuation.torque_limit)
-        return Calm(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
+        return Thresholds(np.stack([above, above]), np.full(len(spec.fingers), np.inf), above / SIGMAS)
 
     @staticmethod
-    def of(
+    def from_free_motion(
         disturbance: Array,
         moving: NDArray[np.bool_],
         held: Vector,
@@ -102,38 +112,42 @@ class Calm(NamedTuple):
         period: float,
         spec: HandSpec,
         spread: Vector = UNKNOWN,
-    ) -> Calm:
+    ) -> Thresholds:
         """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
         those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
         reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
         where it is too short."""
-        above, blocks = thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
+        above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
-            return Calm(above, np.full(len(spec.fingers), np.inf), spread)
+            return Thresholds(above, np.full(len(spec.fingers), np.inf), spread)
         cut = gains[: blocks * BLOCK].reshape(blocks, BLOCK, gains.shape[1]).max(axis=1)
         scale = np.sqrt(6.0) / np.pi * cut.std(axis=0)
         rare = cut.mean(axis=0) + scale * (np.log(RARE / BLOCK) - EULER)
-        return Calm(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
+        return Thresholds(above, np.asarray(np.maximum(rare, cut.max(axis=0))), spread)
 
 
-class Diagnosis:
+class FaultDetector:
     """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
 
-    def __init__(self, spec: HandSpec, calm: Calm, period: float) -> None:
-        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.above[0]
+    def __init__(self, spec: HandSpec, calm: Thresholds, period: float) -> None:
+        self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.contact[0]
         self.gains: list[Vector] = []
         """The largest of every finger, look by look, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
-        self.interrupted()
+        self.restart()
         self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
-        self.found: Anomaly | None = None  # As soon as that is sure; a slip until something else is.
+        self.fault: Fault | None = None  # As soon as that is sure; a slip until something else is.
 
-    def interrupted(self) -> None:
+    def restart(self) -> None:
         """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
         spec, row, above = self._spec, ROW * self._period, self._above
-        self._drift, self._falls, self._slips = Drift(spec, row), Falls(spec), Slips(spec, row, above)
+        self._drift, self._falls, self._slips = (
+            DriftDetector(spec, row),
+            LooseLinkDetector(spec),
+            SlipDetector(spec, row, above),
+        )
         self._periods, self._rows, self._count, self._sign = [], [], 0, -1
         self._at, self._went = np.full(spec.n_joints, np.nan), np.zeros(spec.n_joints)
 
@@ -143,7 +157,7 @@ class Diagnosis:
         estimate: Estimate,
         torque: Vector,
         off: Vector,
-        weights: Weights | None,
+        weights: LinkWeights | None,
         since: NDArray[np.int_] = ONCE,
         expected: Vector = EXACT,
     ) -> None:
@@ -173,24 +187,24 @@ class Diagnosis:
         fell = self._falls.add(away, noise.max(axis=0))
         inside = weights.lean is None  # A loop of its own carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
-            self._say(Anomaly("loose", *fell))
+            self._say(Fault("loose", *fell))
         if slid is not None:
-            self._say(Anomaly("slip", *slid))
+            self._say(Fault("slip", *slid))
         self._creep(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
             self._look()
 
-    def _say(self, found: Anomaly | None) -> None:
+    def _say(self, found: Fault | None) -> None:
         """A fault stays, and what is wrong later may follow from it; a slip is over once it is said."""
-        if found is not None and (self.found is None or self.found.name == "slip"):
-            self.found = found
+        if found is not None and (self.fault is None or self.fault.name == "slip"):
+            self.fault = found
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
         """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
         own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
-    def _creep(self, row: Sequence[Vector], weights: Weights) -> None:
+    def _creep(self, row: Sequence[Vector], weights: LinkWeights) -> None:
         """What takes longer than a window."""
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
@@ -198,11 +212,11 @@ class Diagnosis:
         tells = (np.abs(velocity) > MOVING) & weights.free
         self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
         if self._count % EVERY == EVERY // 2:
-            drifts = self._drift.look()
-            self._say(None if drifts is None else Anomaly("encoder_drift", *drifts))
+            drifts = self._drift.check()
+            self._say(None if drifts is None else Fault("encoder_drift", *drifts))
 
     @property
-    def due(self) -> bool:
+    def row_due(self) -> bool:
         """Whether the next period ends a row."""
         return len(self._periods) == ROW - 1
 
@@ -213,15 +227,15 @@ class Diagnosis:
             column[self._count % LONGEST] = column[self._count % LONGEST + LONGEST] = each
         self._count += 1
 
-    def _last(self, count: int) -> Window:
+    def _last(self, count: int) -> MirrorWindow:
         end = (self._count - 1) % LONGEST + LONGEST + 1
-        return Window(*(column[end - count : end] for column in self._rows))
+        return MirrorWindow(*(column[end - count : end] for column in self._rows))
 
     def _look(self) -> None:
         window = self._last(ROWS)
-        self.gains.append(largest(window, self._spec))
+        self.gains.append(largest_gains(window, self._spec))
         self._right |= (self.gains[-1] <= self._quiet) & (self._travelled(window) > ROWS / 2)
-        at_once = direct(window, self._spec)
+        at_once = direct_fault(window, self._spec)
         if at_once is None and not (self.gains[-1] > self._quiet).any():
             self._sign = -1
             return
@@ -232,26 +246,26 @@ class Diagnosis:
         elif not _falling(at_once, window):
             self._say(at_once)
 
-    def _shaped(self) -> Anomaly | None:
+    def _shaped(self) -> Fault | None:
         """From what was seen since the first sign."""
         waited = self._count - self._sign
         window = self._last(min(max(SOONEST, waited), LONGEST))
-        seen = shaped(window, self._quiet, self._spec)
+        seen = signature_fault(window, self._quiet, self._spec)
         if seen is None:
             return None
         if seen.name == "wrong_file":
             return seen if waited >= FILE and np.count_nonzero(~self._right) >= FINGERS else None
-        wait = LONGEST if seen.lead < CLEAR else ROWS if still(window)[seen.joint] else WAIT
+        wait = LONGEST if seen.lead < CLEAR else ROWS if still_joints(window)[seen.joint] else WAIT
         if waited < wait:
             return None
-        return None if self._drift.grew(seen.name, seen.joint, seen.gain) else seen
+        return None if self._drift.explains_more(seen.name, seen.joint, seen.gain) else seen
 
-    def _travelled(self, window: Window) -> Vector:
+    def _travelled(self, window: MirrorWindow) -> Vector:
         """In how many rows each finger's second busiest joint moves, (fingers,)."""
         moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
         return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
 
 
-def _falling(seen: Anomaly, window: Window) -> bool:
+def _falling(seen: Fault, window: MirrorWindow) -> bool:
     """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
     return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.faults import MOVING, SINGLE, Anomaly, Name, Window, alone, holding
+from allegro_twin.twin.mirror.faults import MOVING, SINGLE, Fault, FaultName, MirrorWindow, finger_share, holds_object
 from allegro_twin.types import Array, Vector
 
 NOISE = 4e-4
@@ -40,10 +40,10 @@ BENT, BREAKS = 3, 1.02
 friction was told from weakness in 47 of 48 windows of hands 200-202 (before in 13)."""
 
 
-class Gain(NamedTuple):
+class SignatureGain(NamedTuple):
     """What one shape takes away of a finger's disturbances."""
 
-    name: Name
+    name: FaultName
     joint: int
     amount: float
     gain: float
@@ -54,29 +54,29 @@ class Gain(NamedTuple):
     """Over, in the mean of what counts, N²m²."""
 
 
-def shaped(window: Window, quiet: Vector, spec: HandSpec) -> Anomaly | None:
+def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Fault | None:
     """What a disturbance has the shape of, or None. `quiet`: for each finger a gain that free motions do not reach,
     (fingers,)."""
-    if holding(window):
+    if holds_object(window):
         return None
-    found, own = gains(window, spec), alone(window, spec)
+    found, own = signature_gains(window, spec), finger_share(window, spec)
     for number, each in enumerate(spec.fingers):
         if window.holds[:, number].any() and own[list(each.joints)].max() < SINGLE:
             found[each.name] = []
     best = [max(found[finger.name], key=lambda each: each.gain, default=None) for finger in spec.fingers]
     odd = [each for each, above in zip(best, quiet, strict=True) if each is not None and each.gain > above]
     if len(odd) >= FINGERS and _odd_joints(found, quiet, spec) >= MANY:
-        return Anomaly("wrong_file", odd[0].joint, float(len(odd)))
+        return Fault("wrong_file", odd[0].joint, float(len(odd)))
     sure = [each for each in odd if each.share > SHARE and each.amount > LEAST[each.name]]
     if not sure:
         return None
     most = max(sure, key=lambda each: each.gain)
     finger = next(f.name for f in spec.fingers if most.joint in f.joints)
     others = max((each.gain for each in found[finger] if each is not most), default=0.0)
-    return Anomaly(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
+    return Fault(most.name, most.joint, most.amount, (most.gain - others) / max(most.left, NOISE**2), most.gain)
 
 
-def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
+def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[SignatureGain]]:
     """Of every shape of every joint, by finger; the smaller of two that are alike has the larger gain."""
     moving = _moving(window)
     side, torque, d = (np.where(moving, each, 0.0) for each in (_late(window.side), _late(window.torque), window[0]))
@@ -91,7 +91,7 @@ def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
     for finger in spec.fingers:
         same[np.ix_(finger.joints, finger.joints)] = 1.0
     carried = np.moveaxis(window.pull, 1, 0) * moving
-    fits: dict[Name, tuple[Vector, Vector]] = {
+    fits: dict[FaultName, tuple[Vector, Vector]] = {
         "weak": (product(-torque, d), product(torque, torque)),
         "friction": (product(-side, d), product(side, side)),
         "payload": ((product(carried, d) * same).sum(axis=1), (product(carried, carried) * same).sum(axis=1)),
@@ -104,17 +104,17 @@ def gains(window: Window, spec: HandSpec) -> dict[str, list[Gain]]:
     return found
 
 
-def _gain(name: Name, joint: int, along: float, size: float, whole: float, count: float) -> Gain | None:
+def _gain(name: FaultName, joint: int, along: float, size: float, whole: float, count: float) -> SignatureGain | None:
     """`whole`: squares of what is to be explained; `count`: of how many rows of joints."""
     if size < 1e-12 or along <= 0.0:
         return None
     amount = min(along / size, MOST[name])
     gain = amount * (2.0 * along - amount * size) - (NOISE * amount / USUAL[name]) ** 2
     share = gain / max(whole - count * NOISE**2, gain, 1e-12)
-    return Gain(name, joint, float(amount), float(gain), float(share), float((whole - gain) / count))
+    return SignatureGain(name, joint, float(amount), float(gain), float(share), float((whole - gain) / count))
 
 
-def _moving(window: Window) -> NDArray[np.bool_]:
+def _moving(window: MirrorWindow) -> NDArray[np.bool_]:
     """Where a joint moves, and did so in the row before, the same way, (k, n): until then a disturbance is on its
     way. Friction that breaks away bends its bristles for longer."""
     way = np.sign(window.velocity) * (np.abs(window.velocity) > MOVING)
@@ -125,9 +125,9 @@ def _moving(window: Window) -> NDArray[np.bool_]:
     return np.asarray(moving)
 
 
-def largest(window: Window, spec: HandSpec) -> Vector:
+def largest_gains(window: MirrorWindow, spec: HandSpec) -> Vector:
     """The largest gain of every finger, (fingers,): of free motions, to set `quiet`."""
-    found = gains(window, spec)
+    found = signature_gains(window, spec)
     return np.array([max((each.gain for each in found[finger.name]), default=0.0) for finger in spec.fingers])
 
 
@@ -136,6 +136,6 @@ def _late(rows: Array) -> Array:
     return np.asarray((2.0 * rows + np.concatenate([rows[:1], rows[:-1]])) / 3.0)
 
 
-def _odd_joints(found: Mapping[str, Sequence[Gain]], quiet: Vector, spec: HandSpec) -> int:
+def _odd_joints(found: Mapping[str, Sequence[SignatureGain]], quiet: Vector, spec: HandSpec) -> int:
     pairs = zip(spec.fingers, quiet, strict=True)
     return sum(len({g.joint for g in found[f.name] if g.gain > above and g.name != "payload"}) for f, above in pairs)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
-Name: TypeAlias = Literal[
+FaultName: TypeAlias = Literal[
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip"
 ]  # fmt: skip
-NAMES: tuple[Name, ...] = (
+NAMES: tuple[FaultName, ...] = (
     "weak", "stuck", "encoder_step", "payload", "friction", "hot", "wrong_file", "encoder_drift", "loose", "slip",
 )  # fmt: skip
 ROW = 10
@@ -30,7 +30,7 @@ SINGLE = 0.9  # Of a finger's squares that the joint has: what touches a finger 
 HOT = 70.0  # °C. The manufacturer's driver throttles from there on; docs/protocol.md.
 
 
-class Window(NamedTuple):
+class MirrorWindow(NamedTuple):
     """Rows of a mirror, k of them, in the mean over ROW periods each."""
 
     disturbance: Array
@@ -55,10 +55,10 @@ class Window(NamedTuple):
     """Fingers that rest and press on something, (k, fingers)."""
 
 
-class Anomaly(NamedTuple):
+class Fault(NamedTuple):
     """Something that is wrong."""
 
-    name: Name
+    name: FaultName
     joint: int
     """Which; the first that is found where it is of the whole hand."""
     amount: float
@@ -70,7 +70,7 @@ class Anomaly(NamedTuple):
     """Squares of disturbances that it takes away, N²m²; infinite where it is seen directly."""
 
 
-def words(found: Anomaly, spec: HandSpec) -> str:
+def fault_text(found: Fault, spec: HandSpec) -> str:
     """For a person."""
     joint = spec.readable[found.joint]
     match found.name:
@@ -96,26 +96,26 @@ def words(found: Anomaly, spec: HandSpec) -> str:
             return "the file is of another hand, or of this one long ago: identify it again"
 
 
-def direct(window: Window, spec: HandSpec) -> Anomaly | None:
+def direct_fault(window: MirrorWindow, spec: HandSpec) -> Fault | None:
     """What is seen without any shape, or None."""
     hot = np.argwhere(np.nan_to_num(window.temperature[-1:]) > HOT)
     if len(hot):
         joint = int(hot[0][1])
-        return Anomaly("hot", joint, float(window.temperature[-1, joint]))
+        return Fault("hot", joint, float(window.temperature[-1, joint]))
     if window.jump.max() > JUMP:
         joint = int(window.jump.max(axis=0).argmax())
-        return Anomaly("encoder_step", joint, float(window.jump[:, joint].max()))
-    stuck = None if holding(window) else _stuck(window, spec)
-    return None if stuck is None else Anomaly("stuck", stuck, float(np.abs(window.disturbance[:, stuck]).max()))
+        return Fault("encoder_step", joint, float(window.jump[:, joint].max()))
+    stuck = None if holds_object(window) else _stuck(window, spec)
+    return None if stuck is None else Fault("stuck", stuck, float(np.abs(window.disturbance[:, stuck]).max()))
 
 
-def holding(window: Window) -> bool:
+def holds_object(window: MirrorWindow) -> bool:
     """Whether several fingers pressed on something: no single joint's fault does that, and of a finger that something
     touches nobody knows what is its own."""
     return int(window.holds.any(axis=0).sum()) > 1
 
 
-def alone(window: Window, spec: HandSpec) -> Vector:
+def finger_share(window: MirrorWindow, spec: HandSpec) -> Vector:
     """Each joint's share of the squares of its finger's disturbances, (n,)."""
     square, share = np.square(window.disturbance).sum(axis=0), np.zeros(spec.n_joints)
     for finger in spec.fingers:
@@ -124,18 +124,18 @@ def alone(window: Window, spec: HandSpec) -> Vector:
     return share
 
 
-def still(window: Window) -> NDArray[np.bool_]:
+def still_joints(window: MirrorWindow) -> NDArray[np.bool_]:
     """Which joints stay, (n,)."""
     return np.asarray(np.ptp(window.position, axis=0) < STILL)
 
 
-def _stuck(window: Window, spec: HandSpec) -> int | None:
+def _stuck(window: MirrorWindow, spec: HandSpec) -> int | None:
     """A joint that stays, and whose disturbance takes back what its motor does: of one that friction holds in hand and
     mirror alike it stays as it is."""
     push, torque = np.abs(window.disturbance).mean(axis=0), window.torque - window.torque.mean(axis=0)
     d = window.disturbance - window.disturbance.mean(axis=0)
     along, size = (d * torque).sum(axis=0), np.square(torque).sum(axis=0)
     follows = along < -np.maximum(FOLLOWS * np.sqrt(size * np.square(d).sum(axis=0)), TAKES * size)
-    held = still(window) & (push > PUSHED) & (np.ptp(window.torque, axis=0) > PUSHED)
-    found = np.flatnonzero(held & follows & (alone(window, spec) > SINGLE))
+    held = still_joints(window) & (push > PUSHED) & (np.ptp(window.torque, axis=0) > PUSHED)
+    found = np.flatnonzero(held & follows & (finger_share(window, spec) > SINGLE))
     return int(found[push[found].argmax()]) if len(found) else None

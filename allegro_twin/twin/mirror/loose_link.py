@@ -20,7 +20,7 @@ ALONE = 0.3  # Of the largest, what other joints of the finger are away at most.
 NONE = frozen([0.0])  # Of noise.
 
 
-class Falls:
+class LooseLinkDetector:
     """Keeps three rows of what was reported minus what was expected."""
 
     def __init__(self, spec: HandSpec) -> None:
@@ -43,14 +43,14 @@ class Falls:
             if not out.any() or not k <= begun < 2 * k:
                 continue
             which = int(np.abs(part[begun : begun + k // 2]).max(axis=0).argmax())
-            far = fallen(part[:, which], int(begun))
+            far = fall_amount(part[:, which], int(begun))
             others = np.abs(np.delete(part, which, axis=1)[begun : begun + k])
             if far and others.max(initial=0.0) < ALONE * far:
                 return own[which], far
         return None
 
 
-def fallen(off: Array, begun: int) -> float:
+def fall_amount(off: Array, begun: int) -> float:
     """How far a joint that was away first in period `begun` was away before it swung back, (k,), rad; 0: no fall."""
     way = off * np.sign(off[begun])
     lobe = way[begun:][: int(np.argmin(way[begun:] > 0.0)) or None]

@@ -14,9 +14,16 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Estimate, Observer
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.contact_detection import PERIODS, SETTLED, Pace, axes, outermost, pushed
-from allegro_twin.twin.mirror.fault_detection import Calm, Diagnosis, Weights
-from allegro_twin.twin.mirror.faults import NAMES, Anomaly, words
+from allegro_twin.twin.mirror.contact_detection import (
+    PERIODS,
+    SETTLED,
+    MovingJoints,
+    joint_thresholds,
+    outermost_joint,
+    push_ratio,
+)
+from allegro_twin.twin.mirror.fault_detection import FaultDetector, LinkWeights, Thresholds
+from allegro_twin.twin.mirror.faults import NAMES, Fault, fault_text
 from allegro_twin.types import Array, HandState, Sample, Vector
 
 STOPS = ("contact", *NAMES)
@@ -43,7 +50,7 @@ class Mirror:
         spec: HandSpec,
         observer: Observer | LoopObserver,
         torque_constant: Vector,
-        calm: Calm | None = None,
+        calm: Thresholds | None = None,
         stop: Collection[str] = (),
         gravity: Vector | None = None,
     ) -> None:
@@ -51,15 +58,15 @@ class Mirror:
         frame, (3,), m/s², where the hand does not report it."""
         self._spec, self._observer, self._constant, self._stop = spec, observer, torque_constant, stop
         self._gravity, self._told = gravity, limp_of(spec)
-        self._calm = calm or Calm.usual(spec)
+        self._calm = calm or Thresholds.default(spec)
         self._estimate: Estimate | None = None
         self._begun, self._clear = np.nan, 0.0  # s: when it began, and from when on a new touch is told.
         self._over = np.zeros(len(spec.fingers), dtype=int)
         self._tick, self._since = 0, np.zeros(spec.n_joints, dtype=int)
-        self._lost = Lost(observer.period)
-        self._noise: Noise | None = Noise(spec.n_joints)
-        self._pace, self._moving = Pace(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
-        self._diagnosis = Diagnosis(spec, self._calm, observer.period)
+        self._lost = LostPeriods(observer.period)
+        self._noise: NoiseEstimator | None = NoiseEstimator(spec.n_joints)
+        self._pace, self._moving = MovingJoints(spec.n_joints, observer.period), np.zeros(spec.n_joints, dtype=bool)
+        self._diagnosis = FaultDetector(spec, self._calm, observer.period)
 
     @property
     def spec(self) -> HandSpec:
@@ -73,7 +80,7 @@ class Mirror:
     @property
     def external_torque(self) -> Vector:
         """What pushes the joints from outside, (n,), N·m; NaN before the second sample."""
-        return self.latest()["disturbance"]
+        return self.columns()["disturbance"]
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -84,8 +91,8 @@ class Mirror:
     def touched_joints(self) -> dict[str, int]:
         """Of every finger that something touches the outermost joint that is pushed beyond its own axis: it touches the
         link that this joint moves, or one further out; -1 where that cannot be told."""
-        share = np.square(self.external_torque / self.above)
-        return {f.name: outermost(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
+        share = np.square(self.external_torque / self.thresholds)
+        return {f.name: outermost_joint(share, f.joints) for f in self._spec.fingers if f.name in self.contacts}
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -93,39 +100,39 @@ class Mirror:
         return self._moving
 
     @property
-    def above(self) -> Vector:
+    def thresholds(self) -> Vector:
         """More than this is a touch now, (n,), N·m: what free motions do not reach, and further out while the
         disturbance is known less well than in them."""
         wider = self._observer.spread / self._calm.spread
-        return np.asarray(axes(self._calm.above, self._moving) * np.maximum(wider, 1.0))
+        return np.asarray(joint_thresholds(self._calm.contact, self._moving) * np.maximum(wider, 1.0))
 
     @property
-    def unnamed(self) -> tuple[str, ...]:
+    def unchecked_faults(self) -> tuple[str, ...]:
         """Faults that it cannot name: nobody told what is usual."""
-        return self._calm.unnamed
+        return self._calm.unchecked_faults
 
     @property
-    def anomaly(self) -> Anomaly | None:
+    def fault(self) -> Fault | None:
         """What is wrong with the hand, once that is sure."""
-        return self._diagnosis.found
+        return self._diagnosis.fault
 
     @property
-    def diagnosis(self) -> Diagnosis:
+    def fault_detector(self) -> FaultDetector:
         """For thresholds: its windows."""
         return self._diagnosis
 
-    def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
+    def watch(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """A stage that passes the samples on. Raises ConfigError for a hand that does not say where down is, HandFault
         for what is to stop it."""
         for sample in samples:
-            self.see(sample)
+            self.observe(sample)
             yield sample
 
-    def see(self, sample: Sample) -> None:
+    def observe(self, sample: Sample) -> None:
         """The next sample; periods that are missing before it, by its tick, pass without a report. Raises as
         `watched`."""
         state = sample.state
-        gone = self._lost.gone(state, max(state.tick - self._tick, 1), self._estimate)
+        gone = self._lost.count(state, max(state.tick - self._tick, 1), self._estimate)
         if not self._begun >= 0.0 or gone * self._observer.period > BLIND:
             self._begin(state)
         else:
@@ -148,7 +155,7 @@ class Mirror:
         """The periods that ended with a state, and what the motors gave in each by the model, (n,), N·m. A host that
         waits for a report sends nothing new, so the torque is that of the whole gap; a log that lost rows has it of the
         last period alone, and the command that came before the first: between these it changed somehow."""
-        observer, down = self._observer, self.down(state)
+        observer, down = self._observer, self.gravity_in_palm(state)
         if isinstance(observer, LoopObserver):
             told = position_of(self._told, self._spec)
             for _ in range(gone - 1):
@@ -169,18 +176,18 @@ class Mirror:
             return
         self._noise.add(state.position, gone)
         if state.t > self._begun + SETTLED / 2.0:
-            found, self._noise = self._noise.found(), None
+            found, self._noise = self._noise.estimate(), None
             if (found > NOISIER * self._observer.noise).any():
                 self._observer.noisier(np.maximum(found, self._observer.noise))
 
-    def down(self, state: HandState) -> Vector:
+    def gravity_in_palm(self, state: HandState) -> Vector:
         """Gravity in the palm frame, (3,), m/s²: as it was told, or as the hand reports it."""
         return state.gravity if self._gravity is None else self._gravity
 
-    def latest(self) -> dict[str, Array]:
+    def columns(self) -> dict[str, Array]:
         """Further columns of a recording. `event`: 1 for every finger that is touched, then which anomaly, counted from
         1 in the order of `anomalies.NAMES`, and its joint; 0 and -1 where there is none."""
-        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.anomaly
+        unknown, estimate, found = np.full(self._spec.n_joints, np.nan), self._estimate, self.fault
         which = (0.0, -1.0) if found is None else (1.0 + NAMES.index(found.name), float(found.joint))
         return {
             "predicted": unknown if estimate is None else estimate.predicted,
@@ -189,26 +196,26 @@ class Mirror:
         }
 
     def _begin(self, state: HandState) -> None:
-        if not np.isfinite(self.down(state)).all():
+        if not np.isfinite(self.gravity_in_palm(state)).all():
             raise ConfigError("the mirror must know where down is: --gravity, `backend.gravity`, or the hand's IMU")
         if not np.isfinite(state.position).all():
             return  # Nothing can begin at a place that is not known.
         self._begun, self._clear, self._estimate = state.t, 0.0, None
         self._since[:], self._over[:] = 0, 0
         self._observer.reset(state.position)
-        self._lost = Lost(self._observer.period)
-        self._pace = Pace(self._spec.n_joints, self._observer.period)
-        self._diagnosis.interrupted()
+        self._lost = LostPeriods(self._observer.period)
+        self._pace = MovingJoints(self._spec.n_joints, self._observer.period)
+        self._diagnosis.restart()
         if self._noise is not None:
-            self._noise = Noise(self._spec.n_joints)
+            self._noise = NoiseEstimator(self._spec.n_joints)
 
-    def _weights(self, down: Vector, velocity: Vector) -> Weights:
+    def _weights(self, down: Vector, velocity: Vector) -> LinkWeights:
         observer, free = self._observer, np.ones(self._spec.n_joints, dtype=bool)
         for finger, over in zip(self._spec.fingers, self._over, strict=True):
             free[list(finger.joints)] = over < PERIODS
         if isinstance(observer, Observer):
-            return Weights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
-        return Weights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
+            return LinkWeights(observer.pull(), observer.lean(), free, down, observer.rub(velocity))
+        return LinkWeights(observer.pull(), None, free, down, np.ones(self._spec.n_joints))
 
     def _judge(self, state: HandState, torque: Vector, since: NDArray[np.int_]) -> None:
         """`state`: with predicted positions where none were reported; `since`: periods from each joint's last report to
@@ -216,25 +223,25 @@ class Mirror:
         estimate, diagnosis = self._estimate, self._diagnosis
         assert estimate is not None
         off = state.position - estimate.predicted
-        weights = self._weights(self.down(state), estimate.velocity) if diagnosis.due else None
+        weights = self._weights(self.gravity_in_palm(state), estimate.velocity) if diagnosis.row_due else None
         diagnosis.add(state, estimate, torque, off, weights, since, self._observer.expected)
         if not since.any():
             return  # What nobody saw counts for nothing.
-        over = pushed(estimate.disturbance, self.above, self._spec) > 1.0
+        over = push_ratio(estimate.disturbance, self.thresholds, self._spec) > 1.0
         if state.t < self._clear:
             over &= self._over >= PERIODS
         self._over = np.where(over, self._over + 1, 0)
         if "contact" in self._stop and self.contacts:
-            joint = int(np.argmax(np.abs(estimate.disturbance) / self.above))
+            joint = int(np.argmax(np.abs(estimate.disturbance) / self.thresholds))
             raise HandFault(
                 f"something touches {', '.join(self.contacts)}: {self._spec.joints[joint]} is pushed by "
                 f"{1000 * estimate.disturbance[joint]:+.0f} mN·m at {state.t:.3f} s"
             )
-        if self.anomaly is not None and self.anomaly.name in self._stop:
-            raise HandFault(f"{words(self.anomaly, self._spec)}, at {state.t:.3f} s")
+        if self.fault is not None and self.fault.name in self._stop:
+            raise HandFault(f"{fault_text(self.fault, self._spec)}, at {state.t:.3f} s")
 
 
-class Lost:
+class LostPeriods:
     """Tells a period of which a host heard nothing at once: its `tick` counts it with the third state that is late, for
     one that is merely late is followed by one that is not. How far the joints went tells before."""
 
@@ -242,7 +249,7 @@ class Lost:
         self._period, self._t, self._at = period, np.inf, np.zeros(0)
         self._ahead, self._left = 0, 0  # Periods that `tick` lacks, and states in which it is to count them.
 
-    def gone(self, state: HandState, counted: int, last: Estimate | None) -> int:
+    def count(self, state: HandState, counted: int, last: Estimate | None) -> int:
         """Periods from the last state to this one; `counted`: by the ticks."""
         stamped = round((state.t - self._t) / self._period) if np.isfinite(self._t) else counted
         gone, step = counted, state.position - self._at if last is not None else np.zeros(0)
@@ -260,7 +267,7 @@ class Lost:
         return gone
 
 
-class Noise:
+class NoiseEstimator:
     """How noisy reports are, from third differences of positions in successive periods, to which a motion below 15 Hz
     adds nothing: those of white noise have the variance 20 σ²."""
 
@@ -276,7 +283,7 @@ class Noise:
         if len(self._last) == 4:
             self._third.append(np.abs(np.diff(np.array(self._last), n=3, axis=0)[0]))
 
-    def found(self) -> Vector:
+    def estimate(self) -> Vector:
         """Standard deviation, (n,), rad. Differences beyond thrice the usual count as that: something struck."""
         third = np.nan_to_num(np.array(self._third))
         most = 3.0 * np.median(third, axis=0) / 0.6745

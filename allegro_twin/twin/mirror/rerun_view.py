@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.mirror.faults import words
+from allegro_twin.twin.mirror.faults import fault_text
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.viewing.rerun.layout import MORE
@@ -25,36 +25,36 @@ COUNTS = ("missed", "incomplete", "behind", "throttled")
 """Of a link's health: what is drawn."""
 
 
-def stage(spec: HandSpec) -> Scenery:
+def mirror_scenery(spec: HandSpec) -> Scenery:
     """What a viewer is to draw for a mirror."""
     return replace(scenery(spec, {}), ghost="expected", more=tuple(MORE), link=COUNTS)
 
 
-def drawn(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
+def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
     """A stage after the mirror's."""
-    said, unnamed = "", mirror.unnamed
+    said, unnamed = "", mirror.unchecked_faults
     for sample in samples:
         viewer.draw(sample, _beside(sample.state, mirror, health))
         if unnamed:
             viewer.happens(sample.state.t, f"not looked for: {', '.join(unnamed)}")
             unnamed = ()
-        now = happening(mirror)
+        now = event_text(mirror)
         if now != said:
             viewer.happens(sample.state.t, now)
             said = now
         yield sample
 
 
-def happening(mirror: Mirror) -> str:
+def event_text(mirror: Mirror) -> str:
     """In words; empty where all is as expected."""
     parts = [f"{name} is touched" for name in mirror.contacts]
-    if mirror.anomaly is not None:
-        parts.append(words(mirror.anomaly, mirror.spec))
+    if mirror.fault is not None:
+        parts.append(fault_text(mirror.fault, mirror.spec))
     return "; ".join(parts)
 
 
 def _beside(state: HandState, mirror: Mirror, health: Health | None) -> dict[str, Array]:
-    latest = mirror.latest()
+    latest = mirror.columns()
     found = {"disturbance": latest["disturbance"], "residual": state.position - latest["predicted"]}
     if np.isfinite(latest["predicted"]).all():
         found["target"] = latest["predicted"]

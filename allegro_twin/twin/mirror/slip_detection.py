@@ -63,7 +63,7 @@ class _Row(NamedTuple):
     down: Vector
 
 
-class Slips:
+class SlipDetector:
     """Keeps rows of a mirror. `row`: s; `above`: what is no touch of a joint at rest, (n,), N·m."""
 
     def __init__(self, spec: HandSpec, row: float, above: Vector) -> None:

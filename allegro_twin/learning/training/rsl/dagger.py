@@ -16,12 +16,12 @@ import torch
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import find
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
-from allegro_twin.learning.policy.card import Card, read_card
+from allegro_twin.learning.policy.card import PolicyCard, read_card
 from allegro_twin.learning.tasks import make_task
-from allegro_twin.learning.training.evaluation import fitting, keywords
-from allegro_twin.learning.training.onnx_policy import Acting, Layered, layers_of
-from allegro_twin.learning.training.progress import Advance, Progress, Trained, rate_of
-from allegro_twin.learning.training.rsl.rounds import Tally, in_rounds
+from allegro_twin.learning.training.evaluation import check_card, env_keywords
+from allegro_twin.learning.training.onnx_policy import NetworkActor, PolicyNetwork, read_onnx_network
+from allegro_twin.learning.training.progress import Advance, TrainingProgress, TrainingResult, learning_rate
+from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
 _LED = 0.25
@@ -32,10 +32,10 @@ _EPS = 1e-2
 """Of a standard deviation: what a number that never changes is divided by."""
 
 
-class Pupil:
+class DaggerLearner:
     """Of the numbers that the teacher sees the pupil's are the first: what the hand reports, and its history."""
 
-    def __init__(self, recipe: Recipe, env: TensorVectorEnv, card: Card, teacher: Acting) -> None:
+    def __init__(self, recipe: Recipe, env: TensorVectorEnv, card: PolicyCard, teacher: NetworkActor) -> None:
         self.recipe, self.env, self.card = recipe, env, card
         self.device = env.xp.device
         self._teacher = teacher.to(self.device)
@@ -48,13 +48,13 @@ class Pupil:
         self._states: list[tuple[Any, Any]] = []
         self._led, self._done = 1.0, 0
         self._seen = env.reset()
-        env.spread()
-        self._tally = Tally(env)
+        env.stagger_episodes()
+        self._statistics = EpisodeStatistics(env)
 
-    def begin(self, progress: Progress) -> None:
+    def begin(self, progress: TrainingProgress) -> None:
         self._done = progress.steps
         for group in self._adam.param_groups:
-            group["lr"] = rate_of(self.recipe, progress)
+            group["lr"] = learning_rate(self.recipe, progress)
 
     def update(self) -> dict[str, float]:
         seen, wished = [], []
@@ -66,7 +66,7 @@ class Pupil:
             led = round(self.env.num_envs * max(1.0 - self._done / (_LED * self.recipe.steps), 0.0))
             action[:led] = wish[:led]
             self._seen, reward, failed, truncated, info = self.env.step(action)
-            self._tally.add(reward, failed | truncated, info["is_success"])
+            self._statistics.add(reward, failed | truncated, info["is_success"])
             seen.append(mine.clone())
             wished.append(wish)
             self._done += self.env.num_envs
@@ -75,13 +75,13 @@ class Pupil:
         return {"train/loss": self._imitate(), "train/learning_rate": self._adam.param_groups[0]["lr"]}
 
     def episodes(self) -> tuple[int, float, float, float]:
-        return self._tally.told()
+        return self._statistics.take_means()
 
-    def layers(self) -> Layered:
+    def layers(self) -> PolicyNetwork:
         widths = {"observation": self.card.observation}
-        return Layered(widths, self._mean.cpu().numpy(), self._scale().cpu().numpy(), None, list(self._net))
+        return PolicyNetwork(widths, self._mean.cpu().numpy(), self._scale().cpu().numpy(), None, list(self._net))
 
-    def saved(self) -> Any:
+    def state_dict(self) -> Any:
         return {
             "net": self._net.state_dict(),
             "adam": self._adam.state_dict(),
@@ -133,23 +133,23 @@ class Pupil:
         return (seen - self._mean) * self._scale()
 
 
-def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> Trained:
+def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
     """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
     training, and for a teacher that does not see what the pupil does not."""
     assert recipe.teacher is not None
     path = find(recipe.teacher, "policy", "conf/policies", ".onnx")
-    teacher = Acting(layers_of(path))
+    teacher = NetworkActor(read_onnx_network(path))
     settings = recipe.environment
     full = settings.model_copy(update={"observation": "full"})
-    fitting(read_card(path), make_task(recipe.task, full.model_copy(update={"history": 1}), 1, 1).card())
+    check_card(read_card(path), make_task(recipe.task, full.model_copy(update={"history": 1}), 1, 1).card())
     card = make_task(recipe.task, settings, 1, 1).card()
     if card.privileged:
         raise ConfigError("learner dagger is for policies that see what a hand reports: environment.observation: hand")
-    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **keywords(full))
-    return in_rounds(Pupil(recipe, env, card, teacher), recipe, folder, advance)
+    env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(full))
+    return train_in_rounds(DaggerLearner(recipe, env, card, teacher), recipe, folder, advance)
 
 
-def _network(recipe: Recipe, card: Card) -> Any:
+def _network(recipe: Recipe, card: PolicyCard) -> Any:
     kind = {"tanh": torch.nn.Tanh, "elu": torch.nn.ELU}[recipe.activation]
     sizes, layers = (card.observation, *recipe.hidden), []
     for before, after in pairwise(sizes):

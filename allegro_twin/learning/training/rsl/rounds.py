@@ -20,19 +20,19 @@ from torch.utils.tensorboard import SummaryWriter
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.learning.environments.tensors import TensorVectorEnv
-from allegro_twin.learning.policy.card import Card
+from allegro_twin.learning.policy.card import PolicyCard
 from allegro_twin.learning.policy.loading import load_policy
 from allegro_twin.learning.training.evaluation import evaluate
-from allegro_twin.learning.training.onnx_policy import Layered, to_onnx
+from allegro_twin.learning.training.onnx_policy import PolicyNetwork, to_onnx
 from allegro_twin.learning.training.progress import (
     EVALUATION,
     Advance,
-    Curve,
-    Progress,
-    Trained,
+    LearningCurve,
+    TrainingProgress,
+    TrainingResult,
     checked_progress,
     checkpoint_content,
-    note,
+    training_note,
 )
 from allegro_twin.learning.training.settings import Recipe
 
@@ -41,7 +41,7 @@ class Learner(Protocol):
     """A policy in training."""
 
     @property
-    def card(self) -> Card:
+    def card(self) -> PolicyCard:
         """Of the policy."""
         ...
 
@@ -50,7 +50,7 @@ class Learner(Protocol):
         """Of its tensors."""
         ...
 
-    def begin(self, progress: Progress) -> None:
+    def begin(self, progress: TrainingProgress) -> None:
         """A round begins."""
         ...
 
@@ -63,44 +63,49 @@ class Learner(Protocol):
         none has."""
         ...
 
-    def layers(self) -> Layered:
+    def layers(self) -> PolicyNetwork:
         """The policy's mean action, as it is written to a file."""
         ...
 
-    def saved(self) -> Any:
+    def state_dict(self) -> Any:
         """What `load` takes."""
         ...
 
     def load(self, content: Any) -> None: ...
 
 
-def in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance) -> Trained:
+def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance) -> TrainingResult:
     """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
     training."""
     # No number may depend on how many threads shared the work.
     if torch.device(learner.device).type == "cpu":
         torch.set_num_threads(1)
     progress = _read(learner, folder, recipe)
-    curve, policy = Curve(folder / "curve.csv", progress.steps), folder / "policy.onnx"
+    curve, policy = LearningCurve(folder / "curve.csv", progress.steps), folder / "policy.onnx"
     # What a killed training has written beyond its checkpoint is done again, and hidden.
     with SummaryWriter(str(folder / "tensorboard"), purge_step=progress.steps + 1) as board:
         while progress.rounds < recipe.rounds:
             learner.begin(progress)
             progress = _round(learner, recipe, progress, curve, board, advance)
             _write(learner, folder, recipe, progress)
-            to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": note(recipe, progress)}))
+            to_onnx(learner.layers(), policy, learner.card.model_copy(update={"note": training_note(recipe, progress)}))
         settings = recipe.environment.model_copy(update={"device": "cpu"})
         rate = evaluate(load_policy(policy).policy, recipe.task, settings, recipe.trials, seed=EVALUATION).rate
         curve.add(steps=progress.steps, seconds=progress.seconds, evaluated=rate)
         board.add_scalar("evaluation/success_rate", rate, progress.steps)
     with whole_file(folder / "recipe.json") as temporary:
         temporary.write_text(json.dumps(recipe.model_dump(mode="json"), indent=1))
-    return Trained(policy, progress, rate)
+    return TrainingResult(policy, progress, rate)
 
 
 def _round(
-    learner: Learner, recipe: Recipe, progress: Progress, curve: Curve, board: SummaryWriter, advance: Advance
-) -> Progress:
+    learner: Learner,
+    recipe: Recipe,
+    progress: TrainingProgress,
+    curve: LearningCurve,
+    board: SummaryWriter,
+    advance: Advance,
+) -> TrainingProgress:
     began, steps = time.monotonic() - progress.seconds, progress.steps
     for _ in range(recipe.round_steps // recipe.update):
         shown = learner.update()
@@ -112,20 +117,20 @@ def _round(
         for name, value in {**shown, **{names[key]: value for key, value in told.items()}}.items():
             board.add_scalar(name, value, steps)
         advance(steps, mean, share)
-    return Progress(progress.rounds + 1, steps, time.monotonic() - began)
+    return TrainingProgress(progress.rounds + 1, steps, time.monotonic() - began)
 
 
-def _write(learner: Learner, folder: Path, recipe: Recipe, progress: Progress) -> None:
-    content = checkpoint_content(recipe, progress) | {"learner": learner.saved(), "random": _generators()}
+def _write(learner: Learner, folder: Path, recipe: Recipe, progress: TrainingProgress) -> None:
+    content = checkpoint_content(recipe, progress) | {"learner": learner.state_dict(), "random": _generators()}
     with whole_file(folder / "checkpoints" / f"{progress.rounds:05d}.pt") as temporary:
         torch.save(content, temporary)
 
 
-def _read(learner: Learner, folder: Path, recipe: Recipe) -> Progress:
+def _read(learner: Learner, folder: Path, recipe: Recipe) -> TrainingProgress:
     """Take the newest checkpoint over. Raises ConfigError."""
     path = max(folder.glob("checkpoints/*.pt"), default=None)
     if path is None:
-        return Progress()
+        return TrainingProgress()
     try:
         content = torch.load(path, map_location=learner.device, weights_only=True)
     except (RuntimeError, pickle.UnpicklingError, EOFError) as error:
@@ -159,7 +164,7 @@ def _seed(states: dict[str, Any]) -> None:
     random.setstate((version, tuple(words), left))
 
 
-class Tally:
+class EpisodeStatistics:
     """Sums over episodes, on the device of the simulations."""
 
     def __init__(self, env: TensorVectorEnv) -> None:
@@ -177,7 +182,7 @@ class Tally:
         self._return *= 1.0 - one
         self._length *= 1.0 - one
 
-    def saved(self) -> list[Any]:
+    def state_dict(self) -> list[Any]:
         """What `load` takes."""
         return [each.clone() for each in (self._return, self._length, self._over)]
 
@@ -185,7 +190,7 @@ class Tally:
         for mine, other in zip((self._return, self._length, self._over), content, strict=True):
             mine.copy_(other)
 
-    def told(self) -> tuple[int, float, float, float]:
+    def take_means(self) -> tuple[int, float, float, float]:
         """How many have ended since the last call, their mean return and length, and the share of success; NaN where
         none has."""
         number, *sums = self._over.tolist()

@@ -15,7 +15,7 @@ from allegro_twin.learning.policy.interface import Observation
 Indices = int | Iterable[int] | None
 
 
-class StableEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
+class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
     """Ended episodes begin anew within the step; what was seen last is in `info["terminal_observation"]`.
 
     The first episodes after a reset are cut at random moments, so that the simulations are not all at the same place of

@@ -10,12 +10,12 @@ import numpy as np
 
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.sim.open_loop.windows import STEP, Player
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing_cost
 from allegro_twin.twin.identify.fitting.parameterisation import index
-from allegro_twin.twin.identify.fitting.problem import Masses, Problem, at_model
+from allegro_twin.twin.identify.fitting.problem import Masses, Problem, prior_center
 from allegro_twin.twin.identify.fitting.shooting import LONG, MEAN, SHORT
 from allegro_twin.twin.identify.fitting.spread import Spread, mass_variance, spread
-from allegro_twin.twin.identify.motions.motion import Motion, noise_floor
+from allegro_twin.twin.identify.motions.motion import RecordedMotion, noise_floor
 from allegro_twin.types import Array, Vector
 
 Friction: TypeAlias = Literal["coulomb", "lugre", "auto"]
@@ -23,7 +23,7 @@ FEW = 30
 """Times 0.3 s: the motion to begin with."""
 
 
-class Stage(NamedTuple):
+class FitStage(NamedTuple):
     """A part of the descent, on some pieces of the motions."""
 
     every: int
@@ -38,11 +38,11 @@ class Stage(NamedTuple):
     """The share of its cost that a round must gain some finger for another one."""
 
 
-ROUGH = {False: Stage(0, LONG, STEP[False], 2, 0.1), True: Stage(0, SHORT, 0.00075, 6, 0.1)}
+ROUGH = {False: FitStage(0, LONG, STEP[False], 2, 0.1), True: FitStage(0, SHORT, 0.00075, 6, 0.1)}
 """By whether friction breaks away or links are loose."""
 
 
-class Kind(NamedTuple):
+class ModelKind(NamedTuple):
     """Of a model."""
 
     bristly: bool
@@ -51,10 +51,10 @@ class Kind(NamedTuple):
     """There is backlash."""
 
 
-COULOMB = Kind(bristly=False, loose=False)
+COULOMB = ModelKind(bristly=False, loose=False)
 FINE = {
-    False: (Stage(1, LONG, STEP[False], 1, 0.05),),
-    True: (Stage(2, SHORT, STEP[True], 2, 0.1), Stage(1, LONG, STEP[True], 2, 0.05)),
+    False: (FitStage(1, LONG, STEP[False], 1, 0.05),),
+    True: (FitStage(2, SHORT, STEP[True], 2, 0.1), FitStage(1, LONG, STEP[True], 2, 0.05)),
 }
 """Then, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for a round. Where
 friction breaks away long pieces tell most, but only of a joint that is nearly right: another slips in them where it
@@ -73,7 +73,7 @@ GAIN = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class DriveFit:
     """What came out of it."""
 
     drive: Parameters
@@ -93,7 +93,7 @@ class Fit:
     loose: bool
     """Whether there is backlash."""
 
-    def player(self, motion: Motion) -> Player:
+    def player(self, motion: RecordedMotion) -> Player:
         """What plays a motion with this drive."""
         return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
@@ -101,22 +101,22 @@ class Fit:
         return index(name, len(self.floor))
 
 
-def fit(
-    motions: list[Motion],
+def fit_drive(
+    motions: list[RecordedMotion],
     start: Parameters,
     slow: Parameters,
     nominal: Parameters,
     masses: Masses,
     friction: Friction = "auto",
-) -> Fit:
+) -> DriveFit:
     """From where the regression ended, for friction that breaks away from `slow`; first roughly on some pieces, with
     either friction, with backlash where that tells more, then on all."""
     floor = np.median([noise_floor(motion.position) for motion in motions], axis=0)
-    center, spec, period = at_model(nominal, start), motions[0].spec, motions[0].period
+    center, spec, period = prior_center(nominal, start), motions[0].spec, motions[0].period
 
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
-    def problem(kind: Kind, stage: Stage) -> Problem:
+    def problem(kind: ModelKind, stage: FitStage) -> Problem:
         player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
@@ -130,10 +130,10 @@ def fit(
         drive = last.drive
     covariance = spreads[-1].covariance + mass_variance(whole, spreads[-1])
     shorter = spreads[-2] if len(spreads) > 1 else None
-    return Fit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
+    return DriveFit(drive, start, spreads[-1], shorter, covariance, floor, masses, len(whole.cuts.recording), *kind)
 
 
-Problems: TypeAlias = Callable[[Kind, Stage], Problem]
+Problems: TypeAlias = Callable[[ModelKind, FitStage], Problem]
 
 
 class _Tried(NamedTuple):
@@ -143,13 +143,15 @@ class _Tried(NamedTuple):
     """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move; the least is the best."""
     left: float
     drive: Parameters
-    kind: Kind
+    kind: ModelKind
 
     def least(self) -> float:
         return self.information
 
 
-def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: Friction) -> tuple[Parameters, Kind]:
+def _roughly(
+    problem: Problems, start: Parameters, slow: Parameters, friction: Friction
+) -> tuple[Parameters, ModelKind]:
     """A drive by some of the motion, and of which kind its model is. By itself (`auto`) friction breaks away where
     Coulomb's leaves more than SUSPICIOUS, and links are loose where more than PLAIN is left and backlash would take
     away some of that; among what was tried, on the same pieces, Schwarz's criterion (1978) chooses."""
@@ -159,17 +161,17 @@ def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: F
         return first.drive, COULOMB
     begun = [(first.drive, COULOMB)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
-        begun.append((slow, Kind(True, False)))
+        begun.append((slow, ModelKind(True, False)))
     tried = [_tried(problem, drive, kind) for drive, kind in begun]
     best = min(tried, key=_Tried.least)
     if best.left > PLAIN and (play := _play(problem, best)):
         row = np.full(len(best.drive.backlash), play)
-        loose = [_tried(problem, replace(o.drive, backlash=row), Kind(o.kind.bristly, True)) for o in tried]
+        loose = [_tried(problem, replace(o.drive, backlash=row), ModelKind(o.kind.bristly, True)) for o in tried]
         best = min(best, *loose, key=_Tried.least)
     return best.drive, best.kind
 
 
-def _tried(problem: Problems, drive: Parameters, kind: Kind) -> _Tried:
+def _tried(problem: Problems, drive: Parameters, kind: ModelKind) -> _Tried:
     stage = ROUGH[True]
     own = problem(kind, stage)
     last = descend(own, drive, stage.rounds, stage.enough)
@@ -181,9 +183,9 @@ def _tried(problem: Problems, drive: Parameters, kind: Kind) -> _Tried:
 def _play(problem: Problems, best: _Tried) -> float:
     """The one of PLAYS, rad, with which a drive that was fitted without is off least; 0 where none makes it better."""
     stage, costs = ROUGH[True], {}
-    before, scale = standing(problem(best.kind, stage), best.drive)
+    before, scale = standing_cost(problem(best.kind, stage), best.drive)
     for play in PLAYS:
         drive = replace(best.drive, backlash=np.full(len(best.drive.backlash), play))
-        costs[play], _ = standing(problem(best.kind._replace(loose=True), stage), drive, scale)
+        costs[play], _ = standing_cost(problem(best.kind._replace(loose=True), stage), drive, scale)
     least = min(costs, key=lambda play: costs[play])
     return least if costs[least] < (1.0 - GAIN) * before else 0.0

@@ -28,7 +28,7 @@ LONGEST = 1.0
 _FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a step that was worse, or better.
 
 
-class Descended(NamedTuple):
+class DescentResult(NamedTuple):
     """Where it ended."""
 
     drive: Parameters
@@ -69,15 +69,15 @@ class _Costs:
         return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
 
 
-def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
+def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> DescentResult:
     """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
     share `enough` of its cost. `anew`: derivatives by one joint of a finger after the other in every round."""
     damping = np.full(len(problem.fingers), _FIRST)
     for number in range(rounds):
         if anew:
-            problem.shooting.forget()
+            problem.shooting.reset_sensitivities()
         problem.shooting.prepare(drive)
-        problem.shooting.better_starts(drive)
+        problem.shooting.improve_starts(drive)
         x = problem.x_of(drive)
         J, r = problem.jacobian(x), problem.residuals(x)
         costs = _costs(problem, r, _calm(problem, J))
@@ -87,14 +87,14 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, 
         if number + 1 == rounds or not (costs.total() < (1.0 - enough) * before).any():
             break
     weight = _rows(problem, costs)
-    return Descended(drive, J * weight[:, None], r, weight, costs.left)
+    return DescentResult(drive, J * weight[:, None], r, weight, costs.left)
 
 
-def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
+def standing_cost(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
     """The cost of a drive as it is, with the best starts of the pieces; and the scale, of each finger, above which its
     pieces count less: what is to be compared must have the same."""
     problem.shooting.prepare(drive)
-    problem.shooting.better_starts(drive)
+    problem.shooting.improve_starts(drive)
     problem.shooting.prepare(drive)
     residuals = problem.residuals(problem.x_of(drive))
     costs = _costs(problem, residuals, tuple(np.ones((len(problem.fingers), len(problem.cuts.recording)))), scale)

@@ -49,12 +49,12 @@ def units(n: int) -> Vector:
     return np.concatenate([np.full(n, _UNITS[name]) for name in ALL] + [[_UNITS["delay"]]])
 
 
-def least(n: int) -> Vector:
+def lower_bounds(n: int) -> Vector:
     """What each number may be at least, (p,)."""
     return np.concatenate([np.full(n, _LEAST[name]) for name in ALL] + [[0.0]]) / units(n)
 
 
-def scaled(drive: Parameters) -> Vector:
+def to_scaled(drive: Parameters) -> Vector:
     """(p,), in the order of `index`."""
     values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
     values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
@@ -62,7 +62,7 @@ def scaled(drive: Parameters) -> Vector:
     return np.asarray(np.concatenate(values) / units(len(pulls)))
 
 
-def unscaled(x: Vector) -> Parameters:
+def from_scaled(x: Vector) -> Parameters:
     """What `scaled` made."""
     n = len(x) // len(ALL)
     values = x * units(n)
@@ -73,7 +73,7 @@ def unscaled(x: Vector) -> Parameters:
     return Parameters(**rows, delay=np.full(n, values[-1]))
 
 
-def slope(drive: Parameters) -> Array:
+def scaling_jacobian(drive: Parameters) -> Array:
     """The derivative of a drive's values, in the order of `index`, by the numbers, (p, p)."""
     n = len(drive.torque_constant)
     unit = units(n)

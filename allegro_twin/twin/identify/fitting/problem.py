@@ -16,15 +16,15 @@ from allegro_twin.twin.identify.fitting.parameterisation import (
     PLAY,
     PULLED,
     SHAPE,
+    from_scaled,
     index,
-    least,
-    scaled,
+    lower_bounds,
+    to_scaled,
     units,
-    unscaled,
 )
 from allegro_twin.twin.identify.fitting.regress import LOAD
-from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.shooting import LONG, Shooting, cut_pieces
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 Masses: TypeAlias = Literal["known", "assumed", "weighed"]
@@ -44,37 +44,45 @@ _KNOWN = 1e-4  # Of masses that do not move.
 class Problem:
     """Of some motions, of which every `every`-th piece of `length` periods is used."""
 
-    x_of, drive_of = staticmethod(scaled), staticmethod(unscaled)
+    x_of, drive_of = staticmethod(to_scaled), staticmethod(from_scaled)
     """The descent's numbers of a drive, and back."""
 
     def __init__(
-        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
+        self,
+        motions: list[RecordedMotion],
+        player: Player,
+        floor: Vector,
+        nominal: Parameters,
+        masses: Masses,
+        every: int = 1,
         length: int = LONG,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
-        self.cuts = cut(motions, player.spec, length, every * length)
+        self.cuts = cut_pieces(motions, player.spec, length, every * length)
         self.shooting = Shooting(player, self.cuts, floor)
-        self.unit, self.least = units(self.n), least(self.n)
+        self.unit, self.least = units(self.n), lower_bounds(self.n)
         moving = [name for name in ALL if self._moves(name)] + ["delay"]
         self.active = np.concatenate([np.arange(len(self.unit))[index(name, self.n)] for name in moving])
         """Parameters that move."""
-        self._center = scaled(nominal)
+        self._center = to_scaled(nominal)
         self.prior = self._prior_rows()
 
     def residuals(self, x: Vector) -> Vector:
-        return np.concatenate([self.flat(self.shooting.raw(unscaled(x)), start=True), self.prior @ (x - self._center)])
+        return np.concatenate(
+            [self.flat(self.shooting.residuals(from_scaled(x)), start=True), self.prior @ (x - self._center)]
+        )
 
     def jacobian(self, x: Vector) -> Array:
         """The derivatives of `residuals`; those by masses that do not move are left zero."""
-        drive = unscaled(x)
-        base = self.shooting.raw(drive)
+        drive = from_scaled(x)
+        base = self.shooting.residuals(drive)
         found = np.zeros((self.flat(base).size + len(self.prior), len(x)))
         for name in ALL:
             if self._moves(name):
-                self.by(drive, base, name, found)
+                self.write_derivatives(drive, base, name, found)
         data = len(found) - len(self.prior)
-        found[:data, -1] = self.flat(self.shooting.late(drive, base)) * self.unit[-1]
+        found[:data, -1] = self.flat(self.shooting.delay_derivative(drive, base)) * self.unit[-1]
         found[:data, index("torque_constant", self.n)] /= 1.0 - drive.load_friction
         for name in PULLED:
             found[:data, index(name, self.n)] *= drive.torque_constant * (1.0 - drive.load_friction)
@@ -88,13 +96,13 @@ class Problem:
             return self.player.loose
         return name != "mass_scale" or self._masses == "weighed"
 
-    def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
+    def write_derivatives(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
         for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
             for finger, rows in self.parts():
                 if place < len(self.fingers[finger]):
                     column = index(name, self.n).start + self.fingers[finger][place]
-                    into[rows, column] = self.shooting.projected(change, finger).ravel() * self.unit[column]
+                    into[rows, column] = self.shooting.project(change, finger).ravel() * self.unit[column]
 
     def columns(self, finger: int) -> NDArray[np.int_]:
         """A finger's own parameters, all but the delay."""
@@ -102,7 +110,7 @@ class Problem:
 
     def flat(self, values: Array, *, start: bool = False) -> Vector:
         """Residuals (w, rows, n) as `residuals` has them: of the first finger all pieces, of the second, …"""
-        parts = [self.shooting.projected(values, f, start=start).ravel() for f in range(len(self.fingers))]
+        parts = [self.shooting.project(values, f, start=start).ravel() for f in range(len(self.fingers))]
         return np.concatenate(parts)
 
     def parts(self) -> Iterator[tuple[int, slice]]:
@@ -132,7 +140,7 @@ def mass_covariance(problem: Problem) -> Array:
     return found
 
 
-def at_model(nominal: Parameters, start: Parameters) -> Parameters:
+def prior_center(nominal: Parameters, start: Parameters) -> Parameters:
     """Where the prior is centred: the nominal drive, with the masses of the start, the shape of friction there, and no
     offsets."""
     shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}

@@ -18,7 +18,7 @@ from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
@@ -30,7 +30,7 @@ STRIBECK = np.array([0.07, 0.1, 0.14, 0.2])  # rad/s, tried.
 THIN = 5  # Rows: after the filter they tell the same.
 
 
-class Smoothed(NamedTuple):
+class SmoothedMotion(NamedTuple):
     """A motion without its noise, (k, n) each: rad, rad/s, rad/s²."""
 
     position: Array
@@ -38,18 +38,18 @@ class Smoothed(NamedTuple):
     acceleration: Array
 
 
-def smoothed(motion: Motion) -> Smoothed:
+def smooth_motion(motion: RecordedMotion) -> SmoothedMotion:
     position = _filtered(motion.position, motion.period, SMOOTH)
     velocity = np.gradient(position, motion.period, axis=0)
-    return Smoothed(position, velocity, np.gradient(velocity, motion.period, axis=0))
+    return SmoothedMotion(position, velocity, np.gradient(velocity, motion.period, axis=0))
 
 
-def pushes(motion: Motion) -> Array:
+def smooth_duty(motion: RecordedMotion) -> Array:
     """What acted around each row, as fractions of full PWM, as smooth as `smoothed`, (k, n)."""
     return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
 
 
-def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parameters:
+def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -> Parameters:
     """The best straight line for every joint, with one delay for all."""
     parts = [_sides(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
@@ -77,7 +77,7 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
     )
 
 
-def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parameters:
+def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Parameters) -> Parameters:
     """The same line with friction that is larger when slow and grows with the motor's torque, (n,) each:
     F sgn(v) (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
@@ -99,16 +99,16 @@ def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parame
     )
 
 
-def _sides(motion: Motion, player: Player, mass_scale: Vector) -> tuple[Smoothed, Array]:
+def _sides(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
     """The motion, and the torque that its links take, (k, n), N·m."""
-    smooth = smoothed(motion)
+    smooth = smooth_motion(motion)
     player.links_only(mass_scale, motion.weight)
     torque = [player.link_torque(*row, motion.gravity) for row in zip(*smooth, strict=True)]
     return smooth, np.array(torque)
 
 
 def _solved(
-    motions: list[Motion], parts: list[tuple[Smoothed, Array]], delay: float, stribeck: float = 0.0
+    motions: list[RecordedMotion], parts: list[tuple[SmoothedMotion, Array]], delay: float, stribeck: float = 0.0
 ) -> tuple[Array, Vector]:
     """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the share that is left unexplained, (n,); with a Stribeck speed
     [1/k, A/k, B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""

@@ -16,12 +16,12 @@ import numpy as np
 from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
 from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.fitting.regress import pushes, smoothed
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.regress import smooth_duty, smooth_motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 
-class Answers:
+class Sensitivities:
     """Derivatives by kinds of nudges, as they were found last."""
 
     def __init__(self, fingers: list[list[int]]) -> None:
@@ -29,7 +29,7 @@ class Answers:
         self._places = [[finger[place] for finger in fingers if place < len(finger)] for place in range(longest)]
         self._known: dict[str, list[Array]] = {}
 
-    def of(self, name: str, nudged: Callable[[list[int]], Array]) -> Iterator[Array]:
+    def derivatives(self, name: str, nudged: Callable[[list[int]], Array]) -> Iterator[Array]:
         """Derivatives (w, rows, n) by what is called `name` of the first joint of each finger, the second, …; `nudged`
         gives the one by that of some joints together."""
         known = self._known.get(name)
@@ -71,7 +71,7 @@ rad, 1, rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cuts:
+class MotionPieces:
     """Motions cut into pieces, w in all."""
 
     position: Array
@@ -87,11 +87,13 @@ class Cuts:
     """Which motion each is of, (w,)."""
 
 
-def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int | None = None) -> Cuts:
+def cut_pieces(
+    motions: list[RecordedMotion], spec: HandSpec, length: int = LONG, stride: int | None = None
+) -> MotionPieces:
     """All whole pieces, `stride` rows apart; by default one after the other."""
     parts: list[list[Array]] = [[] for _ in range(10)]
     for number, motion in enumerate(motions):
-        smooth, push = smoothed(motion), pushes(motion)
+        smooth, push = smooth_motion(motion), smooth_duty(motion)
         for first in range(BEFORE, len(motion.position) - length, stride or length):
             rows = slice(first + 1, first + 1 + length)
             good = motion.good[rows].mean(axis=0)
@@ -104,13 +106,13 @@ def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int |
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    return Cuts(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
+    return MotionPieces(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
     """The residuals of some cuts, and their derivatives."""
 
-    def __init__(self, player: Player, cuts: Cuts, sigma: Vector) -> None:
+    def __init__(self, player: Player, cuts: MotionPieces, sigma: Vector) -> None:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
@@ -120,15 +122,15 @@ class Shooting:
         self._off = np.zeros((3, *cuts.position.shape))  # How far the starts were moved, as in START.
         self._furthest = FURTHEST * np.array([START[name] for name in START])[:, None, None]
         self._bases: list[Array] = []
-        self._answers = Answers(self._fingers)
+        self._answers = Sensitivities(self._fingers)
 
-    def raw(self, drive: Parameters, player: Player | None = None) -> Array:
+    def residuals(self, drive: Parameters, player: Player | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
     def prepare(self, drive: Parameters) -> None:
         """Find out what the starts do, near `drive`."""
-        base = self.raw(drive)
+        base = self.residuals(drive)
 
         def nudged(which: int, joints: list[int]) -> Array:
             off, name = self._off.copy(), self._states[which]
@@ -136,7 +138,7 @@ class Shooting:
             change = self._means(self._play(drive, off, None) - self._cuts.measured) - base
             return np.asarray(change / NUDGE[name] * START[name])
 
-        each = [self._answers.of(name, partial(nudged, which)) for which, name in enumerate(self._states)]
+        each = [self._answers.derivatives(name, partial(nudged, which)) for which, name in enumerate(self._states)]
         starts = [answer for place in zip(*each, strict=True) for answer in place]
         self._bases, self._solvers = [], []
         for finger in self._fingers:
@@ -147,13 +149,13 @@ class Shooting:
             self._bases.append(Q)
             self._solvers.append(np.linalg.inv(R))
 
-    def forget(self) -> None:
+    def reset_sensitivities(self) -> None:
         """Derivatives are to be found by one joint of a finger after the other again."""
-        self._answers = Answers(self._fingers)
+        self._answers = Sensitivities(self._fingers)
 
-    def better_starts(self, drive: Parameters) -> None:
+    def improve_starts(self, drive: Parameters) -> None:
         """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
-        residual, before = self.raw(drive), self._off.copy()
+        residual, before = self.residuals(drive), self._off.copy()
         costs, steps = self._costs(residual), self._steps(residual)
         left = np.ones(costs.shape, dtype=bool)  # Of which pieces and fingers a step is still looked for.
         for share in SHARES:
@@ -161,7 +163,7 @@ class Shooting:
                 rows = np.ix_(np.arange(3), np.flatnonzero(left[:, number]), np.array(finger))
                 self._off[rows] = (before + share * steps)[rows]
             self._off = np.clip(self._off, -self._furthest, self._furthest)
-            left &= self._costs(self.raw(drive)) > costs
+            left &= self._costs(self.residuals(drive)) > costs
             if not left.any():
                 return
         for number, finger in enumerate(self._fingers):
@@ -182,7 +184,7 @@ class Shooting:
         """Σ r² of every finger in every piece, (w, fingers)."""
         return np.stack([np.square(self._augmented(residual, f)).sum(axis=1) for f in self._fingers], axis=1)
 
-    def projected(self, values: Array, finger: int, *, start: bool = False) -> Array:
+    def project(self, values: Array, finger: int, *, start: bool = False) -> Array:
         """What no start explains of residuals or of a derivative (w, rows, n), for one finger, (w, m). `start`: the
         distance of the starts from the smoothed ones counts, too."""
         joints, Q = self._fingers[finger], self._bases[finger]
@@ -197,12 +199,14 @@ class Shooting:
         """By one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the second, …; by
         `torque_constant` with armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it
         is. `base`: of the same drive."""
-        return self._answers.of(name, lambda joints: (self.raw(_nudged(drive, name, joints)) - base) / NUDGE[name])
+        return self._answers.derivatives(
+            name, lambda joints: (self.residuals(_nudged(drive, name, joints)) - base) / NUDGE[name]
+        )
 
-    def late(self, drive: Parameters, base: Array) -> Array:
+    def delay_derivative(self, drive: Parameters, base: Array) -> Array:
         """By the delay, likewise."""
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
-        return (self.raw(everywhere) - base) / NUDGE["delay"]
+        return (self.residuals(everywhere) - base) / NUDGE["delay"]
 
     def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
         cuts = self._cuts

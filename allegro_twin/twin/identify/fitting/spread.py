@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.twin.identify.fitting.levenberg_marquardt import Descended
-from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope
+from allegro_twin.twin.identify.fitting.levenberg_marquardt import DescentResult
+from allegro_twin.twin.identify.fitting.parameterisation import index, scaling_jacobian, to_scaled
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
 from allegro_twin.types import Array, Vector
 
@@ -36,7 +36,7 @@ class Spread:
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses) -> Spread:
+def spread(problem: Problem, last: DescentResult, rough: Parameters, masses: Masses) -> Spread:
     """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
     where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
@@ -49,11 +49,11 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
     by_noise: Array = np.asarray(inverse * max(float(r @ r) / max(data - len(inverse), 1), 1.0), np.float64)
     # The correlation of the one, the larger spread of both.
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
-    by = slope(drive)
+    by = scaling_jacobian(drive)
     still = np.setdiff1d(np.arange(len(by)), problem.active)
     by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
-    raw = problem.shooting.raw(drive)
-    fine = problem.shooting.raw(drive, problem.player.finer())
+    raw = problem.shooting.residuals(drive)
+    fine = problem.shooting.residuals(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
     recordings = np.unique(problem.cuts.recording)
     without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
@@ -62,7 +62,7 @@ def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses)
         covariance=by @ (by_noise * np.outer(larger, larger)) @ by.T,
         by_recording=without @ by.T,
         step=by @ step,
-        path=by @ (scaled(drive) - scaled(rough)),
+        path=by @ (to_scaled(drive) - to_scaled(rough)),
         rest=-by @ inverse @ (J.T @ r + problem.prior.T @ last.residuals[data:]),
         mass=_mass_effect(problem, last, inverse, raw) if masses == "assumed" else np.zeros((len(by), problem.n)),
         correlation=inverse / np.outer(sd, sd),
@@ -90,15 +90,15 @@ def _without(problem: Problem, J: Array, r: Vector, information: Array, number: 
     return np.asarray(np.linalg.solve(left, gradient))
 
 
-def _mass_effect(problem: Problem, last: Descended, inverse: Array, raw: Array) -> Array:
+def _mass_effect(problem: Problem, last: DescentResult, inverse: Array, raw: Array) -> Array:
     """How the best parameters follow the masses: -(JᵀJ)⁻¹ Jᵀ ∂r/∂m."""
     data = len(last.residuals) - len(problem.prior)
     J, by_mass = last.jacobian[:data], np.zeros((data, len(inverse)))
-    problem.by(last.drive, raw, "mass_scale", by_mass)
+    problem.write_derivatives(last.drive, raw, "mass_scale", by_mass)
     by_mass *= last.weight[:data, None]
     part = index("mass_scale", problem.n)
     effect = -inverse @ (J.T @ by_mass[:, part]) / problem.unit[part]
-    return np.asarray(slope(last.drive) @ effect)
+    return np.asarray(scaling_jacobian(last.drive) @ effect)
 
 
 def mass_variance(problem: Problem, found: Spread) -> Array:

@@ -20,7 +20,7 @@ from allegro_twin.loop import run, until
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.twin.identify.motions.limits import alike
+from allegro_twin.twin.identify.motions.limits import alike_joints
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
 
 G = 9.81  # m/s²
@@ -28,7 +28,7 @@ TILT = np.radians(15.0)  # rad. A stand that leans more is another pose.
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class ExcitationPose:
     """One way to lay the hand."""
 
     name: str
@@ -36,7 +36,7 @@ class Pose:
     """Where the palm looks, world axes; z is up."""
     fingers: tuple[float, float, float]
     """Where stretched fingers point."""
-    words: str
+    instruction: str
     """For a person."""
 
     @property
@@ -56,19 +56,19 @@ class Pose:
         lean = float(np.arccos(np.clip(measured @ known / length / G, -1.0, 1.0)))
         if lean > TILT:
             raise ConfigError(
-                f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.words}, or name the pose "
-                "that it has"
+                f"the hand's IMU is {np.degrees(lean):.0f}° off the pose {self.name!r}: {self.instruction}, or name "
+                "the pose that it has"
             )
 
 
-def pose(name: str, side: Side) -> Pose:
+def find_pose(name: str, side: Side) -> ExcitationPose:
     """A pose by its name, for a hand of that side. Raises ConfigError with the nearest names."""
     thumb = 1.0 if side == "right" else -1.0
     known = (
-        Pose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
-        Pose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
-        Pose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
-        Pose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
+        ExcitationPose("up", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "stand the hand upright, its fingers pointing up"),
+        ExcitationPose("palm-up", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), "lay the hand on its back, the palm looking up"),
+        ExcitationPose("side", (0.0, -thumb, 0.0), (1.0, 0.0, 0.0), "lay the hand on its edge, the thumb's side up"),
+        ExcitationPose("palm-down", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), "hold the hand out, the palm looking down"),
     )
     for each in known:
         if each.name == name:
@@ -88,7 +88,7 @@ APPROACH = 1.5  # s from wherever the hand is.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Waves:
+class SineSum:
     """Σ aₖ sin(2π fₖ t + φₖ), (n joints, k)."""
 
     amplitude: Array
@@ -117,24 +117,24 @@ class Excitation:
         return frozen((self.spec.lower + self.spec.upper) / 2.0)
 
     @cached_property
-    def path(self) -> Waves:
+    def path(self) -> SineSum:
         """About the middle; fingers beside each other spread and close in parallel."""
         n, draw = self.spec.n_joints, np.random.default_rng(self.seed)
         room = np.minimum(self.spec.upper - self.middle, self.middle - self.spec.lower) - KEEP
         swing = np.minimum(room, np.concatenate([SWING[: len(f.joints)] for f in self.spec.fingers])) * self.scale
         frequency = SLOW * draw.uniform(0.9, 1.1, (n, len(SLOW)))
         phase = draw.uniform(0.0, 2.0 * np.pi, (n, len(SLOW)))
-        spread = alike(self.spec)[0]
+        spread = alike_joints(self.spec)[0]
         frequency[spread], phase[spread] = frequency[spread[0]], phase[spread[0]]
-        return Waves(swing[:, None] * SLOW_SHARE, frequency, phase)
+        return SineSum(swing[:, None] * SLOW_SHARE, frequency, phase)
 
     @cached_property
-    def shaking(self) -> Waves:
+    def shaking(self) -> SineSum:
         """Torques on top, N·m."""
         n, draw = self.spec.n_joints, np.random.default_rng((self.seed, 1))
         band = np.geomspace(*FAST, N_FAST) * draw.uniform(0.9, 1.1, (n, N_FAST))
         share = SHARE * self.scale * self.spec.actuation.torque_limit[:, None] / N_FAST
-        return Waves(np.broadcast_to(share, band.shape), band, draw.uniform(0.0, 2.0 * np.pi, band.shape))
+        return SineSum(np.broadcast_to(share, band.shape), band, draw.uniform(0.0, 2.0 * np.pi, band.shape))
 
     def start(self, state: HandState) -> ReferenceMemory:
         self.gravity.check(state)
@@ -174,7 +174,7 @@ NEAR = 0.003  # m between two links that count as touching: the real hand is not
 SCALES, TRIES = (1.0, 0.85, 0.7), 6
 
 
-class Rehearsed(NamedTuple):
+class Rehearsal(NamedTuple):
     """An excitation that touches nothing, and what it does."""
 
     excitation: Excitation
@@ -182,7 +182,7 @@ class Rehearsed(NamedTuple):
     """Of each joint at the end of every period, (k, n), rad/s."""
 
 
-def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearsed:
+def rehearse(spec: HandSpec, pose: ExcitationPose, seed: int, seconds: float) -> Rehearsal:
     """The first of a few excitations, each smaller than the one before it, in which the nominal hand meets neither
     itself nor a joint limit. Raises ConfigError where none does."""
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
@@ -198,5 +198,5 @@ def rehearsed(spec: HandSpec, pose: Pose, seed: int, seconds: float) -> Rehearse
                 break
             speed.append(sample.state.velocity)
         else:
-            return Rehearsed(excitation, np.array(speed))
+            return Rehearsal(excitation, np.array(speed))
     raise ConfigError(f"no excitation of {spec.name} found that does not touch itself: give another --seed")

@@ -27,13 +27,13 @@ class FoundLimits:
     upper: Vector
 
 
-def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
+def limit_sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
     """From `rest` (n,), rad, every joint to both ends and back, the same joint of all alike fingers at once.
 
     In between, the others stay at rest, where no finger is in the way of another.
     """
     waypoints = [Waypoint(rest, speed=speed)]
-    for group in alike(spec):
+    for group in alike_joints(spec):
         for end in (spec.lower - BEYOND, spec.upper + BEYOND, rest):
             goal = rest.copy()
             goal[group] = end[group]
@@ -41,7 +41,7 @@ def sweep(spec: HandSpec, rest: Vector, speed: float = 0.8) -> Moves:
     return Moves(waypoints)
 
 
-def observed(samples: Iterable[Sample]) -> FoundLimits:
+def limits_in_samples(samples: Iterable[Sample]) -> FoundLimits:
     """The ends that a sweep, or a person, has brought the joints to. Raises ConfigError when there were no samples."""
     lower, upper = None, None
     for sample in samples:
@@ -59,7 +59,7 @@ def centring_offsets(found: FoundLimits, spec: HandSpec) -> Vector:
     return frozen((found.lower + found.upper - spec.lower - spec.upper) / 2.0)
 
 
-def alike(spec: HandSpec) -> list[list[int]]:
+def alike_joints(spec: HandSpec) -> list[list[int]]:
     """Joints that can move together: the same place in fingers whose limits are the same."""
     groups: dict[tuple[int, float, float], list[int]] = {}
     for finger in spec.fingers:
@@ -72,7 +72,7 @@ _MET = 0.03  # rad. Nearer to where the sweep ends than this, a joint did not st
 _NOTHING = bytes(32)  # A report of sixteen positions; which, does not matter.
 
 
-class Centred(NamedTuple):
+class EncoderOffsets(NamedTuple):
     """What follows from the ends of the joints."""
 
     offset: tuple[int, ...]
@@ -81,7 +81,7 @@ class Centred(NamedTuple):
     """What was found, as the hand reads it with these offsets."""
 
 
-def centred(found: FoundLimits, model: HandSpec, codec: Codec) -> Centred:
+def encoder_offsets(found: FoundLimits, model: HandSpec, codec: Codec) -> EncoderOffsets:
     """The offsets that put the middle of each found range where the model has it, beginning with the codec's own.
 
     `model` has the joint limits of the description, not those that were measured. Raises ConfigError for a joint that
@@ -95,7 +95,7 @@ def centred(found: FoundLimits, model: HandSpec, codec: Codec) -> Centred:
     counts = np.rint(-centring_offsets(found, model) / step)
     shift = counts * step
     limits = FoundLimits(frozen(found.lower + shift), frozen(found.upper + shift))
-    return Centred(tuple(count + int(more) for count, more in zip(old, counts, strict=True)), limits)
+    return EncoderOffsets(tuple(count + int(more) for count, more in zip(old, counts, strict=True)), limits)
 
 
 def _check(found: FoundLimits, model: HandSpec) -> None:

@@ -24,7 +24,7 @@ EDGE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RecordedMotion:
     """One recording, rows a period apart; where periods are missing the row before is repeated and marked."""
 
     name: str
@@ -60,7 +60,7 @@ class Motion:
         return 1.0 - float(self.good.mean())
 
 
-def read_motion(path: Path, weight: Vector | None = None) -> Motion:
+def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
     """A recording. Raises ConfigError or RecordingError, with what to do, for one that tells nothing about a drive."""
     recording = load(path)
     spec, columns = recording.spec, recording.columns
@@ -79,25 +79,25 @@ def read_motion(path: Path, weight: Vector | None = None) -> Motion:
     if not np.isfinite(gravity).all() or np.ptp(columns["gravity"], axis=0).max() > 2.0:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
-    calibration = calibration_of(table)
+    calibration = recorded_calibration(table)
     rows, missing = _filled(columns["tick"])
     duty = torque[rows] / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
     position = columns["position"][rows]
     lower, upper = spec.lower + EDGE, spec.upper - EDGE
     good = (np.abs(duty) < limits - 1e-6) & (position > lower) & (position < upper) & ~missing[:, None]
-    return Motion(
+    return RecordedMotion(
         path.name, sha256(path.read_bytes()).hexdigest()[:16], spec, table["version"], recording.period, position, duty,
         good.astype(float), gravity, np.zeros(spec.n_joints) if weight is None else weight, calibration,
     )  # fmt: skip
 
 
-def calibration_of(table: Mapping[str, Any]) -> Calibration:
+def recorded_calibration(table: Mapping[str, Any]) -> Calibration:
     """What a recording's metadata say of how counts became rad and N·m."""
     return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
-def same_hand(motions: list[Motion]) -> None:
+def check_same_hand(motions: list[RecordedMotion]) -> None:
     """Raise ConfigError for recordings of different hands, versions or periods."""
     for other in motions[1:]:
         for what in ("name", "serial"):

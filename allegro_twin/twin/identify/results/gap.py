@@ -13,8 +13,8 @@ from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
-from allegro_twin.twin.identify.fitting.shooting import Cuts, cut
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.shooting import MotionPieces, cut_pieces
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 HORIZONS = (0.1, 0.3, 1.0, 5.0)
@@ -28,7 +28,7 @@ SHORTEST = {"bristle": SMALLEST, "backlash": LEAST_PLAY}
 _CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
 
 
-class Side(NamedTuple):
+class GapErrors(NamedTuple):
     """Root mean square errors in rad."""
 
     joint: Array
@@ -48,13 +48,13 @@ class Gap:
 
     name: str
     horizons: tuple[float, ...]
-    before: Side
+    before: GapErrors
     """The nominal hand."""
-    after: Side
+    after: GapErrors
     """The hand's own file."""
 
 
-def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
+def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
     """What a hand's file says. `offset`: what reported positions are too high by, (n,), rad, as the file has it."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
@@ -74,39 +74,43 @@ def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Paramet
     )
 
 
-def breaks_away(drive: Drive | None) -> bool:
+def has_breakaway_friction(drive: Drive | None) -> bool:
     """Whether a model of it needs bristles: its friction breaks away, or grows with the motor's torque."""
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
-def player_of(spec: HandSpec, period: float, drive: Drive | None) -> Player:
+def make_player(spec: HandSpec, period: float, drive: Drive | None) -> Player:
     """What plays motions of a hand whose file says so."""
-    return Player(spec, period, bristly=breaks_away(drive), loose=drive is not None and bool(drive.backlash.any()))
+    return Player(
+        spec, period, bristly=has_breakaway_friction(drive), loose=drive is not None and bool(drive.backlash.any())
+    )
 
 
-def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
+def measure_gap(motion: RecordedMotion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
     """Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
-    sides = (side_of(motion, player, drive, horizons) for player, drive in (before, after))
+    sides = (gap_errors(motion, player, drive, horizons) for player, drive in (before, after))
     return Gap(motion.name, horizons, *sides)
 
 
-def side_of(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS) -> Side:
+def gap_errors(
+    motion: RecordedMotion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS
+) -> GapErrors:
     """How far a model is from a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:
         length = round(horizon / motion.period)
-        cuts = cut([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
+        cuts = cut_pieces([motion], player.spec, length, max(round(min(horizon, STARTS) / motion.period), 1))
         error = player.play(drive, cuts.position, cuts.velocity, cuts.pieces) - cuts.measured
         rows.append(_rms(error))
         if horizon == HORIZONS[1]:
             phase = _phases(error, cuts, player.spec, motion.period)
-    return Side(np.array(rows), phase)
+    return GapErrors(np.array(rows), phase)
 
 
-def _phases(error: Array, cuts: Cuts, spec: HandSpec, period: float) -> Array:
+def _phases(error: Array, cuts: MotionPieces, spec: HandSpec, period: float) -> Array:
     speed = np.abs(np.diff(cuts.measured, axis=1)).mean(axis=1) / period  # (w, n)
     found = np.full((2, spec.n_joints), np.nan)
     for finger in spec.fingers:

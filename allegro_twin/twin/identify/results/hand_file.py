@@ -20,11 +20,19 @@ from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.sim.open_loop.segments import Parameters
 from allegro_twin.spec import HandSpec
-from allegro_twin.twin.identify.fitting.fit import Fit
-from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE, index, least, scaled, slope, unscaled
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.fitting.fit import DriveFit
+from allegro_twin.twin.identify.fitting.parameterisation import (
+    PLAY,
+    SHAPE,
+    from_scaled,
+    index,
+    lower_bounds,
+    scaling_jacobian,
+    to_scaled,
+)
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.twin.identify.results.gap import SHORTEST
-from allegro_twin.twin.identify.results.uncertainty import PER_PWM, Value
+from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedValue
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__
 
@@ -41,14 +49,16 @@ _NOTE = "Found by `allegro-twin identify`"
 _DIGITS = 6
 
 
-def store(path: Path, found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str) -> str:
+def write_hand_file(
+    path: Path, found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], day: str
+) -> str:
     """Write what is determined into a hand's file, and leave everything else in it as it is; what is to be said of
     that, or nothing. Raises ConfigError for a file that ships, for one of another hand, or one whose calibration
     the recordings were not made with; RecordingError."""
     with locked(path):
         text = read_text(path)
         content = parse_yaml(text, str(path)) if holds_anything(text) else {}
-        check(path, content, motions)
+        check_hand_file(path, content, motions)
         made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
         write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
@@ -61,11 +71,13 @@ def _weakened(path: Path, content: Mapping[str, Any]) -> str:
     return f"drive.strength is out of {path}: wire.torque_constant, which was found, holds it."
 
 
-def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value], motions: Sequence[Motion]) -> str:
+def _apart(
+    path: Path, kept: tuple[int, ...] | None, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion]
+) -> str:
     """How far encoder offsets that stay are from what weight says, rad; nothing where none do."""
     if kept is None:
         return ""
-    apart = np.abs(values["offset"].value - shift(motions[0].version, motions[0].calibration, kept))
+    apart = np.abs(values["offset"].value - offset_shift(motions[0].version, motions[0].calibration, kept))
     apart = np.where(values["offset"].determined, apart, 0.0)
     most = int(apart.argmax())
     return (
@@ -75,7 +87,7 @@ def _apart(path: Path, kept: tuple[int, ...] | None, values: Mapping[str, Value]
     )
 
 
-def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tuple[int, ...] | None:
+def _kept_offsets(path: Path, content: Mapping[str, Any], first: RecordedMotion) -> tuple[int, ...] | None:
     """Encoder offsets, counts, that the file has from elsewhere, as from `calibrate`, and the recordings were not made
     with."""
     if "encoder_offset" not in (content.get("wire") or {}):
@@ -84,7 +96,7 @@ def _kept_offsets(path: Path, content: Mapping[str, Any], first: Motion) -> tupl
     return None if written == first.calibration.encoder_offset else written
 
 
-def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> None:
+def check_hand_file(path: Path, content: Mapping[str, Any], motions: Sequence[RecordedMotion]) -> None:
     """Raise ConfigError where the recordings are not of the file's hand as the file has it, and for a file that
     ships."""
     refuse_shipped(path)
@@ -104,17 +116,22 @@ def check(path: Path, content: Mapping[str, Any], motions: Sequence[Motion]) -> 
 
 
 def _blocks(
-    path: Path, content: Mapping[str, Any], found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], day: str
+    path: Path,
+    content: Mapping[str, Any],
+    found: DriveFit,
+    values: Mapping[str, IdentifiedValue],
+    motions: Sequence[RecordedMotion],
+    day: str,
 ) -> dict[str, Any]:
     first = motions[0]
     spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
     before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
     if kept is not None:
         held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
-        before = replace(before, offset=shift(first.version, first.calibration, kept))
+        before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
     strength = drive.pop("strength", 1.0)  # Has gone into what was found.
     before = replace(before, torque_constant=before.torque_constant * np.array(strength))
-    own = settled(found, held, before)
+    own = select_values(found, held, before)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
@@ -131,7 +148,7 @@ def _blocks(
     return blocks | {"identified": _basis(found, values, motions, spec, day)}
 
 
-def _held(values: Mapping[str, Value]) -> Held:
+def _held(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     """What is not written: what is not determined; of friction that breaks away all three where one is not, and
     backlash whose interval holds none."""
     held = {name: ~value.determined for name, value in values.items()}
@@ -143,7 +160,7 @@ def _held(values: Mapping[str, Value]) -> Held:
     return held
 
 
-def _before(first: Motion, delay: float, found: Fit) -> Parameters:
+def _before(first: RecordedMotion, delay: float, found: DriveFit) -> Parameters:
     """What stands in the place of values that are not written."""
     n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
     none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
@@ -155,7 +172,7 @@ def _before(first: Motion, delay: float, found: Fit) -> Parameters:
 
 
 def _basis(
-    found: Fit, values: Mapping[str, Value], motions: Sequence[Motion], spec: HandSpec, day: str
+    found: DriveFit, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion], spec: HandSpec, day: str
 ) -> dict[str, Any]:
     """Date, recordings, engine, units, intervals."""
     missing = {
@@ -181,7 +198,7 @@ def _basis(
     }
 
 
-def doubtful(path: Path) -> str:
+def warn_mass_scale(path: Path) -> str:
     """Why the values in a hand's file may not fit this program; empty where they do."""
     table = parse_yaml(read_text(path), str(path)) if path.exists() else {}
     engine = (table.get("identified") or {}).get("engine", ENGINE)
@@ -190,7 +207,7 @@ def doubtful(path: Path) -> str:
     return f"{path} was identified under {engine}, and this is {ENGINE}, whose friction may differ: identify it again"
 
 
-def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
+def offset_shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) -> Vector:
     """What positions are too high by, (n,), rad, that were read with one calibration when other encoder offsets,
     counts, are right."""
     right = replace(used, encoder_offset=encoder_offset)
@@ -198,11 +215,11 @@ def shift(version: Version, used: Calibration, encoder_offset: tuple[int, ...]) 
     return one - other
 
 
-def _offsets(motion: Motion, offset: Vector) -> list[int]:
+def _offsets(motion: RecordedMotion, offset: Vector) -> list[int]:
     """Encoder offsets, counts, with which positions are right that are too high by `offset`, rad."""
     old = motion.calibration
     # What one more count of offset does to a position, rad; each version has its own.
-    step = -shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
+    step = -offset_shift(motion.version, old, tuple(count + 1 for count in old.encoder_offset))
     counts = np.rint(-offset / step)
     return [count + int(added) for count, added in zip(old.encoder_offset, counts, strict=True)]
 
@@ -215,22 +232,22 @@ def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
 
 
-Held = Mapping[str, NDArray[np.bool_]]
+KeptValues = Mapping[str, NDArray[np.bool_]]
 """Which values stay as they were, (n,) for each kind; of the delay one."""
 
 
-def settled(found: Fit, held: Held, before: Parameters) -> Parameters:
+def select_values(found: DriveFit, held: KeptValues, before: Parameters) -> Parameters:
     """`before`: what is in the file, relative to the calibration of the recordings."""
     drive, n = found.drive, len(found.floor)
     stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in held.items()}
-    x, there = scaled(drive), scaled(replace(drive, **stays))
+    x, there = to_scaled(drive), to_scaled(replace(drive, **stays))
     fixed = np.zeros(len(x), dtype=bool)
     for name, mask in held.items():
         fixed[index(name, n)] = mask
-    inverse = np.linalg.inv(slope(drive))
+    inverse = np.linalg.inv(scaling_jacobian(drive))
     C = inverse @ found.spread.covariance @ inverse.T
     moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
     x = np.where(fixed, there, x + C[:, fixed] @ moved)
-    made = unscaled(np.maximum(x, least(n)))
+    made = from_scaled(np.maximum(x, lower_bounds(n)))
     stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in held.items()}
     return replace(made, **stays)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.open_loop.windows import Player
-from allegro_twin.twin.identify.fitting.fit import Fit
+from allegro_twin.twin.identify.fitting.fit import DriveFit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
-from allegro_twin.twin.identify.fitting.regress import smoothed
+from allegro_twin.twin.identify.fitting.regress import smooth_motion
 from allegro_twin.twin.identify.fitting.spread import Spread
-from allegro_twin.twin.identify.motions.motion import Motion
+from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
 BELIEVED = 1.1  # Times the noise that long pieces may leave. A fit that arrived leaves 0.9 to 1.1 (ours).
@@ -54,7 +54,7 @@ PER_PWM = ("armature", "damping", "frictionloss")
 VALUES = ("torque_constant", *PER_PWM, "offset")
 
 
-class Value(NamedTuple):
+class IdentifiedValue(NamedTuple):
     """One kind of value, (n,) each; the delay has one. Armature, damping and friction are per N·m at full PWM."""
 
     value: Vector
@@ -70,7 +70,7 @@ class Value(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class MotionCoverage:
     """What the recordings show of every joint."""
 
     seconds: Vector
@@ -87,10 +87,10 @@ class Seen:
     """Directions of gravity."""
 
 
-def seen(motions: list[Motion], player: Player) -> Seen:
+def motion_coverage(motions: list[RecordedMotion], player: Player) -> MotionCoverage:
     """Looks at speeds and postures, not at torques."""
     n = player.spec.n_joints
-    smooth = [smoothed(motion) for motion in motions]
+    smooth = [smooth_motion(motion) for motion in motions]
     good = [motion.good > 0 for motion in motions]
     v = np.concatenate([np.where(g, s.velocity, 0.0) for g, s in zip(good, smooth, strict=True)])
     q = np.concatenate([s.position for s in smooth])
@@ -101,7 +101,7 @@ def seen(motions: list[Motion], player: Player) -> Seen:
     span = np.percentile(np.array(weights), (5, 95), axis=0)
     period = motions[0].period
     slow = [((sign * v > 0.2 * SLOW) & (sign * v < SLOW)).sum(axis=0) * period for sign in (-1.0, 1.0)]
-    return Seen(
+    return MotionCoverage(
         seconds=np.concatenate(good).sum(axis=0) * period,
         travel=np.percentile(q, 99, axis=0) - np.percentile(q, 1, axis=0),
         fastest=np.maximum(np.stack([-v.min(axis=0), v.max(axis=0)]), 0.0),
@@ -111,7 +111,7 @@ def seen(motions: list[Motion], player: Player) -> Seen:
     )
 
 
-def values(found: Fit, looked: Seen) -> dict[str, Value]:
+def identified_values(found: DriveFit, looked: MotionCoverage) -> dict[str, IdentifiedValue]:
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
@@ -125,13 +125,13 @@ def values(found: Fit, looked: Seen) -> dict[str, Value]:
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
         reasons = tuple(_reason(name, j, value, sure, looked, loose=found.loose) for j in range(len(k)))
-        result[name] = Value(value, half, reasons)
+        result[name] = IdentifiedValue(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
-    return result | {"delay": Value(late, half, (short,))}
+    return result | {"delay": IdentifiedValue(late, half, (short,))}
 
 
-def _half(found: Fit, name: str, covariance: Array) -> Vector:
+def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
     """Half the interval. Where long pieces leave more than noise of a joint they are misled by when it slips; then what
     shorter ones say counts if it is more, and all of it as often as what is left is of the noise. Where links are loose
     a few pieces that begin at the wrong tooth leave most, and have little weight: there they count once."""
@@ -163,7 +163,7 @@ def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool)
     return np.asarray(np.maximum(linear, np.abs(transform @ spread.path)))
 
 
-def _per_pwm(found: Fit, name: str) -> Array:
+def _per_pwm(found: DriveFit, name: str) -> Array:
     """The derivative of one kind of value by all parameters, (rows, p)."""
     part, size = found.columns(name), len(found.covariance)
     rows = np.arange(part.stop - part.start)
@@ -176,14 +176,14 @@ def _per_pwm(found: Fit, name: str) -> Array:
     return transform
 
 
-def _reason(name: str, joint: int, value: Vector, half: Vector, looked: Seen, *, loose: bool) -> str:
+def _reason(name: str, joint: int, value: Vector, half: Vector, looked: MotionCoverage, *, loose: bool) -> str:
     if loose and name == "offset" and looked.pull[joint] < PULL_LOOSE:
         return (f"gravity's torque on it differs by {1000 * looked.pull[joint]:.1f} mN·m only, and behind backlash "
                 f"{1000 * PULL_LOOSE:g} tell: `calibrate limits --offsets` finds it from the end stops")  # fmt: skip
     return next(iter(_reasons(name, joint, value, half, looked)), "")
 
 
-def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -> Iterator[str]:
+def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: MotionCoverage) -> Iterator[str]:
     if looked.seconds[joint] < SHORTEST:
         yield f"only {looked.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
     if looked.travel[joint] < MOVED:
@@ -208,7 +208,7 @@ def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: Seen) -
         yield f"its interval is ± {by * half[joint]:.0f} {unit}: record more"
 
 
-def _directions(motions: list[Motion]) -> int:
+def _directions(motions: list[RecordedMotion]) -> int:
     found: list[Array] = []
     for motion in motions:
         down = motion.gravity / np.linalg.norm(motion.gravity)
