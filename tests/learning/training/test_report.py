@@ -142,7 +142,7 @@ def test_another_seed_is_another_set_of_episodes(
         return play
 
     monkeypatch.setattr(report, "evaluate", noted("batch", evaluation.evaluate))
-    monkeypatch.setattr(deployment, "over_can", noted("can", deployment.evaluate_on_can))
+    monkeypatch.setattr(deployment, "evaluate_on_can", noted("can", deployment.evaluate_on_can))
     for words, first in (((), SEED), (("--seed", 5_000_000_000), 5_000_000_000)):
         used.clear()
         code, out, errors = ask(monkeypatch, capfd, "reach_right", "Reach", "--episodes", 2, "--can", 1, *words)
@@ -187,7 +187,7 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
         return []
 
     monkeypatch.setattr(report, "compare", compared)
-    monkeypatch.setattr(report, "write", lambda *args: None)
+    monkeypatch.setattr(report, "write_report", lambda *args: None)
     training._judged(tmp_path, recipe(), tmp_path, 3, False)
     assert used == [SELECTION]
     assert SELECTION != SEED
