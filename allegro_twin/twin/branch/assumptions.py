@@ -1,4 +1,4 @@
-"""What a branch of a hand's recording rests on, in sentences."""
+"""Sentences that say what a branch of a hand's recording rests on."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from allegro_twin.twin.mirror.faults import fault_text
 from allegro_twin.twin.mirror.on_recording import MirrorResult
 from allegro_twin.types import Array, Vector
 
-_EVERY = 0.03  # s between two postures that are looked at. Ours: at 2 rad/s a fingertip goes by 6 mm.
-_DEEPER = 0.001  # m. Ours: the shapes are not known better.
+_EVERY = 0.03  # s between two postures that are checked. Ours: at 2 rad/s a fingertip moves by 6 mm.
+_DEEPER = 0.001  # m. Ours: the shapes are not known more precisely.
 
 
 def list_assumptions(
     recording: Recording, at: float, seen: MirrorResult, driver: BranchController, wanted: BranchOptions
 ) -> Iterator[str]:
-    """What is known of the instant, what is estimated, and what assumed."""
+    """What is known of the instant, what is estimated, and what is assumed."""
     row = int(np.searchsorted(seen.t, at - 1e-9))
     push, names = seen.disturbance[row], recording.spec.readable
     most = int(np.abs(push).argmax())
@@ -49,7 +49,7 @@ def list_assumptions(
 
 
 def _touches(at: float, seen: MirrorResult, wanted: BranchOptions) -> Iterator[str]:
-    """What the recording's hand met and the branch does not know."""
+    """Contacts of the recording's hand that the branch does not know."""
     goes = "as a torque that stays" if wanted.disturbance == "hold" else "without it"
     for each in seen.contacts:
         how = f"by up to {1000.0 * each.torque:.0f} mN·m"
@@ -63,7 +63,7 @@ def _touches(at: float, seen: MirrorResult, wanted: BranchOptions) -> Iterator[s
 
 
 def list_collisions(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
-    """Parts of the hand that would be in each other in the branch, (k, n), rad, and were not in the recording."""
+    """Parts of the hand that would penetrate each other in the branch, (k, n), rad, and did not in the recording."""
     step = max(round(_EVERY * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-9)), 1)
     rows, clear = slice(0, len(branched), step), Clearance(spec)
     was, would = (clear(np.clip(each[rows], spec.lower, spec.upper)) for each in (recorded, branched))

@@ -1,7 +1,7 @@
-"""A recorded hand on a wire goes on otherwise from some instant: its model does, from what a mirror knows of it.
+"""Branch of a recorded hand on a wire: its model continues from the state that a mirror estimates.
 
-Of a hand nobody knows what it holds, and a model is not the hand. So what is known, estimated and assumed is said, and
-the same model goes on without any change, too: what it is off by from the recording is its own error.
+Nobody knows what the hand holds, and a model is not the hand. So the result says what is known, estimated and assumed.
+The same model also continues without any change: its distance from the recording is the model's own error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from allegro_twin.types import Array, Sample
 def branch_from_estimate(
     recording: Recording, at: float, changes: Changes, through: SampleStages, wanted: BranchOptions
 ) -> BranchResult:
-    """Raises ConfigError for a recording that tells too little to go on from."""
+    """Continue a hand's recording with its model. Raises ConfigError for a recording that says too little."""
     _check(recording, at, changes)
     spec, columns = recorded_spec(recording, wanted.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))
@@ -81,7 +81,7 @@ class _Future:
         self._fault = ""
 
     def samples(self) -> Iterator[Sample]:
-        """Until the recording ends, or the guard would have stopped the hand."""
+        """Yield samples until the recording ends, or the guard would stop the hand."""
         driver = self._driver
         closed = driver.config is not None
         hand: HandBackend = model_backend_at(self._recording, self._row, self._change, self._wanted, closed=closed)
@@ -103,13 +103,13 @@ class _Future:
             self._fault = f"after {state.t:.3f} s: {fault}"
 
     def stopped(self, how: str = "") -> Iterator[str]:
-        """Why it ended before the recording did."""
+        """Why the samples ended before the recording did."""
         if self._fault:
             yield f"The guard would {how}have left it limp {self._fault}"
 
 
 class _Beside:
-    """Where the recording's joints were, and where those of the unchanged branch are."""
+    """Joint positions of the recording, and of the unchanged branch, beside each sample."""
 
     def __init__(self, recorded: Array, unchanged: Array) -> None:
         self._recorded, self._unchanged, self._row = recorded, unchanged, -1

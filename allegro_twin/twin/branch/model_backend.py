@@ -1,7 +1,7 @@
-"""A hand's model in the place of the hand, from an instant of its recording on.
+"""Backends in which a hand's model takes the place of the hand, from an instant of its recording on.
 
-A host hears of it what it would hear of the hand: positions in whole counts, speeds behind its own filter, torques as
-its driver lets them through.
+The host reads from the model what it would read from the hand: positions in whole counts, speeds behind its own filter,
+torques as its driver lets them through.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ class HostReading(NamedTuple):
 
 
 class ModelBackend(ABC):
-    """A backend whose reset is the instant, at some row of the recording, and which ends with the recording. What it is
-    not asked to be, as the temperature, stays as it was; where down is, is as recorded."""
+    """A backend that starts at some row of a recording and ends with the recording. Values that the model does not
+    have, such as the temperature, stay as they were; gravity is as recorded."""
 
     live = False
     """Time passes only while this backend reads."""
 
     def __init__(self, recording: Recording, row: int, mirror: Mirror, state: HandState) -> None:
-        """`mirror`: has seen all rows up to this one; `state`: of this row."""
+        """`mirror`: has observed all rows up to this one; `state`: of this row."""
         self._recording, self._mirror, self._begin, self._now = recording, mirror, state, state
         self._told = limp_of(recording.spec)
 
@@ -64,7 +64,7 @@ class ModelBackend(ABC):
         return self._recording.period
 
     def reset(self) -> HandState:
-        """The instant. Once: its simulation goes on."""
+        """The state at the instant. Can be called once only: the simulation goes on."""
         return self._begin
 
     def write(self, command: Command) -> None:
@@ -87,17 +87,17 @@ class ModelBackend(ABC):
 
     @abstractmethod
     def _passed(self, command: Command, gravity: Vector) -> HostReading:
-        """One period."""
+        """Simulate one period."""
 
 
 class TorqueModelBackend(ModelBackend):
-    """Of a hand that takes torques, in counts."""
+    """Model of a hand that takes torques, in counts."""
 
     def __init__(
         self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: Observer, *, noisy: bool
     ) -> None:
-        """`noisy`: with encoders as noisy as in the recording, the same noise for every model: under a controller it
-        shakes the motors, which loosens dry friction."""
+        """`noisy`: encoders are as noisy as in the recording, with the same noise for every model. Under a controller
+        this noise shakes the motors, which loosens dry friction."""
         super().__init__(recording, row, mirror, state)
         table, columns = recording.meta["calibration"], recording.columns
         used = recorded_calibration(table)
@@ -121,7 +121,7 @@ class TorqueModelBackend(ModelBackend):
 
 
 class PositionModelBackend(ModelBackend):
-    """Of a hand that closes its own loop."""
+    """Model of a hand that closes its own loop."""
 
     def __init__(
         self, recording: Recording, row: int, mirror: Mirror, state: HandState, observer: LoopObserver
@@ -135,7 +135,7 @@ class PositionModelBackend(ModelBackend):
 
 
 def recorded_encoder_noise(recording: Recording) -> Vector:
-    """Standard deviation of what the encoders add, (n,), rad, before counts are rounded; that adds a twelfth of a count
+    """Standard deviation of the encoder noise before counts are rounded, (n,), rad. Rounding adds a twelfth of a count
     squared."""
     table = recording.meta["calibration"]
     used = recorded_calibration(table)

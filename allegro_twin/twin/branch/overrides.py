@@ -1,4 +1,4 @@
-"""What is to be otherwise, from text."""
+"""Changes of a branch, and the recorded config that they apply to."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from allegro_twin.sim.model.friction_changes import Change
 from allegro_twin.spec import HandSpec
 
 Changes: TypeAlias = Mapping[str, Any]
-"""By key: of PHYSICS, or `controller.…` as in a config."""
+"""Values by key: of PHYSICS, or `controller.…` as in a config."""
 PHYSICS = ("friction", "damping", "frictionloss", "strength")
 _CONTROLLER = "controller."
 
 
 def parse_changes(texts: list[str]) -> dict[str, Any]:
-    """`friction=0.5` and the like. Raises ConfigError."""
+    """Parse `friction=0.5` and the like. Raises ConfigError."""
     found = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -41,7 +41,7 @@ def parse_changes(texts: list[str]) -> dict[str, Any]:
 
 
 def hand_change(changes: Changes, spec: HandSpec) -> Change:
-    """Of the hand itself. Raises ConfigError for what nobody can change in such a hand."""
+    """The change of the hand itself. Raises ConfigError for a key that such a hand does not have."""
     if "strength" in changes and "torque" not in spec.commands:
         raise ConfigError(f"--set strength: {spec.name} closes its own loop; damping and frictionloss can be set")
     return Change(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
@@ -54,13 +54,14 @@ def controller_changes(changes: Changes) -> dict[str, Any]:
 
 
 def apply_changes(config: RunConfig, changes: Changes) -> RunConfig:
-    """The config with its controller changed; the same one where that is not asked for."""
+    """The config with its controller changed; the same config where no controller key changes."""
     own = controller_changes(changes)
     return config.changed(controller=own) if own else config
 
 
 def recorded_config(recording: Recording) -> RunConfig:
-    """Raises ConfigError for one that this program does not understand, or a recording that holds none."""
+    """The config that a recording was made with. Raises ConfigError for one that this program does not understand, or a
+    recording without one."""
     content = recording.meta.get("config")
     if content is None:
         raise ConfigError(f"{recording.path} does not say with which config it was made")
@@ -68,7 +69,8 @@ def recorded_config(recording: Recording) -> RunConfig:
 
 
 def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
-    """What somebody wrote: a recording holds all keys of a config, and one at its default is read by nobody here."""
+    """The keys that the user wrote: a recording holds all keys of a config, and those at their defaults are left
+    out."""
     found = {}
     for key, value in content.items():
         field = model.model_fields[key]
@@ -81,7 +83,7 @@ def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _model_of(field: FieldInfo, value: Mapping[str, Any]) -> type[BaseModel] | None:
-    """The model of a block; None for a mapping without one."""
+    """The settings model of a block; None for a mapping without one."""
     registry = next((each for each in field.metadata if isinstance(each, Registry)), None)
     if registry is not None:
         found: type[BaseModel] = registry.kind(value["kind"]).settings

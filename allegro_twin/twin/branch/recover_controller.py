@@ -1,4 +1,5 @@
-"""Who drove a recorded hand: its config's controller, where that computes every recorded command again."""
+"""Recovers the controller of a recorded hand: its config's controller, if that computes every recorded command
+again."""
 
 from __future__ import annotations
 
@@ -23,23 +24,23 @@ from allegro_twin.twin.mirror.on_recording import recorded_samples
 from allegro_twin.types import Array, Command, HandState, TorqueCommand, Vector
 
 _SAME = 1e-6
-"""N·m or rad. Ours: a thousandth of a v4 hand's count, and more than two processors' roundings differ by."""
+"""N·m or rad. Ours: a thousandth of a v4 hand's count, and more than the rounding of two processors differs by."""
 
 
 class BranchController(NamedTuple):
-    """What commands the hand from the instant on."""
+    """The controller of a branch from the instant on."""
 
     controller: Controller[Any]
     memory: Any
-    """With which it meets the state at the instant."""
+    """The controller's memory at the instant."""
     config: RunConfig | None
-    """With whose controller and limits; None: the recorded commands go on."""
+    """Config with the controller and its limits; None: the recorded commands continue."""
     reason: str
-    """Why the recorded commands go on; empty where the loop is closed."""
+    """Why the recorded commands continue; empty where the loop is closed."""
 
 
 def find_controller(recording: Recording, spec: HandSpec, row: int, *, open_loop: bool) -> BranchController:
-    """Who commands from a row on: the controller of the recording's config, or the recorded commands themselves."""
+    """The controller of the recording's config, or the recorded commands, from a row on."""
     if open_loop:
         return BranchController(RecordedCommands(recording), None, None, "as --open-loop says")
     try:
@@ -53,7 +54,7 @@ def find_controller(recording: Recording, spec: HandSpec, row: int, *, open_loop
 def change_controller(
     driver: BranchController, recording: Recording, spec: HandSpec, row: int, changes: Changes
 ) -> BranchController:
-    """The driver with its controller changed. Raises ConfigError where no controller drives."""
+    """Change the controller. Raises ConfigError where only recorded commands continue."""
     asked = controller_changes(changes)
     if not asked:
         return driver
@@ -70,18 +71,17 @@ def change_controller(
 def hand_over(
     controller: Controller[Any], memory: Any, other: Controller[Any], state: HandState
 ) -> tuple[Controller[Any], Any]:
-    """Another controller and its memory: one of the same kind goes on with what the first remembers, another begins
-    anew at a state."""
+    """Another controller and its memory. One of the same kind takes over the memory; another starts anew at a state."""
     if type(other) is type(controller) and hasattr(other, "gains"):
         return replace(controller, gains=other.gains), memory  # type: ignore[type-var]
     return other, other.start(state)
 
 
 class RecordedCommands:
-    """What a hand was told in a recording, period by period, whatever its state is.
+    """A controller that repeats the commands of a recording, period by period, whatever the state is.
 
-    Of a hand that takes torques that which acted, so what its limits left; in periods that nobody heard of the one
-    before goes on, as it did in the hand.
+    For a hand that takes torques these are the torques that acted, so what its limits left. In periods without a report
+    the torque before continues, as it did in the hand.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -105,7 +105,7 @@ def _made(config: RunConfig, spec: HandSpec) -> Controller[Any]:
 
 
 def _memory(recording: Recording, row: int, controller: Controller[Any], kind: str) -> Any:
-    """With which it meets a row. Raises ConfigError where it was not the one that drove the hand."""
+    """The controller's memory at a row. Raises ConfigError where it is not the controller that drove the hand."""
     memory: Any = None
     found: Any = None
     for number, (state, command) in enumerate(recorded_samples(recording)):

@@ -1,8 +1,8 @@
-"""A recorded simulation goes on otherwise from some instant, beside what it did.
+"""Branch of a recorded simulation: it runs again from its beginning, with a change at some instant.
 
-A simulation and its controller are deterministic. So the instant is reached by running the recording's own config
-again from its beginning, with velocities, contacts, objects and the controller's memory as they were, and not by
-guessing them from what was recorded; every row up to it is compared, bit for bit.
+A simulation and its controller are deterministic. Running the recording's own config again therefore reaches the
+instant with all velocities, contacts, objects and the controller's memory as they were. Every row up to it is compared,
+bit for bit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from allegro_twin.types import Array, Sample
 
 
 def resimulate(recording: Recording, at: float, changes: Changes, through: SampleStages) -> BranchResult:
-    """Raises ConfigError for a recording that cannot be repeated."""
+    """Run a recorded simulation again. Raises ConfigError for a recording that cannot be repeated."""
     path, engine = recording.path, recording.meta["engine"]
     if engine != ENGINE:
         raise ConfigError(f"{path} was made with {engine}, and this is {ENGINE}: it would not be the same")
@@ -47,13 +47,13 @@ def resimulate(recording: Recording, at: float, changes: Changes, through: Sampl
 
 
 class _Follower:
-    """Keeps up with the recording row by row, to its end."""
+    """Follows the recording row by row, to its end."""
 
     def __init__(self, recording: Recording, at: float, rig: Rig) -> None:
         self._recording, self._at, self._trial, self._row = recording, at, rig.trial, 0
 
     def watched(self, samples: Iterable[Sample]) -> Iterator[Sample]:
-        """A stage. Raises ConfigError where the samples are not the recording's before `at`."""
+        """Compare samples before `at` with the recording (a stage). Raises ConfigError where they differ."""
         path, position = self._recording.path, self._recording.columns["position"]
         for row, sample in enumerate(samples):
             self._row = row
@@ -77,7 +77,7 @@ class _Follower:
 
 
 def _run(rig: Rig, sim: SimBackend, at: float, changes: Changes, other: Controller[Any] | None) -> Iterator[Sample]:
-    """The loop, with a change in the middle."""
+    """The control loop, with a change in the middle."""
     controller, backend = rig.controller, rig.backend
     state = backend.reset()
     memory, done = controller.start(state), False

@@ -1,4 +1,4 @@
-"""Which way a recording goes on: a simulation is repeated, of a hand on a wire its model goes on."""
+"""What-if branches of a recording: a simulation is run again, a hand on a wire is replaced by its model."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def branch_recording(
     through: SampleStages = lambda samples, beside: samples,
     wanted: BranchOptions = BranchOptions(),  # noqa: B008  # Frozen.
 ) -> BranchResult:
-    """Go on otherwise from `at`, s; `through`: stages for its samples. Raises ConfigError for a recording that cannot
-    be gone on from, or an odd change."""
+    """Continue a recording differently from `at`, s. `through`: stages for the branch's samples. Raises ConfigError for
+    a recording that cannot be continued, or a wrong change."""
     recording = load(path)
     last = float(recording.columns["t"][-1])
     if not 0.0 <= at <= last:
@@ -38,8 +38,8 @@ def branch_recording(
 
 
 def needs_model(recording: Recording, wanted: BranchOptions) -> bool:
-    """Whether a model goes on in the place of a hand; otherwise a simulation is repeated. Raises ConfigError where only
-    the latter can be."""
+    """Whether a model replaces the hand; otherwise a simulation runs again. Raises ConfigError for a simulation with
+    `wanted.hand`."""
     backend = (recording.meta.get("config") or {}).get("backend", {})
     if wanted.hand and backend.get("kind") == "sim":
         raise ConfigError(f"{recording.path} is of a simulation, which is repeated as it was: leave out --hand")

@@ -1,4 +1,4 @@
-"""Mirrors for a hand: from its file, from a recording, or of its own position loop."""
+"""Makes mirrors: from a hand's file, for a recording, or for a hand with its own position loop."""
 
 from __future__ import annotations
 
@@ -32,8 +32,9 @@ def make_mirror(
     stop: Collection[str] = (),
     gravity: Vector | None = None,
 ) -> Mirror:
-    """Of the hand in a file, or of the nominal one; `used`: with what the host makes rad and N·m of counts; `gravity`:
-    in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
+    """Mirror of a hand that takes torques, from its file, or of the nominal hand. `used`: calibration with which the
+    host converts counts; `gravity`: in the palm frame, (3,), m/s², where the hand does not report it; `stop`: events
+    that raise HandFault, of STOPS. Raises ConfigError."""
     _known(stop)
     wiring = load_wiring(spec.model, hand)
     if wiring.version not in (None, version):
@@ -54,8 +55,8 @@ def make_loop_mirror(
     stop: Collection[str] = (),
     gravity: Vector | None = None,
 ) -> Mirror:
-    """Of a hand that closes its own loop: what is driven is compared with what the same loop does in simulation.
-    `gravity`: in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
+    """Mirror of a hand that closes its own loop: joint positions are compared with those of the same loop in
+    simulation. `gravity`: in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
     from allegro_twin.sim.observer.loop_observer import LoopObserver
 
     _known(stop)
@@ -63,7 +64,7 @@ def make_loop_mirror(
 
 
 def mirror_for_recording(recording: Recording, hand: str, calm: Thresholds | None, gravity: Vector | None) -> Mirror:
-    """For a recording's hand as its own file, or another, has it. Raises ConfigError."""
+    """Mirror for a recording's hand, from its own file or another. Raises ConfigError."""
     spec, table = recorded_spec(recording, hand), recording.meta.get("calibration")
     if "torque" not in spec.commands:
         if gravity is None and "gravity" in recording.meta:
@@ -79,8 +80,8 @@ def mirror_for_recording(recording: Recording, hand: str, calm: Thresholds | Non
 
 
 def recorded_spec(recording: Recording, hand: str) -> HandSpec:
-    """A recording's hand; one that closes its own loop with all that its card says, which a recording does not. Raises
-    ConfigError for another one's card."""
+    """The spec of a recording's hand. For a hand that closes its own loop it comes from the hand's card, which says
+    more than a recording. Raises ConfigError for the card of another hand."""
     spec = recording.spec
     if "torque" in spec.commands:
         return spec
@@ -91,8 +92,8 @@ def recorded_spec(recording: Recording, hand: str) -> HandSpec:
 
 
 def encoder_noise(hand: str, spec: HandSpec) -> Vector:
-    """Standard deviation of reported positions as a hand's file has it, (n,), rad: as `identify` found it, or what its
-    encoders are said to add; 0 where it says nothing. Raises ConfigError."""
+    """Standard deviation of reported positions from a hand's file, (n,), rad: as `identify` found it, or as the
+    encoders are specified; 0 where the file says nothing. Raises ConfigError."""
     found = np.zeros(spec.n_joints)
     if spec.drive is not None:
         found = np.hypot(spec.drive.encoder_noise, spec.drive.quantisation / np.sqrt(12.0))
@@ -110,7 +111,7 @@ def encoder_noise(hand: str, spec: HandSpec) -> Vector:
 
 
 def describe_backlash(spec: HandSpec, hand: str) -> str:
-    """What a hand's file says that its mirror knows nothing of, as a sentence; nothing where that is nothing."""
+    """A sentence on the backlash in a hand's file, which a mirror leaves out; empty without backlash."""
     drive = load_spec(spec.model, spec.side, hand or spec.serial).drive
     if drive is None or not drive.backlash.any():
         return ""

@@ -1,4 +1,4 @@
-"""Collects what a mirror sees into windows, and says once what is wrong."""
+"""Fault detection: collects what a mirror estimates into windows and reports a fault once it is certain."""
 
 from __future__ import annotations
 
@@ -29,75 +29,75 @@ from allegro_twin.twin.mirror.slip_detection import SlipDetector
 from allegro_twin.types import Array, HandState, Vector, frozen
 
 ROWS = 50
-"""Of a window: 1.5 s at 3 ms."""
+"""Rows of a window: 1.5 s at 3 ms."""
 EVERY = 8
-"""Rows between two looks: 0.24 s."""
+"""Rows between two evaluations: 0.24 s."""
 WAIT = 40
-"""Rows from the first sign to the name, which rests on them alone: shapes are told apart where none is from before. A
-joint that stays has ROWS: it may be stuck."""
+"""Rows from the first sign to a fault's name. Only these rows count, so that shapes are not mixed with what was before.
+A joint that stays still waits for ROWS: it may be stuck."""
 FASTEST = 0.003
-"""s: the period of which JUMP is; in a longer one joints go further."""
+"""s: the period that JUMP refers to; in a longer period joints move further."""
 LONGEST = 72
-"""Rows from the first sign after which the likelier of two is named, however near the other comes."""
+"""Rows from the first sign after which the likeliest fault is named, however close the next one is."""
 FILE = 34
-"""Rows from the first sign to a name of the file: fingers that close on something rest by then."""
+"""Rows from the first sign to the fault `wrong_file`: fingers that close on something rest by then."""
 SOONEST = 24
-"""Rows that shapes are told from at least."""
+"""Fewest rows for telling shapes apart."""
 CLEAR = 20.0
-"""What is clear is e¹⁰ times likelier than what is next likely: half of `Anomaly.lead` is the logarithm."""
+"""The likeliest fault is clear where it is e¹⁰ times likelier than the next: half of `Fault.lead` is the logarithm."""
 RARE = 3e5
-"""Looks in which a free finger reaches its threshold once: 20 hours."""
+"""Evaluations in which a free finger reaches its threshold once: 20 hours."""
 DEFAULT, PART = 0.02, 0.03
-"""N·m, and of a motor's limit, where no free motion says what a touch is."""
+"""N·m, and share of a motor's limit: contact threshold without a free motion."""
 SURE = 8.0
-"""Standard deviations of reported from predicted positions that noise never is."""
+"""Standard deviations between reported and predicted positions that noise never reaches."""
 UNKNOWN = frozen([np.inf])
-ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Where every report comes, and without noise.
+ONCE, EXACT = np.ones(1, dtype=int), frozen([0.0])  # Every report arrives, and without noise.
 SIGMAS = 6.0
-"""Of the disturbance that noise alone makes: less is no touch where no free motion says what is."""
+"""Standard deviations of the disturbance that noise alone makes: less is no contact without a free motion."""
 REACH = 3
-"""Periods in which nothing pushes a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
-g·m², go 7 and 9 mrad in 9 ms. In more it is as the square of their number."""
-SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Told by what free motions do not reach.
+"""Periods within which no push moves a joint by JUMP: 5 N at a fingertip, or a motor's whole torque, 0.7 N·m, over 3
+g·m², move it by 7 and 9 mrad in 9 ms. Over more periods the limit grows with the square of their number."""
+SHAPED: tuple[FaultName, ...] = ("weak", "friction", "payload", "wrong_file")  # Found by thresholds from a free motion.
 BLOCK, FEWEST = 20, 4
-"""Looks of a block, 4.8 s, and blocks from which on a free motion tells about shapes."""
-ENOUGH = 22.0  # s of free motion that hold so many at 3 ms, after what a mirror takes to settle and to fill a window.
+"""Evaluations of a block, 4.8 s, and fewest blocks of a free motion that give thresholds of shapes."""
+ENOUGH = 22.0  # s of free motion that contain this many at 3 ms, after a mirror has settled and filled a window.
 
 
 class LinkWeights(NamedTuple):
-    """Of a hand's links, in one of its postures."""
+    """Gravity and friction of a hand's links in one posture."""
 
     pull: Array
-    """What a kilogram at each link's centre of mass would weigh on each joint, (links, n), N·m."""
+    """Torque on each joint of a kilogram at each link's centre of mass, (links, n), N·m."""
     lean: Array | None
-    """How the torques of gravity turn with the joints, (n, n), N·m/rad; None: not known of this hand."""
+    """Derivative of gravity's torques by the joints, (n, n), N·m/rad; None: not known for this hand."""
     free: NDArray[np.bool_]
-    """Joints of fingers that nothing touches, (n,)."""
+    """Joints of fingers without contact, (n,)."""
     down: Vector
     """Gravity in the palm frame, (3,), m/s²."""
     rub: Vector
-    """Dry friction now over that in fast motion, (n,)."""
+    """Dry friction over dry friction in fast motion, (n,)."""
 
 
 class Thresholds(NamedTuple):
-    """What free motions of a hand do not reach."""
+    """Thresholds that free motions of a hand do not reach."""
 
     contact: Array
-    """Of disturbances, as `events.thresholds` gives it, (2, n), N·m: of joints at rest, and moving."""
+    """Of disturbances, as from `contact_thresholds`, (2, n), N·m: of joints at rest, and moving."""
     gains: Vector
-    """Of shapes, as `shapes.shaped` wants it, (fingers,); infinite where no free motion tells."""
+    """Of shapes, as `signature_fault` takes them, (fingers,); infinite without a free motion."""
     spread: Vector = UNKNOWN
-    """Of the disturbances that noise alone makes in a mirror for which these thresholds are right, (n,), N·m: they go
-    out with those that it makes now. Infinite where it is not known."""
+    """Standard deviation of the disturbances that noise alone makes in a mirror for which these thresholds hold, (n,),
+    N·m: the thresholds grow with the present one. Infinite where it is not known."""
 
     @property
     def unchecked_faults(self) -> tuple[FaultName, ...]:
-        """Names that cannot be said, for no free motion, or too short a one, tells what is usual."""
+        """Names of faults that cannot be found, since there was no free motion, or one that was too short."""
         return SHAPED if np.isinf(self.gains).any() else ()
 
     @staticmethod
     def default(spec: HandSpec) -> Thresholds:
-        """Where no free motion was seen; of a hand that closes its own loop a share of what its motors give."""
+        """Thresholds without a free motion; for a hand that closes its own loop a share of its motors' limits."""
         above = np.full(spec.n_joints, DEFAULT)
         if "torque" not in spec.commands:
             above = np.maximum(above, PART * spec.actuation.torque_limit)
@@ -113,10 +113,10 @@ class Thresholds(NamedTuple):
         spec: HandSpec,
         spread: Vector = UNKNOWN,
     ) -> Thresholds:
-        """Of a free motion: disturbances (k, n), N·m, which joints moved for a while, (k, n), what friction may hold in
-        those at rest (`Observer.held`), the largest gains of its looks, (looks, fingers), and `spread`. A gain is
-        reached once in RARE looks, by Gumbel's law over blocks of looks that overlap in nothing. Raises ConfigError
-        where it is too short."""
+        """Thresholds from a free motion. `disturbance`: (k, n), N·m; `moving`: which joints moved for a while, (k, n);
+        `held`: torque that friction may hold in joints at rest (`Observer.held`); `gains`: the largest of each
+        evaluation, (evaluations, fingers). A gain is reached once in RARE evaluations, by Gumbel's law over blocks that
+        do not overlap. Raises ConfigError for a motion that is too short."""
         above, blocks = contact_thresholds(disturbance, moving, held, period, spec), len(gains) // BLOCK
         if blocks < FEWEST:
             return Thresholds(above, np.full(len(spec.fingers), np.inf), spread)
@@ -127,21 +127,21 @@ class Thresholds(NamedTuple):
 
 
 class FaultDetector:
-    """Keeps up with a mirror. `calm`: what free motions do not reach; `period`: s."""
+    """Finds faults in the rows of a mirror. `calm`: thresholds of free motions; `period`: s."""
 
     def __init__(self, spec: HandSpec, calm: Thresholds, period: float) -> None:
         self._spec, self._quiet, self._period, self._above = spec, calm.gains, period, calm.contact[0]
         self.gains: list[Vector] = []
-        """The largest of every finger, look by look, (fingers,) each."""
+        """The largest gain of every finger per evaluation, (fingers,) each."""
         self._periods: list[tuple[Vector, ...]]
         self._rows: list[NDArray[Any]]  # By column, the last LONGEST rows twice, so that any of them are one slice.
         self._jump = JUMP * max(period / FASTEST, 1.0)
         self.restart()
-        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file was once right of.
-        self.fault: Fault | None = None  # As soon as that is sure; a slip until something else is.
+        self._right = np.zeros(len(spec.fingers), dtype=bool)  # Fingers that the file once described well.
+        self.fault: Fault | None = None  # Set once certain; a slip gives way to a fault.
 
     def restart(self) -> None:
-        """What comes next follows on nothing: nobody knows how long ago, or where the hand went since."""
+        """Start anew after an interruption of unknown length."""
         spec, row, above = self._spec, ROW * self._period, self._above
         self._drift, self._falls, self._slips = (
             DriftDetector(spec, row),
@@ -161,13 +161,13 @@ class FaultDetector:
         since: NDArray[np.int_] = ONCE,
         expected: Vector = EXACT,
     ) -> None:
-        """A period: what the mirror estimated, the motors' torques, N·m, and reported minus predicted, rad. `weights`
-        are wanted in the last of ROW periods; `since`: periods from a joint's last report to this one, 0 where it was
-        lost, (n,); `expected`: standard deviation of `off`, (n,), rad."""
+        """Add a period: the mirror's estimate, the motors' torques, N·m, and reported minus predicted positions, rad.
+        `weights` are needed in the last of ROW periods (`row_due`). `since`: periods from a joint's last report to this
+        one, 0 where it was lost, (n,). `expected`: standard deviation of `off`, (n,), rad."""
         v, heard = estimate.velocity, since > 0
         went = np.abs(state.position - self._at)
         sped = went - since * self._went
-        # Not where a joint was stopped: it met something.
+        # A joint that was stopped does not count: it met something.
         most = np.maximum(self._jump * np.maximum(np.square(since / REACH), 1.0), SURE * expected)
         jump = np.where(heard & (sped > most / 2.0) & (np.abs(off) > most), np.abs(off), 0.0)
         self._at = np.where(heard, state.position, self._at)
@@ -185,7 +185,7 @@ class FaultDetector:
         slid = self._slips.add(d, made, position, weights.down, jumped=bool(jumps.any()))
         self._keep((*row, jumps.max(axis=0), weights.pull, state.temperature, self._slips.holds))
         fell = self._falls.add(away, noise.max(axis=0))
-        inside = weights.lean is None  # A loop of its own carries a link that falls.
+        inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
             self._say(Fault("loose", *fell))
         if slid is not None:
@@ -195,17 +195,17 @@ class FaultDetector:
             self._look()
 
     def _say(self, found: Fault | None) -> None:
-        """A fault stays, and what is wrong later may follow from it; a slip is over once it is said."""
+        """Keep a fault: what is wrong later may follow from it. A slip gives way to the next."""
         if found is not None and (self.fault is None or self.fault.name == "slip"):
             self.fault = found
 
     def _untouched(self, joint: int, free: NDArray[np.bool_]) -> bool:
-        """Whether nothing touches the fingers but that of a joint, nor was held in the last ROWS."""
+        """Whether no other finger was in contact or held something in the last ROWS."""
         own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
     def _creep(self, row: Sequence[Vector], weights: LinkWeights) -> None:
-        """What takes longer than a window."""
+        """Faults that take longer than a window."""
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
             return
@@ -247,7 +247,7 @@ class FaultDetector:
             self._say(at_once)
 
     def _shaped(self) -> Fault | None:
-        """From what was seen since the first sign."""
+        """The fault whose shape the rows since the first sign have."""
         waited = self._count - self._sign
         window = self._last(min(max(SOONEST, waited), LONGEST))
         seen = signature_fault(window, self._quiet, self._spec)
@@ -261,11 +261,11 @@ class FaultDetector:
         return None if self._drift.explains_more(seen.name, seen.joint, seen.gain) else seen
 
     def _travelled(self, window: MirrorWindow) -> Vector:
-        """In how many rows each finger's second busiest joint moves, (fingers,)."""
+        """Rows in which each finger's second busiest joint moves, (fingers,)."""
         moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
         return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
 
 
 def _falling(seen: Fault, window: MirrorWindow) -> bool:
-    """Whether what looks like a jump may become the fall of a loose link: the next look tells."""
+    """Whether an apparent jump may become the fall of a loose link: the next evaluation tells."""
     return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

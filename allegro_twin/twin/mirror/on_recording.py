@@ -1,4 +1,4 @@
-"""A mirror played over a recording, and the thresholds that a free motion gives."""
+"""Runs a mirror over a recording, and derives thresholds from a free motion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from allegro_twin.types import Array, Sample, Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MirrorResult:
-    """What the mirror saw of a recording."""
+    """Estimates and contacts of a mirror over a recording."""
 
     t: Vector
     """s, (k,)."""
@@ -32,16 +32,16 @@ class MirrorResult:
     residual: Array
     """Reported minus predicted, (k, n), rad."""
     thresholds: Array
-    """(k, n), N·m: more was a touch."""
+    """Contact thresholds, (k, n), N·m."""
     contacts: tuple[Contact, ...]
     fault: Fault | None
     unchecked_faults: tuple[str, ...] = ()
-    """Names of faults that it could not say."""
+    """Names of faults that could not be checked."""
 
 
 def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector | None = None) -> MirrorResult:
-    """Play a recording past its mirror. `free`: a recording of the same hand that touched nothing; `gravity`: in the
-    palm frame, m/s², where neither hand nor recording says it. Raises HandError."""
+    """Run a recording past its mirror. `free`: a recording of the same hand without contact; `gravity`: in the palm
+    frame, m/s², where neither hand nor recording says it. Raises HandError."""
     recording = load(path)
     spec, calm = (
         recording.spec,
@@ -53,7 +53,7 @@ def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector |
 
 
 def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None) -> Thresholds:
-    """What a free motion does not reach. Raises HandError."""
+    """Thresholds from a free motion. Raises HandError."""
     recording = load(free)
     _, disturbance, _, moving, each, _, spread = _seen(recording, hand, None, gravity)
     gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
@@ -67,8 +67,8 @@ def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None)
 def _seen(
     recording: Recording, hand: str, calm: Thresholds | None, gravity: Vector | None
 ) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
-    """Row by row: times, disturbances, reported minus predicted, which joints moved; the mirror; and, row by row, what
-    was a touch and how far noise alone spreads disturbances."""
+    """Row by row: times, disturbances, reported minus predicted positions, which joints moved; the mirror; and, row by
+    row, contact thresholds and the spread of disturbances by noise alone."""
     each = mirror_for_recording(recording, hand, calm, gravity)
     t, rows = [], []
     for sample in each.watch(recorded_samples(recording)):
@@ -83,5 +83,5 @@ def _seen(
 
 
 def recorded_samples(recording: Recording) -> Iterator[Sample]:
-    """All that was recorded, row by row."""
+    """All samples of a recording."""
     return to_the_end(replay_samples(ReplayBackend(recording)))

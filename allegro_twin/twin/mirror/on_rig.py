@@ -1,4 +1,4 @@
-"""A mirror beside the hand of a config."""
+"""Mirror of the hand of a config."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from allegro_twin.types import Sample, Vector
 
 
 def mirror_rig(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> Mirror:
-    """Of a hand on its bus or line, which sees what `listen` tells. Raises ConfigError for any other hand."""
+    """Mirror of a hand on its bus or line, fed by `listen`. Raises ConfigError for any other hand."""
     if isinstance(rig.driver, DynamixelBackend):
         if (gravity := palm_gravity(rig)) is None:
             raise ConfigError(f"{rig.spec.name} does not report where down is: allegro-twin mirror takes --gravity")
@@ -34,7 +34,8 @@ def mirror_rig(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> 
 
 
 def palm_gravity(rig: Rig) -> Vector | None:
-    """Gravity in the palm of a virtual hand that stands still, (3,), m/s²; None: the hand says it, or nobody does."""
+    """Gravity in the palm of a virtual hand that stands still, (3,), m/s²; None: the hand reports it, or it is
+    unknown."""
     if not isinstance(rig.driver, DynamixelBackend) or rig.sim is None or rig.trial is not None:
         return None
     turn = rig.sim.data.body("palm_link").xmat.reshape(3, 3)

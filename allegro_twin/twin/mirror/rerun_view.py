@@ -1,4 +1,4 @@
-"""A mirror in Rerun: the hand as measured, as expected as a ghost, what pushes it, and what that means."""
+"""Mirror in Rerun: the measured hand, the expected hand as a ghost, external torques, and events."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from allegro_twin.drivers.can.driver.health import Health
 
 RATE = 10.0
-"""Pictures a second: drawing more costs more than the mirror does (docs/mirror.md)."""
+"""Pictures per second: drawing more costs more than the mirror does (docs/mirror.md)."""
 COUNTS = ("missed", "incomplete", "behind", "throttled")
-"""Of a link's health: what is drawn."""
+"""Counts of a link's health that are drawn."""
 
 
 def mirror_scenery(spec: HandSpec) -> Scenery:
-    """What a viewer is to draw for a mirror."""
+    """What a viewer draws for a mirror."""
     return replace(scenery(spec, {}), ghost="expected", more=tuple(MORE), link=COUNTS)
 
 
 def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
-    """A stage after the mirror's."""
+    """Draw samples after the mirror observed them (a stage)."""
     said, unnamed = "", mirror.unchecked_faults
     for sample in samples:
         viewer.draw(sample, _beside(sample.state, mirror, health))
@@ -46,7 +46,7 @@ def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, healt
 
 
 def event_text(mirror: Mirror) -> str:
-    """In words; empty where all is as expected."""
+    """Contacts and fault as text; empty where all is as expected."""
     parts = [f"{name} is touched" for name in mirror.contacts]
     if mirror.fault is not None:
         parts.append(fault_text(mirror.fault, mirror.spec))

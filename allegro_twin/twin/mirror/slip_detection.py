@@ -1,14 +1,14 @@
-"""Whether what a hand holds slips.
+"""Slip detection of a held object.
 
-Fingers that rest and press on something are pushed back by d₀. When what they press on gives way, less pushes back and
-they follow it, by the motors' own torque and against d₀:
+Fingers that rest and press on something are pushed back by d₀. When the object gives way, the push decreases and the
+fingers follow it, by the motors' own torque and against d₀:
 
     let go  1 − d·d₀ / |d₀|²,    inward  −(q − q₀)·d₀ / |d₀|
 
-A hand that was told to move does the same, but its motors say so: a position loop pushes less on a finger that went
-inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that went in
-or did not move, or falls on one that went out, somebody told it. While the palm turns, weight goes from one finger to
-another; there, and of one finger alone, nothing counts but a finger that lets go altogether.
+A hand that is commanded to move does the same, but its motors' torques show it: a position loop pushes less on a finger
+that went inward, and more on one that was pushed outward. Where the motors' part, −τ·d₀ / |d₀|², rises on a finger that
+went in or did not move, or falls on one that went out, there was a command. While the palm turns, weight moves from one
+finger to another; then, and with one finger alone, only a finger that lets go altogether counts.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ from allegro_twin.types import Vector
 RESTED, SINCE = 0.24, 0.12
 """s: how long a hand must have rested, and how long ago that may have ended."""
 STILL = 0.008
-"""rad that a joint moves at most in a hand that rests."""
+"""rad that a joint moves at most in a hand at rest."""
 PRESSED, GRIP = 0.1, 0.3
-"""Of a motor's limit: a finger that is pushed back by less does not hold, nor a hand none of whose fingers is pushed
-back by more: friction that the file does not know of holds up to 0.08 N·m in a finger at rest."""
+"""Shares of a motor's limit. A finger that is pushed back by less than the first does not hold; a hand without a finger
+pushed back by more than the second does not hold either. Friction beyond the file holds up to 0.08 N·m in a finger at
+rest."""
 BACK = 0.5
-"""Of what pushes a finger back, what its motors push at least: all of it but for its weight."""
+"""Least share of a finger's push that its motors make: all of it but the finger's weight."""
 LET_GO, INWARD = 0.2, 0.004
-"""Of the push of one of several fingers; rad."""
+"""Lost share of the push of one of several fingers; rad."""
 ALTOGETHER, ALONE = 0.7, 0.02
-"""The same while the palm turns, and of one finger alone; rad, of one finger alone."""
+"""The same while the palm turns, and for one finger alone; rad, for one finger alone."""
 TURNS = 0.05
 """rad that the palm turns in the meantime."""
 TOLD, MOVED, HELD = 0.15, 0.003, 0.0005
-"""Share of the push by which motors rise or fall, and rad, in and out, and of a finger that did not move."""
+"""Share of the push by which motors rise or fall; rad, in and out; rad of a finger that did not move."""
 STARTS = 0.15
 """The share for a finger that did not move."""
 AFTER = 0.7
-"""s after a command in which nothing is a slip."""
+"""s after a command in which nothing counts as a slip."""
 
 
 class Slip(NamedTuple):
-    """What the finger that let go most says."""
+    """A slip, as the finger that let go most shows it."""
 
     joint: int
-    """Its joint that was pushed most."""
+    """That finger's joint that was pushed most."""
     amount: float
-    """The share of its push that is gone."""
+    """Lost share of its push."""
 
 
 class _Row(NamedTuple):
@@ -64,7 +65,7 @@ class _Row(NamedTuple):
 
 
 class SlipDetector:
-    """Keeps rows of a mirror. `row`: s; `above`: what is no touch of a joint at rest, (n,), N·m."""
+    """Detects slips in the rows of a mirror. `row`: s; `above`: contact thresholds of joints at rest, (n,), N·m."""
 
     def __init__(self, spec: HandSpec, row: float, above: Vector) -> None:
         self._of = np.zeros((len(spec.fingers), spec.n_joints))
@@ -80,8 +81,8 @@ class SlipDetector:
         """Fingers that rest now and press on something, (fingers,)."""
 
     def add(self, d: Vector, torque: Vector, position: Vector, down: Vector, *, jumped: bool = False) -> Slip | None:
-        """A row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame, (3,).
-        `jumped`: an encoder may have. What slips as this row ends, or None."""
+        """Add a row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame,
+        (3,). `jumped`: an encoder may have jumped. Returns the slip that this row ends with, or None."""
         now, self._calm = _Row(d, torque, position, down), self._calm - 1
         found = self._seen(now) if len(self._rows) == self._rows.maxlen else None
         self._calm = self._wait if jumped else self._calm
@@ -127,7 +128,9 @@ class SlipDetector:
         return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
 
     def _told(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
-        """Of each finger, whether its motors changed by themselves."""
+        """Whether each finger's motors changed by themselves."""
         out, into, before = inward < -MOVED, inward > MOVED, self._starts
-        self._starts = (np.abs(inward) < HELD) & (rise > STARTS)  # In one row it may be what damps the first motion.
+        self._starts = (np.abs(inward) < HELD) & (
+            rise > STARTS
+        )  # In a single row it may be damping of the first motion.
         return np.asarray((out & (rise < -TOLD)) | (into & (rise > TOLD)) | (self._starts & before))
