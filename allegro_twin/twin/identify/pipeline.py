@@ -1,4 +1,4 @@
-"""Identification from beginning to end: recordings in, values with their doubts out."""
+"""Identification from recordings to values with uncertainties; and the gap between a hand and its twin."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from allegro_twin.twin.identify.results.uncertainty import (
 from allegro_twin.types import Vector
 
 Tell = Callable[[str], None]
-"""Told what is being done."""
+"""Called with a line on what is being done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +41,19 @@ class KnownWeight:
     mass: float
     """kg"""
     recording: str
-    """Its file's name, with or without suffix."""
+    """File name of the recording, with or without suffix."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """All there is to report and to store."""
+    """Result of an identification."""
 
     motions: tuple[RecordedMotion, ...]
     coverage: MotionCoverage
     fit: DriveFit
     values: Mapping[str, IdentifiedValue]
     end_stop_offsets: Vector
-    """Encoder offsets by the joints' end stops, (n,), rad, where the hand's file has measured limits; else NaN."""
+    """Encoder offsets from the joints' end stops, (n,), rad, where the hand's file has measured limits; else NaN."""
 
 
 def identify_hand(
@@ -65,10 +65,12 @@ def identify_hand(
     friction: Friction = "auto",
     tell: Tell = lambda line: None,
 ) -> Identification:
-    """`hand`: its file, whose `drive.mass_scale` are the masses of its links. Raises ConfigError or RecordingError."""
+    """Identify a hand's drive from recordings of excitations. `weights`: masses at fingertips; `masses_known`: the
+    file's link masses are right; `hand`: its file, whose `drive.mass_scale` are these masses; `friction`: model of dry
+    friction. Raises ConfigError or RecordingError."""
     motions = _motions(paths, weights)
     spec = motions[0].spec
-    # A file that is yet to be written says nothing of masses.
+    # A file that does not exist yet says nothing of masses.
     file = load_spec(spec.model, spec.side, hand) if hand and Path(hand).is_file() else None
     own = file.drive.mass_scale if file is not None and file.drive is not None else np.ones(spec.n_joints)
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
@@ -91,7 +93,7 @@ def _stops(file: HandSpec, model: HandSpec) -> Vector:
 
 
 def measure_gaps(paths: Sequence[Path], hand: str) -> list[Gap]:
-    """Of recordings, with the nominal hand and with a hand's file. Raises ConfigError or RecordingError."""
+    """Gap of recordings, with the nominal hand and with a hand's file. Raises ConfigError or RecordingError."""
     return [_gap(read_motion(path), hand) for path in paths]
 
 

@@ -1,4 +1,4 @@
-"""Excitations on a config's hand: how it must lie, what is left to record, and the recording."""
+"""Records excitations of a config's hand: its pose, what is left to record, and the recording."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from allegro_twin.types import Sample
 from allegro_twin.version import __version__
 
 SHORTEST = 4.0  # s. Less is not worth an approach.
-_GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that is to tell how the hand lies.
+_GRAVITY_FROM_IMU = 0.05  # s between two reports of an IMU that tells the hand's pose.
 
 
 @dataclass(frozen=True, slots=True)
 class ExcitationRun:
-    """One pose, and what of it is still to be recorded."""
+    """A recording that is still to be made of a pose."""
 
     pose: ExcitationPose
     seconds: float
@@ -37,14 +37,14 @@ class ExcitationRun:
 
 
 def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folder: Path) -> ExcitationRun | None:
-    """What is left of a pose in a folder: nothing, all, or the rest of what was interrupted, in a file of its own.
-    Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
+    """The remaining recording of a pose in a folder: None, all, or the rest of an interrupted one, in a file of its
+    own. Raises ConfigError, as for a folder that was recorded with another seed, or RecordingError."""
     lie, there, files = find_pose(name, config.hand.side), 0.0, sorted(folder.glob(f"{name}_*.arrow"))
     for file in files:
         try:
             recording = load(file, partial=True)
         except RecordingError:
-            file.unlink()  # Nothing was written into it yet.
+            file.unlink()  # It has no rows yet.
             continue
         if (asked := recording.meta.get("excitation", {}).get("asked", seed)) != seed:
             raise ConfigError(
@@ -61,8 +61,8 @@ def remaining_run(config: RunConfig, name: str, seconds: float, seed: int, folde
 
 
 def pose_config(config: RunConfig, lie: ExcitationPose) -> RunConfig:
-    """The config with the hand lying so: a virtual one is put there, of another it is said, unless its IMU says it.
-    Raises ConfigError for what is not on a bus."""
+    """The config with the hand in this pose: a virtual hand is put there; another's gravity is set, unless its IMU
+    reports it. Raises ConfigError for a hand that is not on a bus."""
     if not isinstance(config.backend, CanSettings):
         raise ConfigError(
             f"a {config.backend.kind} hand has no drive to find: `excite` is for hands on a bus, real or virtual"
@@ -81,7 +81,7 @@ def pose_config(config: RunConfig, lie: ExcitationPose) -> RunConfig:
 
 
 def record_run(config: RunConfig, todo: ExcitationRun, advance: Callable[[float], None]) -> Excitation:
-    """Rehearse, then play and record. The hand is limp afterwards, whatever happens. Raises HandError."""
+    """Rehearse, then play and record. The hand is limp afterwards in any case. Raises HandError."""
     rig = assemble(config)
     with closing(rig.backend):
         motion = rehearse(rig.spec, todo.pose, todo.seed, todo.seconds).excitation
@@ -92,7 +92,7 @@ def record_run(config: RunConfig, todo: ExcitationRun, advance: Callable[[float]
 
 
 def _checked(samples: Iterator[Sample], lie: ExcitationPose) -> Iterator[Sample]:
-    """Before anything moves far: whether the hand lies as it should."""
+    """Check the hand's pose before anything moves far."""
     for number, sample in enumerate(samples):
         if number == 0:
             lie.check(sample.state.gravity)

@@ -1,4 +1,7 @@
-"""The page: values and their doubts, what the model makes of the motion, friction, and what is missing."""
+"""HTML report of an identification: values with uncertainties, model and measurement, friction, missing data.
+
+One file with nothing from elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ class ChartLine(NamedTuple):
 
 
 def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
-    """All lines in one frame that holds them; `across` and `upwards` name the axes."""
+    """SVG of all lines in one frame that holds them; `across` and `upwards` name the axes."""
     x, y = (np.concatenate([line[k] for line in lines]) for k in (0, 1))
     (x0, x1), (y0, y1) = _range(x), _range(y)
     wide, tall = WIDTH - LEFT - RIGHT, HEIGHT - FOOT - TOP
@@ -87,7 +90,7 @@ _SHOWN = 1.0  # s of motion in a picture.
 
 
 def report_page(found: Identification) -> str:
-    """The text of the file."""
+    """Text of the HTML file."""
     first = found.motions[0]
     title = f"The drive of {first.spec.name} {first.spec.serial}".strip()
     about = f"{ENGINE} · friction {'LuGre' if found.fit.bristly else 'Coulomb'} · backlash {_play(found)} · "
@@ -112,7 +115,7 @@ def report_page(found: Identification) -> str:
 
 
 def values_table(found: Identification) -> str:
-    """One row a joint."""
+    """Table with one row per joint."""
     names = [name for name in _UNITS if name in found.values]
     stops = np.isfinite(found.end_stop_offsets).all()
     both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
@@ -131,14 +134,14 @@ def values_table(found: Identification) -> str:
 
 
 def _by_stops(found: Identification, joint: int) -> list[str]:
-    """Two cells: what the end stops say, and how far weight disagrees."""
+    """Two cells: the offset by the end stops, and the difference by weight."""
     stop, weight = 1e3 * found.end_stop_offsets[joint], found.values["offset"]
     apart = "–" if weight.reason[joint] else f"{1e3 * weight.value[joint] - stop:+.1f}"
     return [f"<td class='n'>{stop:.1f}</td>", f"<td class='n'>{apart}</td>"]
 
 
 def missing_values(found: Identification) -> str:
-    """Why what is not determined is not, and what to record."""
+    """Why values are not determined, and what to record."""
     lines = []
     for name, value in found.values.items():
         for joint, why in enumerate(value.reason):
@@ -149,7 +152,7 @@ def missing_values(found: Identification) -> str:
 
 
 def motion_figures(found: Identification) -> str:
-    """Measured against simulated for the worst, the median and the best joint, from one start, open loop."""
+    """Measured and simulated motion of the worst, the median and the best joint, from one start, open loop."""
     motion = found.motions[0]
     player = found.fit.player(motion)
     cuts = cut_pieces([motion], motion.spec, round(_SHOWN / motion.period))
@@ -172,7 +175,7 @@ def motion_figures(found: Identification) -> str:
 
 
 def spectrum_figures(found: Identification) -> str:
-    """What is left over in pieces of 0.3 s, by frequency, against the noise of the encoders."""
+    """Spectrum of the residuals in pieces of 0.3 s, against the noise of the encoders."""
     motion = found.motions[0]
     player = found.fit.player(motion)
     cuts = cut_pieces(list(found.motions), motion.spec)
@@ -198,7 +201,7 @@ def spectrum_figures(found: Identification) -> str:
 
 
 def friction_figures(found: Identification) -> str:
-    """Torque against speed, and how often each speed was seen."""
+    """Torque against speed, and how often each speed occurred."""
     speeds = np.concatenate([smooth_motion(motion).velocity for motion in found.motions])
     cards = []
     for joint, alias in enumerate(_joints(found)):
@@ -217,7 +220,7 @@ def friction_figures(found: Identification) -> str:
 
 
 def spread_tables(found: Identification) -> str:
-    """What leaving a recording out changes, and which values go together."""
+    """Change by leaving a recording out, and correlated values."""
     rows = []
     for number, motion in enumerate(found.motions):
         moved = found.fit.spread.by_recording[number]

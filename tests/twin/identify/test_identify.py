@@ -285,9 +285,9 @@ def test_recordings_that_tell_nothing_of_motors_say_what_to_do(tmp_path: Path, r
 def test_a_file_of_another_engine_is_doubted(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text("identified: {engine: mujoco 3.1.0}\n")
-    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.warn_mass_scale(file)
+    assert "was identified under mujoco 3.1.0, and this is mujoco " in hand_file.mismatch_warning(file)
     file.write_text("actuation: {damping: 0.08}\n")
-    assert not hand_file.warn_mass_scale(file)
+    assert not hand_file.mismatch_warning(file)
 
 
 @pytest.mark.slow

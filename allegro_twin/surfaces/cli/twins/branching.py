@@ -40,14 +40,14 @@ def doubts(path: Path, wanted: BranchOptions) -> Iterator[str]:
     from allegro_twin.surfaces.cli.twins import identifying
 
     identifying.check_scipy()
-    from allegro_twin.twin.identify.results.hand_file import warn_mass_scale
+    from allegro_twin.twin.identify.results.hand_file import mismatch_warning
     from allegro_twin.twin.mirror.factory import describe_backlash
 
     spec, hand = recording.spec, wanted.hand or recording.spec.serial
     if "torque" not in spec.commands:
         return
     if hand:
-        yield warn_mass_scale(identifying.hand_file(hand))
+        yield mismatch_warning(identifying.hand_file(hand))
     else:
         yield f"no --hand: {path} goes on with the nominal {spec.name}, not with its own hand"
     yield describe_backlash(spec, wanted.hand)

@@ -128,9 +128,9 @@ def gap(
 
     identifying.check_scipy()
     from allegro_twin.twin.identify.pipeline import measure_gaps
-    from allegro_twin.twin.identify.results.hand_file import warn_mass_scale
+    from allegro_twin.twin.identify.results.hand_file import mismatch_warning
 
-    console.warn(warn_mass_scale(identifying.hand_file(hand)) if hand else "")
+    console.warn(mismatch_warning(identifying.hand_file(hand)) if hand else "")
     for each in measure_gaps(recordings, hand or ""):
         console.console.print(identifying.gap_table(each))
 

@@ -1,4 +1,4 @@
-"""Output error: the drive with which the model, given the recorded commands, moves as the hand did."""
+"""Output error fit: the drive with which the model, given the recorded commands, moves as the hand did."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ class FitStage(NamedTuple):
     """A part of the descent, on some pieces of the motions."""
 
     every: int
-    """Of how many pieces one is used; 0: of so many that FEW × 0.3 s are."""
+    """Uses one of this many pieces; 0: as many pieces as make FEW × 0.3 s."""
     length: int
-    """Of pieces, periods."""
+    """Length of the pieces, periods."""
     step: float
-    """Of time, s."""
+    """Time step, s."""
     rounds: int
-    """Of new derivatives, at most."""
+    """Most rounds of new derivatives."""
     enough: float
-    """The share of its cost that a round must gain some finger for another one."""
+    """Share of its cost that some finger must gain in a round for another round."""
 
 
 ROUGH = {False: FitStage(0, LONG, STEP[False], 2, 0.1), True: FitStage(0, SHORT, 0.00075, 6, 0.1)}
-"""By whether friction breaks away or links are loose."""
+"""First stage, by whether friction breaks away or links are loose."""
 
 
 class ModelKind(NamedTuple):
-    """Of a model."""
+    """Kind of model."""
 
     bristly: bool
     """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
-    """There is backlash."""
+    """Links have backlash."""
 
 
 COULOMB = ModelKind(bristly=False, loose=False)
@@ -56,45 +56,45 @@ FINE = {
     False: (FitStage(1, LONG, STEP[False], 1, 0.05),),
     True: (FitStage(2, SHORT, STEP[True], 2, 0.1), FitStage(1, LONG, STEP[True], 2, 0.05)),
 }
-"""Then, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for a round. Where
-friction breaks away long pieces tell most, but only of a joint that is nearly right: another slips in them where it
-should stick, and no derivative knows that. Loose links take 2.3 times the time a step, but of half the pieces three
-hands were two times as far off in the open loop."""
+"""Later stages, by whether friction breaks away or links are loose. Coulomb's rough solution is near enough for one
+round. With breakaway friction long pieces say most, but only of a joint that is nearly right: a wrong one slips in them
+where it should stick, and no derivative shows that. Loose links take 2.3 times the time per step; with half the pieces
+three hands were twice as far off in the open loop."""
 PLAIN = 1.3
-"""Times the noise: with so much left over nothing more is to be explained."""
+"""Times the noise: with this much left over there is nothing more to explain."""
 SUSPICIOUS = 3.0
 """Times the noise: with more left over, friction is not Coulomb's."""
 
 
 PLAYS = (0.001, 0.004)
-"""rad, tried in all joints at once: half of the first is the least that is seen."""
+"""rad, tried in all joints at once: half of the first is the least that is visible."""
 GAIN = 0.1
-"""The share of the cost that backlash must take away before it is descended to. Ours."""
+"""Share of the cost that backlash must remove before the fit includes it. Ours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveFit:
-    """What came out of it."""
+    """A fitted drive."""
 
     drive: Parameters
     start: Parameters
-    """Of the regression."""
+    """From the regression."""
     spread: Spread
     shorter: Spread | None
-    """Of the stage before the last, on shorter pieces, which tell less and are misled less; where there was one."""
+    """From the stage before the last, on shorter pieces, which say less and are misled less; where there was one."""
     covariance: Array
-    """(p, p), in the order of `index`; that of masses which were only assumed is in it."""
+    """(p, p), in the order of `index`; includes the uncertainty of masses that were only assumed."""
     floor: Vector
     """Noise of the reported positions, (n,), rad."""
     masses: Masses
     pieces: int
     bristly: bool
-    """Whether friction breaks away; otherwise it is Coulomb's."""
+    """Friction breaks away; otherwise it is Coulomb's."""
     loose: bool
-    """Whether there is backlash."""
+    """Links have backlash."""
 
     def player(self, motion: RecordedMotion) -> Player:
-        """What plays a motion with this drive."""
+        """The model that plays a motion with this drive."""
         return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
     def columns(self, name: str) -> slice:
@@ -109,8 +109,8 @@ def fit_drive(
     masses: Masses,
     friction: Friction = "auto",
 ) -> DriveFit:
-    """From where the regression ended, for friction that breaks away from `slow`; first roughly on some pieces, with
-    either friction, with backlash where that tells more, then on all."""
+    """Fit a drive, from the regression's result `start`, or `slow` for friction that breaks away. The fit is first
+    rough, on some pieces, with either friction, and with backlash where that explains more; then on all pieces."""
     floor = np.median([noise_floor(motion.position) for motion in motions], axis=0)
     center, spec, period = prior_center(nominal, start), motions[0].spec, motions[0].period
 
@@ -124,7 +124,7 @@ def fit_drive(
     spreads = []
     for stage in FINE[kind.bristly or kind.loose]:
         whole = problem(kind, stage)
-        # What a joint takes from others changes with the teeth that touch.
+        # What a joint takes from others changes with the teeth in contact.
         last = descend(whole, drive, stage.rounds, stage.enough, anew=kind.loose)
         spreads.append(spread(whole, last, drive, masses))
         drive = last.drive
@@ -137,10 +137,10 @@ Problems: TypeAlias = Callable[[ModelKind, FitStage], Problem]
 
 
 class _Tried(NamedTuple):
-    """A model that was descended with, on short pieces."""
+    """A model that was fitted on short pieces."""
 
     information: float
-    """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move; the least is the best."""
+    """Schwarz's criterion: n ln(mean square) + p ln n, of n residuals and p free parameters; the least is the best."""
     left: float
     drive: Parameters
     kind: ModelKind
@@ -152,9 +152,9 @@ class _Tried(NamedTuple):
 def _roughly(
     problem: Problems, start: Parameters, slow: Parameters, friction: Friction
 ) -> tuple[Parameters, ModelKind]:
-    """A drive by some of the motion, and of which kind its model is. By itself (`auto`) friction breaks away where
-    Coulomb's leaves more than SUSPICIOUS, and links are loose where more than PLAIN is left and backlash would take
-    away some of that; among what was tried, on the same pieces, Schwarz's criterion (1978) chooses."""
+    """A drive from some of the motion, and the kind of its model. With `auto`, breakaway friction is tried where
+    Coulomb's leaves more than SUSPICIOUS. Backlash is tried where more than PLAIN is left and backlash would remove
+    some of that. Schwarz's criterion (1978) chooses among the models, on the same pieces."""
     stage = ROUGH[False]
     first = descend(problem(COULOMB, stage), start, stage.rounds, stage.enough)
     if first.left <= PLAIN and friction != "lugre":
@@ -181,7 +181,8 @@ def _tried(problem: Problems, drive: Parameters, kind: ModelKind) -> _Tried:
 
 
 def _play(problem: Problems, best: _Tried) -> float:
-    """The one of PLAYS, rad, with which a drive that was fitted without is off least; 0 where none makes it better."""
+    """The one of PLAYS, rad, with which a drive that was fitted without backlash fits best; 0 where none fits
+    better."""
     stage, costs = ROUGH[True], {}
     before, scale = standing_cost(problem(best.kind, stage), best.drive)
     for play in PLAYS:

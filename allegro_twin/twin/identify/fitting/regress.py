@@ -1,10 +1,10 @@
-"""The linear fit: what a drive is, from positions alone, by one regression a joint. A start for the nonlinear one.
+"""Linear fit of a drive from positions alone, one regression per joint: the start for the nonlinear fit.
 
     k u = τ(q, v, a) + A a + B v + F sgn(v)
 
-u: fraction of full PWM, k: torque constant, τ: torque that moves the links (known masses), A: armature, B: damping,
-F: dry friction. Divided by k it is linear in 1/k, A/k, B/k and F/k. Positions are filtered forwards and backwards, so
-that speeds and accelerations are not late; both sides of the equation pass the same filter.
+u: fraction of full PWM, k: torque constant, τ: torque that moves the links (known masses), A: armature, B: damping, F:
+dry friction. Divided by k it is linear in 1/k, A/k, B/k and F/k. Positions are filtered forwards and backwards, so that
+speeds and accelerations have no delay; both sides of the equation pass the same filter.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from allegro_twin.types import Array, Vector
 SMOOTH, BAND = 18.0, 12.0  # Hz: of positions, and of both sides of the equation.
 DELAYS = np.arange(0.0, 0.0125, 0.0005)  # s
 STILL = 0.02  # rad/s. Slower than this a joint may stick, and friction has any value.
-LOAD = (0.03, 0.03)  # Of friction per torque: what spur gears lose, and how far that may be off.
-KIN = 10.0  # Rows that are off by the same, since a model is, and not by noise.
+LOAD = (0.03, 0.03)  # Of friction per torque: loss of spur gears, and its standard deviation.
+KIN = 10.0  # Neighbouring rows with the same error, since it is the model's and not noise.
 STRIBECK = np.array([0.07, 0.1, 0.14, 0.2])  # rad/s, tried.
-THIN = 5  # Rows: after the filter they tell the same.
+THIN = 5  # Rows: after the filter they say the same.
 
 
 class SmoothedMotion(NamedTuple):
@@ -45,12 +45,12 @@ def smooth_motion(motion: RecordedMotion) -> SmoothedMotion:
 
 
 def smooth_duty(motion: RecordedMotion) -> Array:
-    """What acted around each row, as fractions of full PWM, as smooth as `smoothed`, (k, n)."""
+    """Duty around each row, as fractions of full PWM, filtered as `smooth_motion` does, (k, n)."""
     return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
 
 
 def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -> Parameters:
-    """The best straight line for every joint, with one delay for all."""
+    """The linear fit of every joint, with one delay for all."""
     parts = [_sides(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
     for delay in DELAYS:
@@ -78,8 +78,8 @@ def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -
 
 
 def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Parameters) -> Parameters:
-    """The same line with friction that is larger when slow and grows with the motor's torque, (n,) each:
-    F sgn(v) (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
+    """The linear fit with friction that is larger at low speed and grows with the motor's torque, (n,) each: F sgn(v)
+    (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
     parts = [_sides(motion, player, start.mass_scale) for motion in motions]
     tried = [_solved(motions, parts, delay, speed) for speed in STRIBECK]
@@ -100,7 +100,7 @@ def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Para
 
 
 def _sides(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
-    """The motion, and the torque that its links take, (k, n), N·m."""
+    """The smoothed motion, and the torque that its links take, (k, n), N·m."""
     smooth = smooth_motion(motion)
     player.links_only(mass_scale, motion.weight)
     torque = [player.link_torque(*row, motion.gravity) for row in zip(*smooth, strict=True)]
@@ -110,8 +110,8 @@ def _sides(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[
 def _solved(
     motions: list[RecordedMotion], parts: list[tuple[SmoothedMotion, Array]], delay: float, stribeck: float = 0.0
 ) -> tuple[Array, Vector]:
-    """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the share that is left unexplained, (n,); with a Stribeck speed
-    [1/k, A/k, B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
+    """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the unexplained share, (n,); with a Stribeck speed [1/k, A/k,
+    B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
     n = motions[0].spec.n_joints
     solved, left = np.zeros((n, 6 if stribeck else 4)), np.zeros(n)
     late = [_filtered(_shifted(m.duty, delay / m.period), m.period, BAND) for m in motions]
@@ -140,8 +140,8 @@ def _solved(
 
 
 def _held(a: Array, b: Vector, left: float) -> Vector:
-    """The least squares, with 1/k and the share that a load adds held near what is likely: in a distal joint weight,
-    load and friction look alike. `left`: root mean square of what is unexplained."""
+    """Least squares with 1/k and load friction held near likely values: in a distal joint weight, load and friction
+    look alike. `left`: root mean square of the unexplained rest."""
     likely, spread, about = np.zeros((2, a.shape[1])), np.array([0.15, LOAD[1]]), np.array([1.0, LOAD[0]])
     likely[[0, 1], [0, 5]] = 1.0
     weight = KIN * left / spread
@@ -150,7 +150,7 @@ def _held(a: Array, b: Vector, left: float) -> Vector:
 
 
 def _shifted(duty: Array, periods: float) -> Array:
-    """What acted around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
+    """Duty around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
     k = len(duty)
     ahead = np.concatenate([duty[1:], duty[-1:]])
     middle = (duty + ahead) / 2.0

@@ -1,4 +1,4 @@
-"""How far a fit may be off: over pieces, over recordings, over time steps, and over masses that were only assumed."""
+"""Uncertainty of a fit: over pieces, over recordings, over time steps, and over masses that were only assumed."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from allegro_twin.types import Array, Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Of the parameters in the order of `index`, in their own units, p in all."""
+    """Uncertainties of the p parameters in the order of `index`, in their own units."""
 
     covariance: Array
-    """(p, p): the larger of what the noise says and what the pieces say of themselves."""
+    """(p, p): the larger of what the noise and what the scatter of the pieces gives."""
     by_recording: Array
-    """What leaving each recording out would change, (recordings, p)."""
+    """Change by leaving each recording out, (recordings, p)."""
     step: Vector
-    """What halving the time step would change, (p,)."""
+    """Change by halving the time step, (p,)."""
     path: Vector
-    """What going from the rough solution to the last one changed, (p,): where steps were short of their end, or valleys
-    lie next to each other, a linear estimate at the last one says too little."""
+    """Change from the rough solution to the last one, (p,). Where steps ended early, or valleys lie next to each other,
+    a linear estimate at the last one is too small."""
     rest: Vector
-    """What one more step, undamped, would change, (p,): where the descent stopped short of its end."""
+    """Change by one more step, undamped, (p,): where the descent ended early."""
     mass: Array
-    """What the masses of the links, as factors, would change, (p, n); zero where they are known or found."""
+    """Derivative by the masses of the links, as factors, (p, n); zero where they are known or found."""
     correlation: Array
-    """Of the data alone, as the descent has the parameters, (p, p)."""
+    """Of the data alone, in scaled parameters, (p, p)."""
     residual: Vector
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
 def spread(problem: Problem, last: DescentResult, rough: Parameters, masses: Masses) -> Spread:
-    """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
+    """Uncertainties from the last derivatives and residuals with their weights; prior rows are at their end. `rough`:
     where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)
     J, weight = last.jacobian[:data], last.weight[:data]
@@ -51,7 +51,7 @@ def spread(problem: Problem, last: DescentResult, rough: Parameters, masses: Mas
     larger = np.sqrt(np.maximum(np.diag(by_pieces) / np.diag(by_noise), 1.0))
     by = scaling_jacobian(drive)
     still = np.setdiff1d(np.arange(len(by)), problem.active)
-    by[np.ix_(problem.active, still)] = 0.0  # What does not move makes nothing doubtful that does.
+    by[np.ix_(problem.active, still)] = 0.0  # A fixed parameter adds no uncertainty to a free one.
     raw = problem.shooting.residuals(drive)
     fine = problem.shooting.residuals(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
@@ -80,7 +80,7 @@ def _by_piece(problem: Problem, J: Array, r: Vector) -> Array:
 
 
 def _without(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
-    """The change of the parameters when one recording is left out, to first order."""
+    """Change of the parameters when one recording is left out, to first order."""
     w, chosen = len(problem.cuts.recording), problem.cuts.recording == number
     left, gradient = information.copy(), np.zeros(J.shape[1])
     for _, rows in problem.parts():

@@ -1,4 +1,5 @@
-"""Motions that tell what a drive is made of: slow and fast, every joint, inside the limits and without self-contact."""
+"""Excitation motions for identification: poses of the hand, slow and fast motions of every joint, and their rehearsal
+in simulation."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ TILT = np.radians(15.0)  # rad. A stand that leans more is another pose.
 
 @dataclass(frozen=True, slots=True)
 class ExcitationPose:
-    """One way to lay the hand."""
+    """A way to place the hand. Three of these together show every joint its weight."""
 
     name: str
     facing: tuple[float, float, float]
@@ -37,7 +38,7 @@ class ExcitationPose:
     fingers: tuple[float, float, float]
     """Where stretched fingers point."""
     instruction: str
-    """For a person."""
+    """Instruction for a person."""
 
     @property
     def gravity(self) -> tuple[float, float, float]:
@@ -48,7 +49,7 @@ class ExcitationPose:
         return a, b, c
 
     def check(self, measured: Vector) -> None:
-        """Raise ConfigError where gravity in the palm frame (3,), m/s², says that the hand lies otherwise."""
+        """Raise ConfigError where measured gravity in the palm frame, (3,), m/s², shows another pose."""
         known = np.array(self.gravity)
         length = float(np.linalg.norm(measured))
         if not np.isfinite(length) or length < 0.1 * G:
@@ -76,14 +77,14 @@ def find_pose(name: str, side: Side) -> ExcitationPose:
     raise ConfigError(unknown("pose", name, [each.name for each in known]))
 
 
-KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Loose, so that torques are not all spent on holding a path.
+KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Low, so that torques are not all spent on holding a path.
 SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
 KEEP = 0.06  # rad from the joint limits.
 SLOW = np.array([0.09, 0.23, 0.41, 0.73, 1.1])  # Hz, each drawn ± 10 %.
 SLOW_SHARE = np.array([0.30, 0.22, 0.20, 0.16, 0.12])
 FAST = (2.0, 14.0)  # Hz. The inertia of a drive shows above damping / armature, some 4 Hz.
-N_FAST, SHARE = 6, 0.35  # Torque sines, and what they add up to of the clip.
-CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; the share of it spent slowly; how slowly. Friction shows there.
+N_FAST, SHARE = 6, 0.35  # Torque sines, and their sum as a share of the torque limit.
+CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; its share of slow motion; the slow pace. Friction shows there.
 APPROACH = 1.5  # s from wherever the hand is.
 
 
@@ -104,7 +105,8 @@ class SineSum:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A controller that plays one excitation. `scale` shrinks its swing; equal seeds are equal motions."""
+    """A controller that plays one excitation, within the joint limits. `scale` shrinks its swing; equal seeds give
+    equal motions."""
 
     spec: HandSpec
     seed: int
@@ -118,7 +120,7 @@ class Excitation:
 
     @cached_property
     def path(self) -> SineSum:
-        """About the middle; fingers beside each other spread and close in parallel."""
+        """Path about the middle; adjacent fingers spread and close in parallel."""
         n, draw = self.spec.n_joints, np.random.default_rng(self.seed)
         room = np.minimum(self.spec.upper - self.middle, self.middle - self.spec.lower) - KEEP
         swing = np.minimum(room, np.concatenate([SWING[: len(f.joints)] for f in self.spec.fingers])) * self.scale
@@ -130,7 +132,7 @@ class Excitation:
 
     @cached_property
     def shaking(self) -> SineSum:
-        """Torques on top, N·m."""
+        """Additional torques, N·m."""
         n, draw = self.spec.n_joints, np.random.default_rng((self.seed, 1))
         band = np.geomspace(*FAST, N_FAST) * draw.uniform(0.9, 1.1, (n, N_FAST))
         share = SHARE * self.scale * self.spec.actuation.torque_limit[:, None] / N_FAST
@@ -170,12 +172,12 @@ def warp(t: float) -> tuple[float, float]:
     return whole * lap + fast + RATE * (part - fast), RATE
 
 
-NEAR = 0.003  # m between two links that count as touching: the real hand is not quite the nominal one.
+NEAR = 0.003  # m between two links that count as touching: the real hand differs from the nominal one.
 SCALES, TRIES = (1.0, 0.85, 0.7), 6
 
 
 class Rehearsal(NamedTuple):
-    """An excitation that touches nothing, and what it does."""
+    """An excitation without contact, and its speeds."""
 
     excitation: Excitation
     speed: Array
@@ -183,8 +185,8 @@ class Rehearsal(NamedTuple):
 
 
 def rehearse(spec: HandSpec, pose: ExcitationPose, seed: int, seconds: float) -> Rehearsal:
-    """The first of a few excitations, each smaller than the one before it, in which the nominal hand meets neither
-    itself nor a joint limit. Raises ConfigError where none does."""
+    """Play excitations with the nominal hand in simulation, each smaller than the one before it. Returns the first that
+    meets neither the hand itself nor a joint limit. Raises ConfigError where none does."""
     model = compile_scene(spec, Stage(np.zeros(3), quaternion_facing(pose.facing, pose.fingers)))
     model.geom_margin[:] = NEAR / 2.0
     model.geom_gap[:] = NEAR / 2.0

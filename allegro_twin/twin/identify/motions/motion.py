@@ -1,4 +1,4 @@
-"""A recording as motion: joint positions, and the share of full PWM that made them."""
+"""Recordings as motions: joint positions, and the share of full PWM that made them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from allegro_twin.types import Array, Vector
 FEWEST = 3.0
 """s of motion that a recording needs."""
 EDGE = 0.02
-"""rad. Nearer to a joint limit its stop may push."""
+"""rad. Closer to a joint limit its stop may push."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class RecordedMotion:
     duty: Array
     """Fraction of full PWM over the period that ends at the row, (k, n)."""
     good: Array
-    """1 where a row and its joint can be trusted, (k, n): no gap, no limit reached, by driver or joint."""
+    """1 where a row and its joint can be trusted, (k, n): no gap, and no limit reached by driver or joint."""
     gravity: Vector
     """In the palm frame, (3,), m/s²."""
     weight: Vector
@@ -56,12 +56,13 @@ class RecordedMotion:
 
     @property
     def saturated(self) -> float:
-        """The share of rows and joints that cannot be trusted."""
+        """Share of rows and joints that cannot be trusted."""
         return 1.0 - float(self.good.mean())
 
 
 def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
-    """A recording. Raises ConfigError or RecordingError, with what to do, for one that tells nothing about a drive."""
+    """Read a recording. Raises ConfigError or RecordingError, with the remedy, for one that says nothing about a
+    drive."""
     recording = load(path)
     spec, columns = recording.spec, recording.columns
     table = recording.meta.get("calibration")
@@ -93,7 +94,7 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
 
 
 def recorded_calibration(table: Mapping[str, Any]) -> Calibration:
-    """What a recording's metadata say of how counts became rad and N·m."""
+    """The calibration in a recording's metadata."""
     return Calibration(**{key: _tuple(value) for key, value in table.items() if key != "version"})
 
 
@@ -125,7 +126,7 @@ def noise_floor(position: Array) -> Vector:
 
 
 def _filled(tick: Array) -> tuple[Any, Any]:
-    """For every period the row that tells of it, or the one before; and whether the commands around it are unknown."""
+    """For every period its row, or the one before; and whether the commands around it are unknown."""
     first, last = int(tick[0]), int(tick[-1])
     rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1
     absent = np.ones(last - first + 1, bool)

@@ -1,4 +1,4 @@
-"""How good a twin is: recorded commands played into the model, open loop, against what the hand did."""
+"""Gap between a hand and its twin: recorded commands played into the model, open loop, against the measured motion."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ HORIZONS = (0.1, 0.3, 1.0, 5.0)
 STARTS = 1.0  # s between two starts, at most.
 PHASES = ("creeping", "moving")
 SMALLEST = 2e-4
-"""rad, of bristles that can be simulated at 1 ms: a hand of which some joints have none gets these."""
+"""rad, of bristles that can be simulated at 1 ms. Joints without bristles get these where others have some."""
 SHORTEST = {"bristle": SMALLEST, "backlash": LEAST_PLAY}
 """What a joint has in a model in which others have more."""
-_CREEP = 0.1  # rad/s, of the fastest joint of a finger, in the mean.
+_CREEP = 0.1  # rad/s, mean of the fastest joint of a finger.
 
 
 class GapErrors(NamedTuple):
@@ -34,7 +34,7 @@ class GapErrors(NamedTuple):
     joint: Array
     """(horizons, n)."""
     phase: Array
-    """Pieces of 0.3 s in which a finger creeps, and in which it moves, (2, n); NaN where there are none."""
+    """Over pieces of 0.3 s in which a finger creeps, and in which it moves, (2, n); NaN where there are none."""
 
     @property
     def all(self) -> Vector:
@@ -44,18 +44,18 @@ class GapErrors(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gap:
-    """Of one recording."""
+    """Gap of one recording."""
 
     name: str
     horizons: tuple[float, ...]
     before: GapErrors
-    """The nominal hand."""
+    """With the nominal hand."""
     after: GapErrors
-    """The hand's own file."""
+    """With the hand's own file."""
 
 
 def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
-    """What a hand's file says. `offset`: what reported positions are too high by, (n,), rad, as the file has it."""
+    """Model parameters from a hand's file. `offset`: shift of reported positions, (n,), rad, by the file."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
     return Parameters(
@@ -75,19 +75,19 @@ def drive_parameters(spec: HandSpec, torque_constant: Vector, offset: Vector) ->
 
 
 def has_breakaway_friction(drive: Drive | None) -> bool:
-    """Whether a model of it needs bristles: its friction breaks away, or grows with the motor's torque."""
+    """Whether a model needs bristles: friction breaks away, or grows with the motor's torque."""
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
 def make_player(spec: HandSpec, period: float, drive: Drive | None) -> Player:
-    """What plays motions of a hand whose file says so."""
+    """The model that plays motions of a hand with this drive."""
     return Player(
         spec, period, bristly=has_breakaway_friction(drive), loose=drive is not None and bool(drive.backlash.any())
     )
 
 
 def measure_gap(motion: RecordedMotion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
-    """Raises ConfigError for a recording shorter than the shortest horizon."""
+    """Errors of two models on a motion. Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
         raise ConfigError(f"{motion.name} is {motion.seconds:.2f} s long: the gap needs {HORIZONS[0] + 0.1:g} s")
@@ -98,7 +98,7 @@ def measure_gap(motion: RecordedMotion, before: tuple[Player, Parameters], after
 def gap_errors(
     motion: RecordedMotion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS
 ) -> GapErrors:
-    """How far a model is from a motion that is longer than the longest of some horizons, s."""
+    """Errors of a model on a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:
         length = round(horizon / motion.period)

@@ -1,4 +1,5 @@
-"""Which values the recordings determine, how far they may be off, and which motion is missing for the others."""
+"""Uncertainty of identified values: which are determined, their intervals, and which motion is missing for the
+others."""
 
 from __future__ import annotations
 
@@ -17,14 +18,16 @@ from allegro_twin.twin.identify.fitting.spread import Spread
 from allegro_twin.twin.identify.motions.motion import RecordedMotion
 from allegro_twin.types import Array, Vector
 
-BELIEVED = 1.1  # Times the noise that long pieces may leave. A fit that arrived leaves 0.9 to 1.1 (ours).
+BELIEVED = 1.1  # Times the noise that long pieces may leave. A converged fit leaves 0.9 to 1.1 (ours).
 NORMAL = 1.96  # Standard deviations on either side of 95 %.
-SHORTEST = 10.0  # s of motion that can be trusted, over all recordings.
+SHORTEST = 10.0  # s of trusted motion, over all recordings.
 MOVED = 0.1  # rad
 SLOW, FAST = 0.05, 0.5  # rad/s. Friction shows below the one, damping above the other.
-PULL = 0.002  # N·m that gravity must differ by between postures to tell a torque constant from friction.
-PULL_LOOSE = 0.05  # N·m, likewise, for an offset where links are loose: with less hidden hands were 10 to 90 mrad off.
-TOOTH = 0.05  # Of a backlash: how much too small pieces make it that begin at the wrong tooth. Ours, as the line above.
+PULL = 0.002  # N·m by which gravity must differ between postures to tell a torque constant from friction.
+PULL_LOOSE = 0.05  # N·m, likewise, for an offset where links are loose: with less, hidden hands were 10 to 90 mrad off.
+TOOTH = (
+    0.05  # Share of a backlash by which pieces that begin at the wrong tooth underestimate it. Ours, as the line above.
+)
 APART = np.radians(30.0)  # Between two directions of gravity that count as two.
 WIDEST = {
     "torque_constant": 0.25,
@@ -33,7 +36,7 @@ WIDEST = {
     "stiction": 0.3,
     "stribeck_speed": 0.6,
     "bristle": 1.0,
-}  # Of the value, half the 95 % interval.
+}  # Half the 95 % interval as a share of the value.
 WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
     0.01,
     0.03,
@@ -42,8 +45,8 @@ WIDEST_FRICTION, WIDEST_OFFSET, WIDEST_LOAD, WIDEST_DELAY = (
 )  # N·m at 1 N·m of full PWM, rad, 1, s.
 WIDEST_PLAY = 0.001  # rad, of backlash.
 SOLVED = {"damping": (1.5e-4, 0.0), "frictionloss": (0.0, 1e-5)}
-"""What the engine's two ways to solve dry friction, noslip iterations and stiffness, are apart by: share, and N·m per
-N·m at full PWM. Of the quietest hidden hands 20 and 22, whose noise tells less than that."""
+"""Difference between the engine's two ways to solve dry friction, noslip iterations and stiffness: share, and N·m per
+N·m at full PWM. From the quietest hidden hands 20 and 22, whose noise is less than that."""
 _WIDEST_ABSOLUTE = {
     "frictionloss": (WIDEST_FRICTION, 1000.0, "mN·m"),
     "offset": (WIDEST_OFFSET, 1000.0, "mrad"),
@@ -65,7 +68,7 @@ class IdentifiedValue(NamedTuple):
 
     @property
     def determined(self) -> NDArray[np.bool_]:
-        """(n,)."""
+        """Whether each is determined, (n,)."""
         return np.array([not reason for reason in self.reason])
 
 
@@ -74,7 +77,7 @@ class MotionCoverage:
     """What the recordings show of every joint."""
 
     seconds: Vector
-    """That can be trusted, (n,)."""
+    """Trusted motion, (n,)."""
     travel: Vector
     """rad."""
     fastest: Array
@@ -82,13 +85,13 @@ class MotionCoverage:
     creeping: Array
     """s slower than SLOW while moving, downwards and upwards, (2, n)."""
     pull: Vector
-    """By how much gravity's torque differs between postures and poses, (n,), N·m."""
+    """Difference of gravity's torque between postures and poses, (n,), N·m."""
     poses: int
     """Directions of gravity."""
 
 
 def motion_coverage(motions: list[RecordedMotion], player: Player) -> MotionCoverage:
-    """Looks at speeds and postures, not at torques."""
+    """Coverage of speeds and postures by some motions."""
     n = player.spec.n_joints
     smooth = [smooth_motion(motion) for motion in motions]
     good = [motion.good > 0 for motion in motions]
@@ -120,8 +123,8 @@ def identified_values(found: DriveFit, looked: MotionCoverage) -> dict[str, Iden
         value = own / k if name in PER_PWM else own
         share, more = SOLVED.get(name, (TOOTH if name in PLAY else 0.0, 0.0))
         half = _half(found, name, found.covariance) + share * value + more
-        # Masses that are only assumed make all N·m doubtful, and a model that is not quite the hand all of a joint,
-        # but the twin moves no worse for it.
+        # Masses that are only assumed make all N·m uncertain, and so does a model that differs from the hand, but the
+        # twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
         reasons = tuple(_reason(name, j, value, sure, looked, loose=found.loose) for j in range(len(k)))
@@ -132,9 +135,9 @@ def identified_values(found: DriveFit, looked: MotionCoverage) -> dict[str, Iden
 
 
 def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
-    """Half the interval. Where long pieces leave more than noise of a joint they are misled by when it slips; then what
-    shorter ones say counts if it is more, and all of it as often as what is left is of the noise. Where links are loose
-    a few pieces that begin at the wrong tooth leave most, and have little weight: there they count once."""
+    """Half the interval. Long pieces that leave more than noise of a joint are misled by its slips. Then the interval
+    of the shorter pieces counts if it is wider, times the ratio of the residual to noise. With loose links a few pieces
+    that begin at the wrong tooth leave most, and have little weight: there it counts once."""
     transform, apart = _per_pwm(found, name), name not in PLAY
     half = _linear(found.spread, transform, covariance, apart=apart)
     if found.shorter is None:
@@ -148,10 +151,10 @@ def _half(found: DriveFit, name: str, covariance: Array) -> Vector:
 
 
 def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool) -> Vector:
-    """1.96 standard deviations, over pieces or (`apart`) over recordings, whichever is more: not of backlash, which a
-    recording in which a link never leaves its tooth says nothing of; and what the time step may do: twice
-    what halving it does, its limit for a step of nothing where the error is of first order; and what is left to go. Not
-    less than the way from the rough solution."""
+    """1.96 standard deviations, over pieces or (`apart`) over recordings, whichever is larger. Not over recordings for
+    backlash: one in which a link never leaves its tooth says nothing of it. Plus the effect of the time step, twice
+    that of halving it, which is its limit for an error of first order. Plus the remaining step. At least the distance
+    from the rough solution."""
     variance = np.einsum("ip,pq,iq->i", transform, covariance, transform)
     moved = spread.by_recording @ transform.T
     m = len(moved)
@@ -164,7 +167,7 @@ def _linear(spread: Spread, transform: Array, covariance: Array, *, apart: bool)
 
 
 def _per_pwm(found: DriveFit, name: str) -> Array:
-    """The derivative of one kind of value by all parameters, (rows, p)."""
+    """Derivative of one kind of value by all parameters, (rows, p)."""
     part, size = found.columns(name), len(found.covariance)
     rows = np.arange(part.stop - part.start)
     transform = np.zeros((len(rows), size))
