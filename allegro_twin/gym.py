@@ -8,20 +8,20 @@ from allegro_twin.learning.tasks import TASKS
 
 NAMESPACE, VERSION = "AllegroTwin", 0
 SIDES = {"": "right", "Right": "right", "Left": "left"}
-"""What follows the task in an id; without a side it is the right hand, or the keyword `side`."""
+"""What follows the task in an id. An id without a side is of the right hand, or of the keyword `side`."""
 
 
 PICK = f"{NAMESPACE}/ArmPick-v{VERSION}"
-"""An arm, a hand and a thing, one environment at a time (docs/rl.md#armpick); its class is higher up in the package."""
+"""An arm, a hand and an object, one environment at a time (docs/rl.md#armpick); its class is in `allegro_twin.cell`."""
 
 
 def ids() -> dict[str, tuple[str, str]]:
-    """Every id, with its task and its side."""
+    """All ids, with task and side."""
     return {f"{NAMESPACE}/{task}{suffix}-v{VERSION}": (task, side) for task in TASKS for suffix, side in SIDES.items()}
 
 
 for _id, (_task, _side) in ids().items():
-    _named = _side.capitalize() in _id  # The side is the id's, not a keyword's.
+    _named = _side.capitalize() in _id  # The id says the side, not a keyword.
     gymnasium.register(
         _id,
         entry_point="allegro_twin.learning.environments.env:HandEnv",

@@ -1,4 +1,4 @@
-"""Episodes of an environment, kept: side by side, every one to its end, the same ones for every policy."""
+"""Collects whole episodes of a policy in an environment, for data sets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def collect_episodes(
     seed: int = 0,
     threads: int = 0,
 ) -> list[EnvironmentEpisode]:
-    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+    """Run `episodes` episodes side by side, each to its end. Episode i is that of the single environment with the seed
+    `seed + i`. Raises ConfigError."""
     if episodes < 1:
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords)

@@ -1,4 +1,4 @@
-"""Episodes in step: `n` hands at one task, decided on together and simulated side by side."""
+"""Episode engine: `n` hands at one task, simulated side by side, with one decision for all at a time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from allegro_twin.types import Array
 
 
 class EpisodeEngine:
-    """One environment is an engine of one: the vector environment runs the very same lines."""
+    """Runs the episodes of all environments. A single environment is an engine with n = 1, so both compute the same
+    lines."""
 
     def __init__(self, task: str, settings: EnvSettings, n: int, threads: int = 0) -> None:
         self.settings, self.n = settings, n
@@ -35,11 +36,11 @@ class EpisodeEngine:
         self._touch = ExternalTorque(settings.randomise, self.worlds) if settings.touch else None
         self._state = PrivilegedState(self.worlds, self.task.thing) if settings.state else None
         self.n_state = 0 if self._state is None else self._state.size
-        """Numbers of a critic's own."""
+        """Numbers of the privileged state; 0 without."""
         xp = self.worlds.xp
         self.memory: InterfaceMemory = self.task.interface.start(xp.zeros((n, self.task.spec.n_joints)))
         self.limit = max(round(self.task.seconds / self.task.interface.seconds), 1)
-        """Actions an episode."""
+        """Actions per episode."""
         gains = self.task.interface.gains
         self._gains = xp.asarray(np.stack([gains.kp, gains.kd])[:, None])
         self._begun, self._seen = False, xp.zeros((n, self.task.interface.frame), np.float32)
@@ -49,14 +50,14 @@ class EpisodeEngine:
     def reset(
         self, rows: Rows, generators: list[np.random.Generator], options: dict[str, Any] | None = None
     ) -> dict[str, Any]:
-        """New episodes of some simulations. What was drawn, one value for each of them."""
+        """Begin new episodes of some simulations. Returns what was drawn, one value for each of them."""
         mine, xp = [generators[row] for row in rows], self.worlds.xp
         rows = xp.asarray(rows)
         values = self.begin(rows, Draws.from_generators(mine, xp), options)
         return {"randomised": self.fetch(values), **self.task.reset_info(rows)}
 
     def begin(self, rows: Rows, draws: Draws, options: dict[str, Any] | None = None) -> dict[str, Array]:
-        """New episodes of some simulations, of numbers that were drawn for them; the values that came of these."""
+        """Begin new episodes of some simulations from random numbers. Returns the randomised values."""
         if not self._begun and len(rows) < self.n:
             raise ConfigError(
                 f"the first reset is of all {self.n} simulations, not of {len(rows)}: leave out reset_mask"
@@ -85,18 +86,18 @@ class EpisodeEngine:
         return values
 
     def clip_actions(self, action: NDArray[np.floating[Any]]) -> Any:
-        """Actions (n, joints) as they are taken, within [-1, 1], where the simulations are. Raises CommandError for one
-        with a NaN."""
+        """Actions (n, joints) clipped to [-1, 1], on the simulations' device. Raises CommandError for an action with
+        NaN."""
         self._check(action)
         xp = self.worlds.xp
         return xp.minimum(xp.maximum(xp.asarray(action, np.float64), -1.0), 1.0)
 
     def fetch(self, tree: Any) -> Any:
-        """As `arrays.fetched`, of the simulations' own arrays."""
+        """Arrays as NumPy arrays, as `array_api.fetched`."""
         return tree if self.worlds.xp is np else fetched(tree)
 
     def step(self, action: NDArray[np.floating[Any]], rows: Rows | None = None) -> None:
-        """Let all simulations, or some, take an action each, (n, joints), as `placed` gives it."""
+        """Let all simulations, or some, take an action each, (n, joints), from `clip_actions`."""
         interface = self.task.interface
         rows = None if rows is None else self.worlds.xp.asarray(rows)
         memory = interface.act(action, self.memory, self._seen)
@@ -118,8 +119,8 @@ class EpisodeEngine:
         self.count += 1
 
     def step_period(self, told: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
-        """Let one control period pass, the k-th since `task.plan`, with the motors told torques, N·m, or where the hand
-        closes the loop positions, rad, (n, joints)."""
+        """Simulate one control period, the k-th since `plan_surroundings`. `told`: torques, N·m, or for hands that
+        close their own loop positions, rad, (n, joints)."""
         self._sensing.send(told, tick)
         self.task.move_surroundings(k)
         self.worlds.step(rows, self._substeps)
@@ -129,7 +130,7 @@ class EpisodeEngine:
         return self._sensing.measure(tick)
 
     def observe(self) -> Observation:
-        """What every policy sees now; new arrays. A simulation that has diverged shows zeros."""
+        """Observations of all simulations, as new arrays. A simulation that has diverged shows zeros."""
         position, velocity = self._sensing.measure(self.memory.tick)
         xp = self.worlds.xp
         if not _finite(position):
@@ -140,8 +141,7 @@ class EpisodeEngine:
         return self.complete_observation(told)
 
     def complete_observation(self, told: Observation) -> Observation:
-        """What the interface makes of joints, with what no hand reports: what a camera or touch tells, an object's
-        goal, a critic's state."""
+        """Add to an observation of joints what no hand reports: object, external torque, goal, privileged state."""
         xp, tick = self.worlds.xp, self.memory.tick
         self.task.look(tick)
         achieved, goal = self.task.achieved(tick), self.task.goal()
@@ -156,7 +156,7 @@ class EpisodeEngine:
         return parts if len(parts) > 1 else parts["observation"]
 
     def outcome(self, action: Array, observation: Observation) -> tuple[StepOutcome, Flags]:
-        """What the last step came to, of actions as `placed` gave them, and which simulations have diverged: those have
+        """Outcome of the last step, for actions from `clip_actions`; and which simulations have diverged: those have
         failed, whatever they show."""
         xp, position = self.worlds.xp, self.worlds.position
         outcome = self.task.outcome(self.memory.tick, action, observation)
@@ -191,7 +191,7 @@ class EpisodeEngine:
         wanted = (self.n, self.task.spec.n_joints)
         if tuple(action.shape) != wanted:
             raise CommandError(f"actions must have shape {wanted}, not {tuple(action.shape)}")
-        # On a device asking would wait for it; there such a simulation diverges, and says so.
+        # On a device this check would wait; there such a simulation diverges and reports it.
         if isinstance(action, np.ndarray) and not _finite(action):
             row, joint = (int(index) for index in np.argwhere(~np.isfinite(action))[0])
             where = f" of simulation {row}" if self.n > 1 else ""
@@ -200,7 +200,7 @@ class EpisodeEngine:
 
 
 def _lengthened(seen: Floats, more: list[Array]) -> Floats:
-    """With what no hand reports, within bounds."""
+    """Append numbers, within bounds."""
     xp = library(seen)
     finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]
     bounded = [xp.asarray(xp.minimum(xp.maximum(each, -BOUND), BOUND), np.float32) for each in finite]
@@ -209,6 +209,6 @@ def _lengthened(seen: Floats, more: list[Array]) -> Floats:
 
 
 def _finite(x: NDArray[np.floating[Any]]) -> bool:
-    """Whether it is sure that all are: the sum is finite only if they are. False sends to where each is looked at,
-    which is cheap on a device, and asking is not."""
+    """Whether all numbers are finite for certain: the sum is finite only then. After False each is checked, which is
+    cheap on a device, and this check is not."""
     return isinstance(x, np.ndarray) and math.isfinite(np.add.reduce(x, axis=None))

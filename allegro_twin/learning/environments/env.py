@@ -1,4 +1,4 @@
-"""One hand at one task as a Gymnasium environment."""
+"""Single environment: one hand at one task."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _ONE = np.zeros(1, np.int64)
 
 
 class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
-    """A task by its name; the other keywords are those of `EnvSettings`. Raises ConfigError.
+    """Gymnasium environment of a task, by its name; further keywords are those of `EnvSettings`. Raises ConfigError.
 
-    A pickle holds how it was made, not what it is doing.
+    A pickle contains the arguments, not the state of the episode.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
@@ -45,7 +45,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self.render_mode, self._size = render_mode, (width, height)
         self._pictures: Pictures | None = None
         if isinstance(self.engine.task, GoalTask):
-            # Stable-Baselines3 takes everything that has these for a goal environment.
+            # Stable-Baselines3 treats an environment with these as a goal environment.
             self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
             self.compute_terminated = self.compute_truncated = _never
 
@@ -85,10 +85,12 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             self._pictures = None
 
     def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-        """Of goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or a row each.
+        """Reward for goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or one per
+        row.
 
-        Of the goals as they are given: those of an observation are what encoders or a camera tell, so with noise or
-        delay this is not what the step has paid, which follows from what is truly achieved."""
+        It follows from the goals as given. Those of an observation come from encoders or a camera; with noise or delay
+        the reward of the step is another, since it follows from the true state.
+        """
         task = self.engine.task
         assert isinstance(task, GoalTask)
         return task.reward(achieved_goal, desired_goal, _dropped(info))
@@ -98,7 +100,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
 
 
 def _first(observation: Observation) -> Observation:
-    """The only row; nobody else has the array."""
+    """The only row of an observation."""
     if isinstance(observation, dict):
         return {name: rows[0] for name, rows in observation.items()}
     return observation[0]  # type: ignore[no-any-return]  # A row of an array.
@@ -116,13 +118,13 @@ def _plain(value: Any) -> Any:
 
 
 def _dropped(info: object) -> Any:
-    """What a loss cost, by one step's info or by those of many."""
+    """Cost of a loss, from one step's info or from many."""
     if isinstance(info, dict):
         return info.get("dropped", 0.0)
     return np.array([each.get("dropped", 0.0) for each in info]) if isinstance(info, Iterable) else 0.0
 
 
 def _never(achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
-    """Time truncates an episode and a loss terminates it; a goal does neither: the hand should stay there."""
+    """A goal neither truncates nor terminates an episode, since the hand should stay there: only time and a loss do."""
     shape = np.shape(achieved_goal)[:-1]
     return np.zeros(shape, bool) if shape else False

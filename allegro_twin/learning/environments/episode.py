@@ -1,4 +1,4 @@
-"""An episode of an environment as a hand: whoever drives it, its object comes, is let go of and pushed all the same."""
+"""An episode of an environment as a backend: its object comes, is let go of and pushed, whatever controls the hand."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _ROW = np.zeros(1, np.int64)
 
 
 class EpisodeBackend:
-    """The episode that `HandEnv(task, …).reset(seed=seed)` begins, as a backend: `reset` begins it anew.
+    """The episode that `HandEnv(task, …).reset(seed=seed)` begins, as a backend; `reset` begins it again.
 
-    What a hand reports is what the environment measures, noise and delays included. Raises ConfigError.
+    The hand reports what the environment measures, noise and delays included. Raises ConfigError.
     """
 
     live = False
@@ -34,18 +34,18 @@ class EpisodeBackend:
         self._unknown = frozen(np.full(self.spec.n_actuators, math.nan))
         self._told = frozen(np.zeros(self.spec.n_actuators))
         self._most: NDArray[np.float64] | None = None
-        """What the motors of a hand that closes its own loop may give in this episode, (motors, 2), N·m."""
+        """Force limits of the motors in this episode, for hands that close their own loop, (motors, 2), N·m."""
         self._decimation = self.engine.task.interface.decimation
         self.success, self.over = False, False
-        """Of the episode so far, as the environment would tell it after its last step."""
+        """State of the episode, as the environment would report it after its last step."""
         self.reward = 0.0
-        """Of the period that just ended: a step's where a step ended with it, but for what actions cost."""
+        """Reward of the last period: that of a step where a step ended with it, without the cost of actions."""
         self.report: dict[str, Any] = {}
-        """What was drawn at the last reset, a row each."""
+        """What was drawn at the last reset, one row each."""
         self.count = 0.0
-        """What the episode has come to, where its task counts something: rad turned, goals reached."""
+        """Value of the task's `count_term`, where it has one: rad turned, goals reached."""
         self.shares: dict[str, float] = {}
-        """Shares of the episode's time, by name, where its task tells such."""
+        """Shares of the episode's time, by name, where the task has such terms."""
 
     @property
     def spec(self) -> HandSpec:
@@ -57,18 +57,18 @@ class EpisodeBackend:
 
     @property
     def goal(self) -> Vector | None:
-        """What a policy should bring its fingertips to in this episode, where the task has such goals."""
+        """Goal of the fingertips in this episode, where the task has such goals."""
         goal = self.engine.task.goal() if self.engine.task.interface.goal != "none" else None
         return None if goal is None else frozen(goal[0])
 
     @property
     def target(self) -> Vector | None:
-        """Where the joints are drawn to when the episode begins, rad; None: where they are."""
+        """Initial set-points of the joints, rad; None: where they are."""
         targets = self.engine.task.initial_targets(_ROW)
         return None if targets is None else frozen(targets[0])
 
     def complete_observation(self, observation: Observation) -> Observation:
-        """What a policy sees of the hand, with what no hand reports, as a camera beside it would tell it."""
+        """Add to a policy's observation of the hand what no hand reports, as a camera beside it would."""
         parts = observation if isinstance(observation, dict) else {"observation": observation}
         rows = {name: part[None] for name, part in parts.items()}
         told = self.engine.complete_observation(rows if isinstance(observation, dict) else rows["observation"])
@@ -76,7 +76,7 @@ class EpisodeBackend:
 
     @property
     def script(self) -> int:
-        """Which script a policy follows in this episode."""
+        """Number of the script in this episode."""
         return int(self.engine.task.scripts(_ROW)[0])
 
     def reset(self) -> HandState:
@@ -115,13 +115,13 @@ class EpisodeBackend:
         self.write(limp_of(self.spec))
 
     def _ranges(self) -> NDArray[np.float64]:
-        """What the motors may give, live, (motors, 2), N·m."""
+        """Force limits of the motors, a view of the model, (motors, 2), N·m."""
         worlds = self.engine.worlds
         ranges: NDArray[np.float64] = worlds.expand("actuator_forcerange")[0, worlds.motors]
         return ranges
 
     def _judge(self) -> None:
-        """As after a step of the environment; a policy's action costs nothing here."""
+        """Evaluate the episode as after a step of the environment, without the cost of an action."""
         engine = self.engine
         engine.memory = engine.task.interface.advance(engine.memory)
         engine.count += 1
@@ -141,4 +141,4 @@ class EpisodeBackend:
         return HandState(t, self._tick, position, velocity, given, self._unknown, frozen(self._gravity()))
 
     def _gravity(self) -> Array:
-        return np.full(3, math.nan)  # The environments' palms do not tell; a policy does not ask.
+        return np.full(3, math.nan)  # The environments' palms report no gravity, and policies need none.

@@ -1,4 +1,4 @@
-"""Objects as a user names them: of the catalogue, a scenario's, a mesh, or described on the spot."""
+"""Objects of environments, as a user names them: from the catalogue, a scenario, a mesh, or a description."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from allegro_twin.sim.objects import catalogue as objects
 from allegro_twin.sim.objects.catalogue import Thing
 
 FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
-"""Of scenarios, an object in each; another hand's have its name."""
+"""Folders of scenarios with one object each. Folders of other hands have the hand's name."""
 SCENARIOS, MESHES = (".yaml", ".yml"), (".obj", ".stl")
 
 
 class OwnObject(ObjectSettings):
-    """An object as a scenario has it, and what it is grasped like. A relative path is the current folder's."""
+    """An object as in a scenario, and the catalogue's object that it is grasped like. A relative path starts at the
+    current folder."""
 
     like: str | None = None
-    """An object of the catalogue: the hand comes to this one as to that, with the same grasp."""
+    """An object of the catalogue: the hand approaches and grasps this one in the same way."""
 
 
 def _read(value: Any) -> Any:
-    """From what a user writes: a mapping, or the path of a mesh."""
+    """Read a mapping, or the path of a mesh."""
     if isinstance(value, dict):
         return parse(OwnObject, value, "objects")
     if isinstance(value, str) and Path(value).suffix.lower() in MESHES:
@@ -38,27 +39,26 @@ def _read(value: Any) -> Any:
 
 
 ObjectChoice: TypeAlias = Annotated[str | OwnObject, BeforeValidator(_read)]
-"""A name of the catalogue, a path of a scenario, or an object."""
+"""A name in the catalogue, the path of a scenario, or an object."""
 
 
 def object_scenarios(hand: str = HAND) -> dict[str, str]:
-    """For every object that the package knows how to grasp with a model of hand, the scenario that says where the palm
-    goes."""
+    """The scenario of every object that the package can grasp with a model of hand. It says where the palm goes."""
     folders = [data_root() / "scenarios" / name for name in FOLDERS.get(hand, (hand,))]
     files = [file for folder in folders for file in sorted(folder.glob("*.yaml"))]
     return {load_scenario(file)[0].objects[0].name: str(file) for file in files}
 
 
 def object_name(given: ObjectChoice) -> str:
-    """What it is called in reports."""
+    """Name of the object in reports."""
     if isinstance(given, OwnObject):
         return given.name
     return load_scenario(given)[0].objects[0].name if _is_scenario(given) else given
 
 
 def scenario_of(given: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, Path]:
-    """Where the palm goes and how it grasps, and the folder of the files named there; `known` has the catalogue's
-    scenarios. Raises ConfigError for an object that nobody has said this of."""
+    """The scenario of an object, which says where the palm goes and how it grasps; and the folder of the files named
+    there. `known`: scenarios of the catalogue. Raises ConfigError for an object without a scenario."""
     if isinstance(given, OwnObject):
         if given.like is None:
             raise ConfigError(
@@ -72,7 +72,7 @@ def scenario_of(given: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, P
 
 
 def load_object(given: ObjectChoice) -> Thing:
-    """The object alone. Raises ConfigError."""
+    """The object itself. Raises ConfigError."""
     if isinstance(given, str) and not _is_scenario(given):
         return objects.named(given)
     if isinstance(given, OwnObject) and given.like is None:

@@ -1,7 +1,7 @@
-"""Random numbers for a batch: each simulation's own, the same whatever the size of the batch it stands in.
+"""Random numbers of a batch: each simulation has its own, the same for any size of the batch.
 
-What is drawn at a reset comes from the simulation's generator in one call. What is drawn at every period is computed
-from a key and a counter (splitmix64, Steele et al. 2014), so that no loop runs over the simulations.
+Numbers of a reset come from the simulation's generator in one call. Numbers of every period are computed from a key and
+a counter (splitmix64, Steele et al. 2014), without a loop over the simulations.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from allegro_twin.array_api import library
 from allegro_twin.types import Array
 
-_STREAM = 15  # Of the numbers that resets draw by count.
+_STREAM = 15  # Stream of the numbers that resets draw by counter.
 COLUMNS = 64
-"""Uniform numbers that a reset draws, whatever it uses of them: so an option does not shift what comes after it."""
+"""Uniform numbers that a reset draws, whether it uses them or not: so an option does not shift those after it."""
 
 
 class Draws:
-    """What some simulations drew at a reset: uniform numbers, dealt column by column."""
+    """Random numbers of a reset of some simulations: uniform numbers, used column by column."""
 
     def __init__(self, uniform: Array) -> None:
         """`uniform`: in [0, 1), (m, COLUMNS)."""
@@ -29,12 +29,12 @@ class Draws:
 
     @classmethod
     def from_generators(cls, generators: list[np.random.Generator], xp: Any = np) -> Draws:
-        """From each simulation's own generator, in one call."""
+        """Draw from each simulation's own generator, in one call."""
         return cls(xp.double(np.stack([generator.random(COLUMNS) for generator in generators])))
 
     @classmethod
     def from_counters(cls, key: NDArray[np.uint64], episode: NDArray[np.int64]) -> Draws:
-        """From each simulation's key (m,) and the number of its episode (m,): without a loop over simulations."""
+        """Compute from each simulation's key (m,) and the number of its episode (m,), without a loop."""
         return cls((_even(key, episode, _STREAM, COLUMNS) + 1.0) / 2.0)
 
     def __len__(self) -> int:
@@ -48,13 +48,13 @@ class Draws:
         return found
 
     def integers(self, below: int) -> NDArray[np.int64]:
-        """One of 0 … below - 1, shape (m,)."""
+        """Integers 0 … below - 1, shape (m,)."""
         xp = self._xp
         chosen: NDArray[np.int64] = xp.minimum(xp.asarray(self.uniform(0.0, 1.0)[:, 0] * below, np.int64), below - 1)
         return chosen
 
     def integers_between(self, low: float, high: float) -> Array:
-        """One of low … high, both included, shape (m, 1)."""
+        """Integers low … high, both included, shape (m, 1)."""
         found: Array = self._xp.minimum(self._xp.floor(self.uniform(low, high + 1)), high)
         return found
 
@@ -64,7 +64,7 @@ class Draws:
         return found
 
     def directions(self) -> Array:
-        """A unit vector, uniform over the sphere, shape (m, 3)."""
+        """Unit vectors, uniform over the sphere, shape (m, 3)."""
         z, turn = self.uniform(-1.0, 1.0)[:, 0], self.uniform(0.0, 2 * np.pi)[:, 0]
         xp = self._xp
         radius = xp.sqrt(xp.maximum(1.0 - z * z, 0.0))
@@ -72,7 +72,7 @@ class Draws:
         return found
 
     def keys(self) -> NDArray[np.uint64]:
-        """For `jitter`, shape (m,)."""
+        """Keys for `jitter`, shape (m,)."""
         self._next += 1
         found: NDArray[np.uint64] = self._xp.asarray(self._uniform[:, self._next - 1] * 2.0**53, np.uint64)
         return found
@@ -95,7 +95,7 @@ def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _even(key: Any, counter: Any, stream: int, count: int) -> Any:
-    """The numbers of `jitter` in double precision. PyTorch's whole numbers have a sign, and overflow likewise."""
+    """The numbers of `jitter` in double precision. PyTorch's integers are signed and overflow in the same way."""
     if isinstance(key, np.ndarray):
         column = np.arange(count, dtype=np.uint64) + np.uint64(stream * 1024)
         seed = key * np.uint64(_STEP) + counter.astype(np.uint64)
@@ -114,7 +114,7 @@ def _mixed_signed(x: Any) -> Any:
 
 
 def _shifted(x: Any, by: int) -> Any:
-    """To the right, zeros coming in."""
+    """Shift right, with zeros coming in."""
     return (x >> by) & ((1 << (64 - by)) - 1)
 
 

@@ -1,4 +1,4 @@
-"""Everything that decides how simulations on processors go on, taken from an environment and put back into another."""
+"""Snapshots of environments on processors: everything that decides how their simulations continue."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FIELD = "engine/worlds/_rows/"
 
 
 class _Slot(NamedTuple):
-    """A value, and where it can be set anew."""
+    """A value, and where it can be replaced."""
 
     owner: Any
     key: Any
@@ -24,7 +24,7 @@ class _Slot(NamedTuple):
 
 
 def take_snapshot(env: Any) -> dict[str, Any]:
-    """Of an environment whose `engine` simulates on processors: arrays by their paths in it, copies, and numbers."""
+    """Copies of all arrays and numbers of an environment with an `engine` on processors, by their paths."""
     engine: EpisodeEngine = env.engine
     found: dict[str, Any] = {_PHYSICS: np.stack([engine.worlds.state(row) for row in range(engine.n)])}
     for path, slot in _slots(env, engine):
@@ -34,7 +34,8 @@ def take_snapshot(env: Any) -> dict[str, Any]:
 
 
 def restore_snapshot(env: Any, content: dict[str, Any]) -> None:
-    """Into an environment of the same settings and size. Raises ConfigError where it has no place for a part."""
+    """Restore a snapshot in an environment of the same settings and size. Raises ConfigError where a part does not
+    fit."""
     engine: EpisodeEngine = env.engine
     for path in content:
         if path.startswith(_FIELD):
@@ -64,7 +65,7 @@ def _set(path: str, slot: _Slot, value: Any) -> None:
         raise ConfigError(f"the checkpoint's {path} has the shape {np.shape(value)}, and here it is {slot.value.shape}")
     else:
         given = np.asarray(value)
-        # In its place, so that views of it stay views. PyTorch has no whole numbers without a sign.
+        # In place, so that views of it stay views. PyTorch has no unsigned integers.
         slot.value[...] = given.view(np.uint64) if slot.value.dtype == np.uint64 else given
 
 
@@ -75,7 +76,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def _slots(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, _Slot]]:
-    """Arrays with a row a simulation and plain numbers, by their paths."""
+    """Arrays with a row per simulation, and plain numbers, by their paths."""
     modules = (*_OURS, type(engine.task).__module__)
     yield from _within(env, "", engine.n, modules, set())
 
@@ -87,7 +88,7 @@ def _within(owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[i
     for key, value in _parts(owner):
         here = f"{path}/{key}" if path else str(key)
         if isinstance(value, np.ndarray):
-            # What is read-only is what the last step has put out, or never changes.
+            # Read-only arrays are results of the last step, or never change.
             if value.flags.writeable and value.dtype.kind in "biuf" and n in value.shape[:2]:
                 yield here, _Slot(owner, key, value)
         elif isinstance(value, bool | int | float):
@@ -107,7 +108,7 @@ def _parts(owner: Any) -> list[tuple[Any, Any]]:
 
 
 def _is_ours(value: Any, modules: tuple[str, ...]) -> bool:
-    """Objects of the environments, and of a user's own task: not what they were made of, settings and models."""
+    """Objects of the environments and of a user's own task: not their settings and models."""
     return (
         hasattr(value, "__dict__")
         and type(value).__module__.startswith(modules)

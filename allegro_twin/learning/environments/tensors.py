@@ -1,4 +1,4 @@
-"""Many hands for a learner in PyTorch: actions, observations and rewards are tensors, where the simulations are."""
+"""Batched environment for learners in PyTorch: actions, observations and rewards are tensors."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from allegro_twin.learning.environments.spaces import action_space, observation_
 
 
 class TensorVectorEnv:
-    """`num_envs` simulations of a task; keywords as of `gymnasium.make`. On a Warp device nothing leaves it; on
-    processors tensors share the memory of NumPy's arrays.
+    """`num_envs` simulations of a task; keywords as for `gymnasium.make`. On a Warp device all data stay there; on
+    processors tensors share memory with NumPy's arrays.
 
-    What is drawn for an episode follows from `seed`, the simulation's number and the episode's. An episode that has
-    ended begins anew in the same step. Raises ConfigError.
+    Random numbers of an episode follow from `seed`, the simulation's number and the episode's number. An episode that
+    has ended begins anew in the same step. Raises ConfigError.
     """
 
     def __init__(
@@ -36,13 +36,14 @@ class TensorVectorEnv:
         self._episode = self._own.zeros(num_envs, np.int64)
 
     def reset(self) -> Any:
-        """New episodes of all; what is seen: (num_envs, k), or a dictionary of such."""
+        """Begin new episodes of all simulations. Returns observations (num_envs, k), or a dictionary of such."""
         self._begin(self._all)
         return self._shared(self.engine.observe())
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """As Gymnasium's vector environments: `info` has `is_success`, the reward's terms, and what those that ended
-        saw last, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with a NaN is `info["diverged"]`."""
+        """Step, as Gymnasium's vector environments do. `info` has `is_success`, the reward's terms, and the last
+        observations of ended episodes, `final_obs`. Actions (num_envs, joints) in [-1, 1]; one with NaN is
+        `info["diverged"]`."""
         engine, own = self.engine, self._own
         taken = engine.clip_actions(actions.numpy() if own is np else actions)
         engine.step(taken)
@@ -58,13 +59,13 @@ class TensorVectorEnv:
         return self._shared((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
 
     def stagger_episodes(self) -> None:
-        """Set the simulations at random places of their time, so that they do not all end together."""
+        """Set the simulations to random times of their episodes, so that they do not all end together."""
         torch = self.xp.torch
         self._shared(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
     def state_dict(self) -> dict[str, Any] | None:
-        """Everything that decides how the simulations go on, what `load` takes, as tensors and numbers. None on a Warp
-        device, whose runs are not equal anyway."""
+        """Everything that decides how the simulations continue, as tensors and numbers. None on a Warp device, whose
+        runs are not reproducible."""
         if self._own is not np:
             return None
         torch = self.xp.torch
@@ -76,8 +77,8 @@ class TensorVectorEnv:
         }
 
     def load(self, content: dict[str, Any] | None) -> bool:
-        """Go on where another of the same settings was saved, on processors; False where that cannot be, and nothing
-        has changed. Raises ConfigError for one of other settings."""
+        """Continue from a `state_dict` of the same settings, on processors. Returns False where that is not possible,
+        and nothing has changed. Raises ConfigError for one of other settings."""
         if content is None or self._own is not np:
             return False
         restore_snapshot(self, {path: _array(part) for path, part in content.items()})
@@ -88,7 +89,7 @@ class TensorVectorEnv:
         self.engine.begin(rows, Draws.from_counters(self._key[rows], self._episode[rows]))
 
     def _shared(self, tree: Any) -> Any:
-        """Arrays as tensors of the same memory; single precision for what is learned from."""
+        """Arrays as tensors of the same memory; single precision for learning."""
         if self._own is not np:
             return tree
         if isinstance(tree, dict):

@@ -1,4 +1,4 @@
-"""Many hands at one task as a Gymnasium vector environment, on all processors and without a loop over them."""
+"""Vector environment: many hands at one task, on all processors and without a loop over them."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Rows = NDArray[np.int64]
 
 
 class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
-    """`num_envs` simulations; number i behaves as the single environment seeded with `seed + i` does, to the bit.
+    """`num_envs` simulations. Number i behaves as the single environment with the seed `seed + i` does, to the bit.
 
-    `autoreset`: `next_step` as Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
-    the option `reset_mask`. `threads`: 0 for one a processor. Other keywords as in `HandEnv`. Raises ConfigError.
+    `autoreset`: `next_step` as in Gymnasium's own vector environments, `same_step`, or `disabled`, where `reset` takes
+    the option `reset_mask`. `threads`: 0 for one per processor. Other keywords as in `HandEnv`. Raises ConfigError.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012  # As Gymnasium declares it.
@@ -98,7 +98,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return observation, reward, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
-        """A picture of every simulation."""
+        """Pictures of all simulations."""
         if self.render_mode is None:
             return None
         if self._pictures is None:
@@ -120,7 +120,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         return np.flatnonzero(mask), options
 
     def _seed(self, seed: int | list[int | None] | None, rows: Rows) -> None:
-        """As Gymnasium's vector environments: simulation i takes `seed + i`, or its own of a list."""
+        """Seed as Gymnasium's vector environments do: simulation i gets `seed + i`, or its own from a list."""
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + row for row in range(self.num_envs)]
         else:
@@ -135,12 +135,12 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
                 self._generators[row] = seeding.np_random(seeds[row])[0]
 
     def _restart(self, rows: Rows, options: dict[str, Any] | None) -> dict[str, Any]:
-        """New episodes; what was drawn, with a mask of who drew it, as Gymnasium has it."""
+        """Begin new episodes. Returns what was drawn, with a mask of the simulations, as Gymnasium does."""
         self._ended[rows] = False
         return self._spread(self.engine.reset(rows, self._generators, options), rows)
 
     def _restarted(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
-        """Reset who has ended in this very step, and hand over what they saw and knew last."""
+        """Reset simulations that ended in this step, and return what they saw and reported last."""
         rows = np.flatnonzero(self._ended)
         last = info.copy()
         mask = self._ended.copy()

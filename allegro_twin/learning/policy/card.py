@@ -1,4 +1,4 @@
-"""A policy's card: for which hand, task and control mode it was trained, and what it needs to run anywhere."""
+"""Policy cards: for which hand, task and control mode a policy was trained, and what it needs to run elsewhere."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from allegro_twin.learning.policy.script import (
 from allegro_twin.spec import HandSpec, Side
 
 KEY = "allegro_twin"
-"""Under which an ONNX file keeps the card in its metadata; a zip has it as the member `allegro_twin.json`."""
+"""Key of the card in an ONNX file's metadata; a zip has it as the member `allegro_twin.json`."""
 MEMBER = f"{KEY}.json"
 
 
@@ -38,7 +38,7 @@ class GraspScript(Settings):
     squeeze: Positive
     """s from closed to squeezed."""
     holds: bool = False
-    """No motion: the squeeze from the beginning."""
+    """The squeeze from the beginning, without motion."""
 
     def sampled(self, spec: HandSpec, periods: int, period: float) -> SampledScript:
         grasp = load_grasp(self.grasp, spec)
@@ -48,10 +48,10 @@ class GraspScript(Settings):
 
 
 class PolicyCard(Settings):
-    """What a policy file says of itself."""
+    """Description inside a policy file."""
 
     version: int = VERSION
-    """Of the meaning of observations and actions."""
+    """Version of the meaning of observations and actions."""
     task: str
     """Id of the environment."""
     hand: str = HAND
@@ -68,20 +68,20 @@ class PolicyCard(Settings):
     periods: int = 0
     """Length of the scripts, in control periods."""
     observation: int
-    """Numbers that the policy sees, without goals."""
+    """Numbers in an observation, without goals."""
     action: int
-    """Numbers that it gives."""
+    """Numbers in an action."""
     history: Annotated[int, Field(ge=1)] = 1
-    """How many decisions the policy sees."""
+    """Decisions in an observation."""
     privileged: int = 0
-    """How many of the former no real hand has."""
+    """Numbers of the observation that no real hand has."""
     algorithm: str = "PPO"
-    """Stable-Baselines3's class, for a zip."""
+    """Class of Stable-Baselines3, for a zip."""
     note: str = ""
     """How it was trained."""
 
     def interface(self, spec: HandSpec) -> Interface:
-        """What joins the policy to a hand. Raises ConfigError for the other hand, another version, or one that no
+        """Make the interface to a hand. Raises ConfigError for the other hand, another version, or a policy that no
         real hand can serve."""
         if self.version != VERSION:
             raise ConfigError(f"this policy is of version {self.version}; this package runs {VERSION}: train it anew")
@@ -117,7 +117,7 @@ class PolicyCard(Settings):
         return made
 
     def script(self, grasp: str) -> int:
-        """The number of a grasp's script. Raises ConfigError with the nearest names."""
+        """Number of a grasp's script. Raises ConfigError with the nearest names."""
         names = [closed.grasp for closed in self.scripts]
         if grasp not in names:
             raise ConfigError(unknown("grasp of this policy", grasp, sorted({*names})))
@@ -125,7 +125,7 @@ class PolicyCard(Settings):
 
 
 def read_card(path: Path) -> PolicyCard:
-    """The card in a policy file. Raises ConfigError where there is none, or no such file."""
+    """Read the card in a policy file. Raises ConfigError without a card or file."""
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
     text = _of_zip(path) if path.suffix == ".zip" else _of_onnx(path)
@@ -136,7 +136,7 @@ def read_card(path: Path) -> PolicyCard:
 
 
 def write_card(path: Path, card: PolicyCard) -> None:
-    """Put a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
+    """Write a card into a policy file that has none. Raises ConfigError for a file that is neither .zip nor .onnx."""
     text = card.model_dump_json()
     if path.suffix == ".zip":
         with zipfile.ZipFile(path, "a") as archive:
@@ -167,7 +167,7 @@ def _of_onnx(path: Path) -> str | None:
 
 
 def onnx_session(path: Path) -> Any:
-    """An open ONNX file, computing on one thread. Raises ConfigError where onnxruntime is missing."""
+    """Open an ONNX file, to compute on one thread. Raises ConfigError where onnxruntime is missing."""
     try:
         import onnxruntime
         from onnxruntime.capi import onnxruntime_pybind11_state as state
@@ -175,7 +175,7 @@ def onnx_session(path: Path) -> Any:
         raise ConfigError("an ONNX policy needs onnxruntime: pip install 'allegro-twin[policy]'") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # So small a network gains nothing by more.
-    refusals = (  # They share no base of their own.
+    refusals = (  # They share no base class.
         state.Fail, state.InvalidArgument, state.InvalidGraph, state.InvalidProtobuf, state.NoModel, state.NoSuchFile,
         state.NotImplemented, state.RuntimeException,
     )  # fmt: skip

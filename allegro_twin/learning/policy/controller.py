@@ -1,5 +1,5 @@
-"""A policy as a controller like any other: it decides every few periods, and between them its set-points are held by
-a PD law, or by the hand's own."""
+"""Policies as controllers: decisions every few periods, and between them PD control, or the hand's own, of their
+set-points."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from allegro_twin.types import Command, HandState, PositionCommand, TorqueComman
 
 
 class Policy(Protocol):
-    """From one observation, or a batch of them, to actions in [-1, 1]; without a memory of its own."""
+    """A function from one observation, or a batch of them, to actions in [-1, 1], without a memory of its own."""
 
     def __call__(self, observation: Observation) -> Floats: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZeroPolicy:
-    """The policy that does nothing: with a script, the scripted player."""
+    """The policy without action: with a script, the script alone."""
 
     n_joints: int
 
@@ -32,30 +32,30 @@ class ZeroPolicy:
 
 
 class PolicyMemory(NamedTuple):
-    """What the controller remembers."""
+    """Memory of the controller."""
 
     memory: InterfaceMemory
     set_points: DecisionSetPoints
     age: int
     """Control periods since the last decision."""
     tick: int
-    """Of the state that was answered last."""
+    """Tick of the last state."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyController:
-    """Runs a policy on any backend. The hand's clock counts: where periods were missed, decisions are not late."""
+    """Runs a policy on any backend. It counts the hand's periods, so lost periods do not delay decisions."""
 
     policy: Policy
     interface: Interface
     goal: Vector | None = None
-    """For a policy with goals: where the fingertips should be in the palm frame, shape (3 * fingers,), m."""
+    """For a policy with goals: goal of the fingertips in the palm frame, shape (3 * fingers,), m."""
     script: int = 0
-    """Which of the interface's scripts."""
+    """Number of the interface's script."""
     target: Vector | None = None
-    """Where the joints are drawn to at the beginning, rad; None: to the script's beginning, or to where they are."""
+    """Initial set-points of the joints, rad; None: the script's beginning, or where the joints are."""
     complete: Callable[[Observation], Observation] | None = None
-    """What completes an observation with what no hand reports, as a camera complete it would."""
+    """Adds to an observation what no hand reports, as a camera beside it would."""
 
     def __post_init__(self) -> None:
         wanted = self.interface.n_goal

@@ -1,7 +1,8 @@
-"""What a policy sees and what its actions mean: one object, used by training and by every hand that a policy drives.
+"""Interface of a policy: observations of a hand, and the meaning of actions. Training and every hand use the same
+object.
 
-Everything broadcasts over leading batch dimensions `(..., n)`. A row comes out the same, bit for bit, whatever the size
-of the batch it stands in.
+Everything broadcasts over leading batch dimensions `(..., n)`. A row's result is the same, bit for bit, for any size of
+its batch.
 """
 
 from __future__ import annotations
@@ -23,22 +24,34 @@ from allegro_twin.learning.policy.script import ScriptTable
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
+VERSION = 1
+"""Version of the meaning of observations and actions. A policy of another version is refused."""
+MODES = ("delta", "absolute", "torque")
+Mode: TypeAlias = Literal["delta", "absolute", "torque"]
+Floats: TypeAlias = NDArray[np.float32]
+Observation: TypeAlias = Floats | dict[str, Floats]
+Goal: TypeAlias = NDArray[np.floating[Any]]
+Pair: TypeAlias = tuple[Array, Array]
+BOUND = 5.0
+"""Bound of every number in an observation: clipped to ±5, since a space must be finite."""
+SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
+
 
 class InterfaceMemory(NamedTuple):
-    """What the interface remembers between two decisions."""
+    """Memory between two decisions."""
 
     begin: Array
-    """Offset from the base when the running action was taken, shape (..., n), rad."""
+    """Offset from the base at the last decision, shape (..., n), rad."""
     end: Array
-    """Offset to be reached when the next is taken, shape (..., n), rad."""
+    """Offset to be reached at the next decision, shape (..., n), rad."""
     push: Array
     """Torque of the running action, shape (..., n), N·m; only in the mode `torque`."""
     tick: NDArray[np.int64]
-    """Control periods since the beginning when the running action was taken, shape (...)."""
+    """Control periods from the beginning to the last decision, shape (...)."""
     script: NDArray[np.int64]
-    """Which motion is followed, shape (...)."""
+    """Number of the script, shape (...)."""
     past: NDArray[np.float32]
-    """What was seen at the decisions before, the last one first; zeros where there were none. Shape (..., k)."""
+    """Earlier observations, the last one first; zeros where there were none. Shape (..., k)."""
 
 
 class DecisionSetPoints(NamedTuple):
@@ -47,11 +60,11 @@ class DecisionSetPoints(NamedTuple):
     wish: Array | None
     """Targets, rad, and their rates, rad/s: shape (decimation, 2, ..., n); None: torque alone."""
     push: Array | None
-    """Torque on top, shape (..., n), N·m."""
+    """Additional torque, shape (..., n), N·m."""
 
 
 class InterfaceConstants(NamedTuple):
-    """Shape (n,) where nothing else is said, or (1, …, n) as `Lifted` has them."""
+    """Constants of the interface. Shape (n,) unless noted, or (1, …, n) from `ConstantsByRank`."""
 
     step: Vector
     middle: Vector
@@ -63,29 +76,29 @@ class InterfaceConstants(NamedTuple):
     kd: Vector
     limit: Vector
     scale: Vector
-    """What the numbers of an observation are divided by, (frame,)."""
+    """Scale of an observation's numbers, (frame,)."""
     parts: Vector
-    """How much of the way to the new offset is behind the target, a period each, (decimation,)."""
+    """Share of the way to the new offset that is done, one per period, (decimation,)."""
     periods: NDArray[np.int64]
-    """The numbers of these periods, from 0, (decimation,)."""
+    """Numbers of these periods, from 0, (decimation,)."""
     scripts: tuple[Array, Array] | None
     """Set-points and their rates, one script after the other, (s * t, n)."""
     length: int
     """Periods of a script, t."""
 
     def base(self, xp: Any, memory: InterfaceMemory) -> Array:
-        """What offsets are counted from when a decision is taken, (..., n)."""
+        """Base of the offsets at a decision, (..., n)."""
         return self.middle if self.scripts is None else take(self.scripts[0], self._row(xp, memory, 0), 0)
 
     def bases(self, xp: Any, memory: InterfaceMemory) -> tuple[Array, Array]:
-        """In every period until the next, with their rates, (decimation, ..., n) or (..., n) each."""
+        """Bases of all periods until the next decision, with their rates, (decimation, ..., n) or (..., n) each."""
         if self.scripts is None:
             return self.middle, self.rest
         row = self._row(xp, memory, self.periods)
         return take(self.scripts[0], row, 0), take(self.scripts[1], row, 0)
 
     def _row(self, xp: Any, memory: InterfaceMemory, later: NDArray[np.int64] | int) -> Any:
-        """Where in the table of scripts a period stands; the last set-points stay."""
+        """Row of a period in the table of scripts; the last set-points stay."""
         return memory.script * self.length + xp.minimum(memory.tick + later, self.length - 1)
 
 
@@ -93,8 +106,8 @@ _OF_JOINTS = ("step", "middle", "rest", "lower", "upper", "span", "kp", "kd", "l
 
 
 class ConstantsByRank:
-    """The numbers with as many dimensions as what they are reckoned with: NumPy adds arrays of the same shape, as those
-    of one hand then are, in a third of the time."""
+    """The constants with as many dimensions as the arrays they are combined with: NumPy adds arrays of the same shape
+    in a third of the time."""
 
     def __init__(self, numbers: InterfaceConstants) -> None:
         self._flat = numbers
@@ -112,8 +125,8 @@ class ConstantsByRank:
 
 
 def radian_scale(spec: HandSpec) -> Vector:
-    """What a radian of a joint is in positions of its motor, (n,): 1; but where motors move joints through tendons or
-    linkages as much of the motor's range as a radian is of a quarter turn."""
+    """A radian of a joint in its motor's positions, (n,): 1. Where motors move joints through tendons or linkages: the
+    share of the motor's range that a radian is of a quarter turn."""
     span = spec.upper - spec.lower
     return span / (np.pi / 2) if spec.followers else np.ones_like(span)
 
@@ -126,7 +139,7 @@ def make_constants(
     scripts: ScriptTable | None,
     xp: Any,
 ) -> InterfaceConstants:
-    """`sizes`: half the range, what a speed is divided by, the largest offset and the step of a decision, (n,) each."""
+    """`sizes`: half the range, the scale of a speed, the largest offset and the step of a decision, (n,) each."""
     half, speed, span, step = sizes
     limit = spec.actuation.torque_limit
     scale = np.concatenate([half, speed, limit, span, [] if scripts is None else [float(scripts.periods)]])
@@ -154,27 +167,15 @@ def _rows_of(scripts: ScriptTable, place: Callable[[Array], Array]) -> tuple[Arr
     return place(scripts.position.reshape(-1, joints)), place(scripts.velocity.reshape(-1, joints))
 
 
-VERSION = 1
-"""Of the meaning of observations and actions. A policy of another version is refused."""
-MODES = ("delta", "absolute", "torque")
-Mode: TypeAlias = Literal["delta", "absolute", "torque"]
-Floats: TypeAlias = NDArray[np.float32]
-Observation: TypeAlias = Floats | dict[str, Floats]
-Goal: TypeAlias = NDArray[np.floating[Any]]
-Pair: TypeAlias = tuple[Array, Array]
-BOUND = 5.0
-"""Every number in an observation lies within ±5: clipped, for a space must be finite."""
-SPEED = 5.0  # rad/s; half the hand's no-load speed (docs/models.md#actuation), so that usual speeds are of order 1.
-
-
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """From what a hand reports to an observation, from an action in [-1, 1] to set-points, from those to what it takes.
+    """Converts a hand's reports to observations, actions in [-1, 1] to set-points, and set-points to commands.
 
     The base is the script's set-point or, without a script, the middle of the joint range. In the mode `delta` an
-    action adds `step` times itself to the offset from the base, in `absolute` it is the offset in units of `span`; the
-    target travels there in a straight line until the next decision. In `torque` it is a part of the torque limit, on
-    top of what holds the script where there is one. A hand that closes its own loop is told the set-points themselves.
+    action adds `step` times itself to the offset from the base; in `absolute` it is the offset in units of `span`. The
+    target moves there in a straight line until the next decision. In `torque` an action is a share of the torque limit,
+    added to the torque that holds the script, if there is one. A hand that closes its own loop gets the set-points
+    themselves.
     """
 
     spec: HandSpec
@@ -185,17 +186,17 @@ class Interface:
     decimation: int = 13
     """Control periods between two decisions."""
     step: float = 0.1
-    """rad a decision, in the mode `delta`; as `numbers.radian_of` has it for the hand."""
+    """rad per decision, in the mode `delta`; in the units of `radian_scale`."""
     scripts: ScriptTable | None = None
     reach: float = 0.3
-    """With a script: the farthest that a policy may go from it, rad, likewise."""
+    """With a script: largest distance from it, rad, likewise."""
     goal: Literal["none", "fingertips"] = "none"
-    """`fingertips`: where they should be in the palm frame, shape (..., 3 * fingers), m."""
+    """`fingertips`: goals are fingertip positions in the palm frame, shape (..., 3 * fingers), m."""
 
     history: int = 1
-    """How many decisions an observation shows, this one and those before."""
+    """Decisions in an observation: this one and those before."""
     xp: Any = np
-    """Where its numbers lie: `numpy`, or `arrays.Tensors`, and then every array here is a tensor."""
+    """Array library: `numpy`, or `array_api.Tensors`; then every array here is a tensor."""
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -209,7 +210,7 @@ class Interface:
 
     @property
     def takes_positions(self) -> bool:
-        """Whether the hand closes its own loop, and is told where to be."""
+        """Whether the hand closes its own loop and takes positions."""
         return "torque" not in self.spec.commands
 
     @cached_property
@@ -222,12 +223,12 @@ class Interface:
 
     @cached_property
     def span(self) -> Vector:
-        """The largest offset from the base, shape (n,), rad."""
+        """Largest offset from the base, shape (n,), rad."""
         return self.half if self.scripts is None else self.reach * radian_scale(self.spec)
 
     @cached_property
     def _own(self) -> ConstantsByRank:
-        """What is reckoned with at every decision, lying where the arrays do, for arrays of so many dimensions."""
+        """Constants on the arrays' device, by number of dimensions."""
         unit = radian_scale(self.spec)
         sizes = self.half, SPEED * unit, self.span, self.step * unit
         return ConstantsByRank(make_constants(self.spec, self.gains, sizes, self.decimation, self.scripts, self.xp))
@@ -247,14 +248,14 @@ class Interface:
 
     @property
     def seconds(self) -> float:
-        """Between two decisions."""
+        """Time between two decisions."""
         return self.period * self.decimation
 
     def start(
         self, position: Array, script: NDArray[np.int64] | int = 0, target: Array | None = None
     ) -> InterfaceMemory:
-        """The memory with which to meet the first state; `position` as measured, shape (..., n), rad. `target`: where
-        the joints are drawn to; None: to the script's beginning, or without a script to where they are."""
+        """Memory for the first state; `position` as measured, shape (..., n), rad. `target`: initial set-points; None:
+        the script's beginning, or without a script where the joints are."""
         own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
         base = own.middle if own.scripts is None else own.scripts[0][script * own.length]
         drawn = (position if own.scripts is None else base) if target is None else target
@@ -268,8 +269,8 @@ class Interface:
     def act(
         self, action: NDArray[np.floating[Any]], memory: InterfaceMemory, seen: Floats | None = None
     ) -> InterfaceMemory:
-        """Take a decision: the set-points until the next. `action` in [-1, 1], beyond it clipped, shape (..., n).
-        `seen`: the observation that led to it (its goals left out), which those with a history go on showing."""
+        """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n). `seen`:
+        the observation of this decision, without goals; needed with a history."""
         xp, own = self.xp, self._own(memory.end.ndim)
         wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
@@ -302,7 +303,7 @@ class Interface:
     def command(
         self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
     ) -> Array:
-        """What the hand takes, `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
+        """The hand's command `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
         if self.takes_positions and course.wish is not None:
             return np.asarray(course.wish[k, 0])
         return self.torque(position, velocity, course, k, gains)
@@ -310,7 +311,7 @@ class Interface:
     def torque(
         self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
     ) -> Array:
-        """What the motors should do `k` periods after the decision, shape (..., n), N·m. `gains`: others, kp and kd."""
+        """Motor torques `k` periods after the decision, shape (..., n), N·m. `gains`: other kp and kd."""
         wish, push = course
         if wish is None:
             assert push is not None
@@ -323,14 +324,14 @@ class Interface:
     def pd_torque_into(
         self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Array, out: Array
     ) -> None:
-        """As `torque`, to the bit, without new arrays: into one (..., n) that is there, with kp and kd in one
-        (2, ..., n). It uses the course's k-th set-points up."""
+        """As `torque`, to the bit, without new arrays: into `out` (..., n), with kp and kd in one array (2, ..., n). It
+        overwrites the k-th set-points."""
         wish, push = course
         if wish is None:
             assert push is not None
             out[...] = push
             return
-        error = wish[k]  # What is left of the way, and then the two torques.
+        error = wish[k]  # The error, and then the two torques.
         way, rate = error[0], error[1]
         np.subtract(way, position, way)
         np.subtract(rate, velocity, rate)
@@ -340,14 +341,14 @@ class Interface:
             np.add(out, push, out)
 
     def advance(self, memory: InterfaceMemory) -> InterfaceMemory:
-        """The memory when the set-points of a decision have run out and the next is due."""
+        """The memory after the set-points of a decision have run out, for the next one."""
         return memory._replace(tick=memory.tick + self.decimation)
 
     def observe(
         self, position: Array, velocity: Array, memory: InterfaceMemory, goal: NDArray[np.floating[Any]] | None = None
     ) -> Observation:
-        """What the policy sees, from measured joints (..., n), rad and rad/s. With a goal, a dictionary as goal
-        environments have it. docs/rl.md#observations says which number is what."""
+        """Observation from measured joints (..., n), rad and rad/s. With a goal, a dictionary as in goal environments.
+        docs/rl.md#observations describes each number."""
         xp, own = self.xp, self._own(position.ndim)
         target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
@@ -363,7 +364,7 @@ class Interface:
         return {"observation": joints, "achieved_goal": achieved, "desired_goal": xp.copy(xp.asarray(goal, np.float32))}
 
     def fingertips(self, position: Array) -> Array:
-        """Fingertips in the palm frame, one after the other in the spec's order, shape (..., 3 * fingers), m."""
+        """Fingertips in the palm frame, in the spec's order, shape (..., 3 * fingers), m."""
         tips = self._fingertips(position)
         flat: Array = tips.reshape(*tips.shape[:-2], -1)
         return flat
@@ -374,6 +375,6 @@ class Interface:
 
 
 def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
-    """What `clip` does, without the 5 µs a call of NumPy's."""
+    """As `clip`, without NumPy's 5 µs per call."""
     found: Array = xp.minimum(xp.maximum(x, low), high)
     return found

@@ -1,4 +1,4 @@
-"""Policies from files: ONNX through onnxruntime, and Stable-Baselines3's own zip."""
+"""Loads policies from files: ONNX through onnxruntime, and Stable-Baselines3's own zip."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ class LoadedPolicy:
 
 
 def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
-    """From `.onnx`, or from `.zip` where `trust` says that its maker is trusted: what is pickled in it is run.
+    """Load a policy from `.onnx`, or from `.zip` where `trust` says that its maker is trusted: loading it runs what is
+    pickled in it.
 
-    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted."""
+    Raises ConfigError for a missing file or library, no card, spaces that do not fit, or a zip that is not trusted.
+    """
     file = Path(path)
     if file.suffix not in (".onnx", ".zip"):
         raise ConfigError(f"{path}: a policy file ends in .onnx or .zip")
@@ -44,14 +46,14 @@ def load_policy(path: str | Path, *, trust: bool = False) -> LoadedPolicy:
 def policy_controller(
     path: str | Path, spec: HandSpec, *, goal: Vector | None = None, grasp: str | None = None
 ) -> PolicyController:
-    """The controller that a policy file is, for this hand. `grasp`: which of its scripts; None for the first."""
+    """Make the controller of a policy file for this hand. `grasp`: choose one of its scripts; None for the first."""
     loaded = load_policy(path)
     script = 0 if grasp is None else loaded.card.script(grasp)
     return PolicyController(loaded.policy, loaded.card.interface(spec), goal, script)
 
 
 class _Onnx:
-    """Inputs are named as the observation's parts, or `observation` alone; the output is `action`."""
+    """Inputs have the names of the observation's parts, or `observation` alone; the output is `action`."""
 
     def __init__(self, path: Path, card: PolicyCard) -> None:
         self._session = onnx_session(path)

@@ -1,4 +1,4 @@
-"""A scripted motion sampled at every control period: what a residual policy is added to."""
+"""Scripted motions, sampled at every control period: a residual policy adds its actions to one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SampledScript:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScriptTable:
-    """Several motions in one table, so that a batch reads each simulation's own in one go."""
+    """Several motions in one table, so that a batch reads each simulation's own at once."""
 
     position: Array
     """Shape (s, t, n), rad."""
@@ -37,20 +37,20 @@ class ScriptTable:
 
 
 def sample_script(moves: Moves, start: Vector, periods: int, period: float) -> SampledScript:
-    """The motion from `start` at every period, exactly as a PD controller with the same reference would follow it."""
+    """Sample the motion from `start` at every period, exactly as a PD controller with the same reference follows it."""
     path = moves.begin(start)
     points = [path(k * period) for k in range(periods)]
     return SampledScript(frozen([point.position for point in points]), frozen([point.velocity for point in points]))
 
 
 def script_table(scripts: Sequence[SampledScript]) -> ScriptTable:
-    """One table of motions of the same length."""
+    """Join motions of the same length to one table."""
     return ScriptTable(frozen([s.position for s in scripts]), frozen([s.velocity for s in scripts]))
 
 
 def closing_moves(grasp: Grasp, wait: float, squeeze: float) -> Moves:
-    """What the scripted player does with a grasp: it takes its pre-shape for `wait` seconds, closes at the grasp's own
-    speed, and squeezes for `squeeze` seconds."""
+    """Motion of a scripted grasp: the pre-shape for `wait` seconds, closing at the grasp's own speed, and the squeeze
+    for `squeeze` seconds."""
     return Moves(
         [
             grasp.waypoint("preshape", wait),
@@ -61,11 +61,11 @@ def closing_moves(grasp: Grasp, wait: float, squeeze: float) -> Moves:
 
 
 def holding_script(grasp: Grasp, periods: int) -> SampledScript:
-    """The squeeze of a grasp and nothing else."""
+    """The squeeze of a grasp alone."""
     still = frozen(np.tile(grasp.squeeze, (periods, 1)))
     return SampledScript(still, frozen(np.zeros_like(still)))
 
 
 def closing_time(grasp: Grasp, wait: float, squeeze: float) -> float:
-    """When that player has squeezed, s."""
+    """When the scripted grasp has squeezed, s."""
     return wait + travel_time(grasp.preshape, grasp.waypoint("close")) + squeeze

@@ -1,4 +1,4 @@
-"""The tasks by name; each is imported when it is made."""
+"""Tasks by name; each is imported when it is made."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ TASKS = {
     "Reorient": "reorient",
     "Rotate": "rotate",
 }
-"""Where each task is."""
+"""Module of each task."""
 NO_BATCH = "ArmPick"
-"""The environment that has no batch, and so no recipe and no card of a policy."""
+"""An environment without a batch, and so without recipes and policy cards."""
 
 
 def task_type(name: str) -> type[Task]:
-    """One of the package's, or `module:Class` of somebody else's. Raises ConfigError with the nearest names."""
+    """A task of the package, or `module:Class` of your own. Raises ConfigError with the nearest names."""
     if ":" in name:
         return _foreign(name)
     if name == NO_BATCH:
@@ -35,7 +35,7 @@ def task_type(name: str) -> type[Task]:
 
 
 def explain_no_batch() -> str:
-    """Why nothing here takes the environment without a batch, and what does."""
+    """Message for the environment without a batch."""
     return (
         f"{NO_BATCH} is a single environment: train, evaluate and collect take the tasks that have a batch; "
         f'any library trains on gymnasium.make("AllegroTwin/{NO_BATCH}-v0")'
@@ -56,5 +56,5 @@ def _foreign(name: str) -> type[Task]:
 
 
 def make_task(name: str, settings: EnvSettings, n: int, threads: int) -> Task:
-    """A task for `n` simulations on so many threads; 0 for one a processor."""
+    """Make a task for `n` simulations on `threads` threads; 0 for one per processor."""
     return task_type(name)(settings, n, threads)

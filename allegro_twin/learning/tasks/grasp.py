@@ -1,4 +1,4 @@
-"""Grasp: close on an object that somebody presents, and hold it when it is let go of and pushed."""
+"""Grasp task: close on a presented object, and hold it when it is let go of and pushed."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from allegro_twin.sim.batch.worlds import Rows
 from allegro_twin.types import Array, Vector
 
 APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.
-GRACE = 0.1  # s between the scripted squeeze and the letting go.
+GRACE = 0.1  # s between the scripted squeeze and the release of the object.
 CALM = 0.3  # s until the push begins,
-PUSHED = 1.0  # s that it lasts, half of DexGraspBench's 2 s,
+PUSHED = 1.0  # s of its duration, half of DexGraspBench's 2 s,
 PUSH = (
     0.5,
     1.5,
-)  # and how strong it is, in weights of the object; DexGraspBench: 1 on top of no gravity, we have both.
-HELD, LOST = 0.03, 0.05  # m from where the object was let go: still held, and gone. DexGraspBench: 0.05.
+)  # and its strength, in weights of the object; DexGraspBench: 1 without gravity, here with gravity.
+HELD, LOST = 0.03, 0.05  # m from where the object was released: still held, and lost. DexGraspBench: 0.05.
 WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
 
 
 class GraspTask(ScriptedClosingTask):
-    """The scripted player closes where the object should be; it is off by the position noise."""
+    """The scripted grasp closes where the object should be; the object is off by the position noise."""
 
     name = "Grasp"
     purpose = "close on a presented object and hold it through a push"
@@ -44,7 +44,7 @@ class GraspTask(ScriptedClosingTask):
         self.push = xp.zeros((n, 3))
         """N, world."""
         self.place = xp.zeros((n, 3))
-        """Where the object was at the first observation after it was let go, m, world."""
+        """Position of the object at the first observation after its release, m, world."""
         self._hand, self._way, self._holds = self.worlds.presenter()
         self._periods = xp.arange(settings.decimation)[:, None]
 
@@ -81,13 +81,13 @@ class GraspTask(ScriptedClosingTask):
         self._holds[rows] = 1.0
 
     def plan_surroundings(self, tick: Ticks) -> None:
-        """What is the same in every period of the step is set here, once."""
+        """Sets what is the same in every period of the step once."""
         assert self.thing is not None
         release, calm = self._release[self.script], CALM / self.settings.period
         first = tick - release
         going = first + self._periods
         self._path = self._forces = None
-        known = self.worlds.xp is np  # On a device asking costs more than doing it all.
+        known = self.worlds.xp is np  # On a device a check costs more than doing it all.
         earliest, latest = (first.min(), going[-1].max()) if known else (-1, calm)
         if earliest >= 0:
             self._holds[:] = 0.0
@@ -125,7 +125,7 @@ class GraspTask(ScriptedClosingTask):
         return StepOutcome(hold + effort, failed, over & (drift < HELD), terms)
 
     def _hand_at(self, rows: Rows | slice, tick: Ticks) -> Array:
-        """Where the presenter's hand is, (..., 3), m, world."""
+        """Position of the presenter's hand, (..., 3), m, world."""
         number = self.script[rows]
         left = self._left[self.worlds.xp.minimum(tick, len(self._left) - 1)]
         place: Array = self._middles[number] + self.offset[rows] - left[..., None] * self._retreats[number]

@@ -1,4 +1,4 @@
-"""HoldDisturbed: an object is in the hand already; keep it there while it is pushed again and again."""
+"""HoldDisturbed task: keep a grasped object in the hand while it is pushed again and again."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ if TYPE_CHECKING:
     import mujoco
 
 
-EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
+EVERY, LASTS = 0.5, 0.3  # s between pushes, and their duration.
 STRONGEST = 2.5  # Weights of the object. Along each axis a push is drawn from [-this, this].
-SETTLE = 0.3  # s after the presenter has let go, before the episode begins.
-# Those that the scripted grasp keeps without a push (docs/rl.md#tasks); of other hands all are tried.
+SETTLE = 0.3  # s after the presenter's release, before the episode begins.
+# Objects that the scripted grasp holds without a push (docs/rl.md#tasks); for other hands all are tried.
 _OBJECTS = ("tennis_ball", "rubiks_cube", "apple", "foam_brick", "lemon", "gelatin_box", "mug")
 
-# Presented, a mug is held through all pushes by the whole hand around it, on both sides, and in 1 of 20 episodes by the
-# grasp of its scenario, which was made to pick it off a table.
+# A presented mug is held through all pushes by a grasp of the whole hand around it, on both sides. The grasp of its
+# scenario, made to pick it off a table, holds it in 1 of 20 episodes.
 _GRASPS = {"mug": "power_sphere"}
 
 
 class HoldDisturbedTask(GraspTask):
-    """The base of the actions is the grasp's squeeze; the object begins as the scripted player has grasped it."""
+    """Actions are added to the grasp's squeeze; episodes begin in the state that the scripted grasp reaches."""
 
     name = "HoldDisturbed"
     purpose = "keep a grasped object in the hand while it is pushed at random"
@@ -66,7 +66,7 @@ class HoldDisturbedTask(GraspTask):
         self._weight = self.worlds.xp.zeros(n)
         self._key = self.worlds.xp.zeros(n, np.uint64)
         self._push: Ticks = self.worlds.xp.zeros(n, np.int64) - 1
-        """Of the push whose force is known; -1 where it is not."""
+        """Number of the push whose force is known; -1 where it is not."""
         self._caught = 0
         self._holds_by_itself: list[int] = []
         self._catch()
@@ -112,7 +112,7 @@ class HoldDisturbedTask(GraspTask):
         ticks = tick + self._periods
         into = ticks * period % EVERY
         number = self.worlds.xp.asarray(ticks[-1] * period // EVERY, np.int64)
-        known = self.worlds.xp is np  # On a device asking costs more than doing it all.
+        known = self.worlds.xp is np  # On a device a check costs more than doing it all.
         if not known or (number != self._push).any():
             force = jitter(self._key, number, 7, 3) * (STRONGEST * self.variation.push * self._weight)[:, None]
             self._force, self._push = force, number
@@ -131,7 +131,7 @@ class HoldDisturbedTask(GraspTask):
         return StepOutcome(hold + effort, drift > LOST, over & (drift < HELD), {"hold": hold, "effort": effort})
 
     def verdict_time(self, scene: TaskScene) -> float:
-        return 0.0  # It is closed when an episode begins.
+        return 0.0  # The hand is closed when an episode begins.
 
     def grasp_scripts(self) -> tuple[GraspScript, ...]:
         return tuple(closed.model_copy(update={"holds": True}) for closed in super().grasp_scripts())
@@ -142,7 +142,8 @@ class HoldDisturbedTask(GraspTask):
         return number
 
     def _catch(self) -> None:
-        """Let the scripted player grasp what is new, keep the state, and make its squeeze the base of the actions."""
+        """Play the scripted grasp for new scenes, keep the state as their start, and make its squeeze the base of the
+        actions."""
         for number in range(self._caught, len(self.scenes)):
             if self._grasped(number):
                 self._holds_by_itself.append(number)
@@ -152,7 +153,8 @@ class HoldDisturbedTask(GraspTask):
         self._kept = self.worlds.xp.asarray(np.array(self._holds_by_itself, np.int64))
 
     def _grasped(self, number: int) -> bool:
-        """Begin a variant as the scripted player has grasped its object; whether that is still in the hand."""
+        """Play the scripted grasp for a variant and keep the state as its start. Returns whether the object is still in
+        the hand."""
         scene, period = self.scenes[number], self.settings.period
         release = int(self._release[number])
         last = release + round(SETTLE / period)

@@ -1,5 +1,4 @@
-"""What tasks with an object in the upturned hand share. They begin with it in the fingertips, and see it as a camera
-would."""
+"""Base class of in-hand tasks: an object in the fingertips of the upturned hand, observed by a camera."""
 
 from __future__ import annotations
 
@@ -34,15 +33,15 @@ from allegro_twin.learning.tasks.vectors import rotate_vectors
 from allegro_twin.sim.objects.catalogue import Thing
 
 ON_PALM = 0.005
-"""m. An object whose lowest point is less than this above the plane of the palm's surface counts as on the palm: it
-begins 8 mm or more above (`search._GAP`), and one that lies there is within 1 mm of it."""
+"""m. An object whose lowest point is less than this above the palm's surface counts as on the palm. Episodes begin 8 mm
+or more above (`start_states._GAP`), and an object on the palm is within 1 mm of it."""
 _CORNERS, _ROUND, _TUBE, _MESH = range(4)
 _KINDS = {"box": _CORNERS, "sphere": _ROUND, "ellipsoid": _ROUND, "cylinder": _TUBE, "mesh": _MESH}
 
 
 class ObjectShapes:
-    """Objects to choose from, on the device of the simulations: which kind each is, its half-sizes, (k, 3), m, and of
-    meshes the vertices, (k, vertices, 3), m."""
+    """Shapes of objects, on the device of the simulations: kind, half-sizes, (k, 3), m, and for meshes the vertices,
+    (k, vertices, 3), m."""
 
     def __init__(self, things: Sequence[Thing], xp: Any) -> None:
         self.kind = xp.asarray(np.array([_KINDS[thing.shape] for thing in things]), np.int64)
@@ -54,16 +53,16 @@ class ObjectShapes:
 
 
 def palm_normal(tilt: Array) -> Array:
-    """Where the surface of the upturned palm looks, world, whose wrist is turned by rotation vectors (..., 3), rad, in
-    the palm's own axes; shape (..., 3)."""
+    """Normal of the upturned palm's surface, world, for wrists turned by rotation vectors (..., 3), rad, in the palm's
+    own axes; shape (..., 3)."""
     facing = library(tilt).asarray(FACING) + 0.0 * tilt[..., :1]
     upward = library(tilt).asarray(np.array([1.0, 0.0, 0.0])) + 0.0 * tilt
     return rotate_vectors(product(facing, quaternion_from_vector(tilt)), upward)
 
 
 def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array, normal: Array) -> Array:
-    """Of the lowest points of objects over the palm's surface, shape (n,), m; below it negative. Poses (n, 7), world;
-    which of the shapes each is (n,), and its size as a factor of that (n,); the palm's normal (n, 3)."""
+    """Height of the objects' lowest points over the palm's surface, shape (n,), m; negative below it. `pose`: (n, 7),
+    world; `kind`: index of each object's shape, (n,); `factor`: its size, (n,); `normal`: of the palm, (n, 3)."""
     xp, back = library(pose), pose[:, 3:] * library(pose).asarray(np.array([1.0, -1.0, -1.0, -1.0]))
     down, half = -rotate_vectors(back, normal), shapes.half[kind] * factor[:, None]
     parts = xp.abs(down * half)
@@ -77,21 +76,21 @@ def palm_clearance(pose: Array, shapes: ObjectShapes, kind: Array, factor: Array
     return found
 
 
-LARGEST = 0.09  # m. Longer ones do not lie between the fingers and the thumb.
+LARGEST = 0.09  # m. Longer ones do not fit between the fingers and the thumb.
 ASIDE = 0.06  # m from where it began: no longer in the hand.
-DROPPED = -20.0  # What losing the object costs: more than the steps of a throw can have earned.
-FAST, SPINS = 0.5, 5.0  # m/s and rad/s by which what is seen is divided, to be of order 1.
+DROPPED = -20.0  # Cost of losing the object: more than the steps of a throw can earn.
+FAST, SPINS = 0.5, 5.0  # m/s and rad/s: scales of the observed speeds.
 _HAND, _PLACE = 0.02, 0.001  # rad and m, half-widths of the noise on the start.
 _FRICTION = (0.5, 1.0)
-_NEAR = 16  # States in order of size, among which one of a wanted size is drawn.
+_NEAR = 16  # States in order of size, among which one near a wanted size is drawn.
 
 
 class InHandTask(Task):
-    """The palm looks up, and an episode begins in one of the states that `held` has found, with some noise. Nothing
-    forbids the palm: `on_palm` tells how long an object was there."""
+    """The palm looks up, and an episode begins in one of the start states, with some noise. The object may touch the
+    palm: `on_palm` is the share of time that it is there."""
 
     step: ClassVar[float] = 0.08
-    """rad an action, where the settings name no other."""
+    """rad per action, where the settings name no other."""
     options: ClassVar[tuple[str, ...]] = ("object", "size", "friction")
     own_settings: ClassVar[tuple[str, ...]] = ("observation",)
 
@@ -113,16 +112,16 @@ class InHandTask(Task):
         self.camera = ObjectCamera(settings.randomise, self.thing, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))
-        """Where the object was at the beginning, m, world."""
+        """Position of the object at the beginning, m, world."""
         self.kind, self._state = xp.zeros(n, np.int64), xp.zeros(n, np.int64)
         self.start: Array = xp.zeros((n, self.spec.n_joints))
-        """Targets of the fingers at the beginning, rad."""
+        """Set-points of the fingers at the beginning, rad."""
         self._factor, self._low = xp.ones(n), xp.zeros(n)
-        """Of the objects' sizes; decisions since the reset at which they were on the palm."""
+        """Size factors of the objects; decisions since the reset at which they were on the palm."""
         self._shapes: ObjectShapes | None = None
         self._normal = palm_normal(xp.zeros((n, 3)))
         self.shown: ObjectObservation
-        """What a camera told at this decision."""
+        """The camera's observation at this decision."""
 
     def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         drawn = draws.integers(len(self.settings.objects or (1,)))
@@ -135,7 +134,7 @@ class InHandTask(Task):
     def draw_variation(
         self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions
     ) -> None:
-        """The state to begin in, and with it the object's size; the friction."""
+        """Draw the start state, which gives the object's size, and the friction."""
         friction, among = draws.uniform(*_FRICTION)[:, 0], draws.uniform(0.0, 1.0)[:, 0]
         values.setdefault("friction", friction)
         table = self._states()
@@ -168,8 +167,9 @@ class InHandTask(Task):
         return self.encode_object(self.shown) if self.n_privileged else None
 
     def encode_object(self, seen: ObjectObservation) -> Array:
-        """The object's shift from where it began, in 5 cm; where its own z points, two numbers; cosine and sine of
-        four times its yaw, for a quarter turn looks as none; its velocity and its spin. All in the world's axes."""
+        """The object's shift from where it began, in 5 cm; the direction of its own z axis, two numbers; cosine and
+        sine of four times its yaw, since a quarter turn looks the same; its velocity and angular velocity. All in world
+        axes."""
         w, x, y, z = (seen.quaternion[:, k] for k in range(4))
         xp = self.worlds.xp
         yaw = 4.0 * xp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -188,8 +188,8 @@ class InHandTask(Task):
         return length(self.thing.pose[:, :3] - self.place) > ASIDE
 
     def palm_terms(self, tick: Ticks) -> dict[str, Array]:
-        """How far the object's lowest point is above the palm's surface, m (`clearance`), and at which share of the
-        decisions since the reset that was less than `ON_PALM` (`on_palm`), (n,) each. Once a decision."""
+        """Height of the object's lowest point above the palm's surface, m (`clearance`), and the share of decisions
+        since the reset at which it was less than `ON_PALM` (`on_palm`), (n,) each. Call once per decision."""
         assert self.thing is not None
         xp = self.worlds.xp
         if self._shapes is None:
@@ -200,7 +200,7 @@ class InHandTask(Task):
         return {"clearance": over, "on_palm": self._low / decisions}
 
     def _add_object(self, thing: catalogue.Thing, n: int, threads: int) -> None:
-        """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
+        """Add an object with its start states. Raises ConfigError for one that is too large."""
         longest = 2 * thing.half_extents().max()
         if longest > LARGEST:
             raise ConfigError(
@@ -214,8 +214,7 @@ class InHandTask(Task):
         self._names.append(thing.name)
 
     def _states(self) -> StartStates:
-        """Those of every object in one table, (objects, states, …); those with fewer are filled up with states of
-        infinite size."""
+        """Start states of all objects in one table, (objects, states, …). Missing states have infinite size."""
         if self._table is None:
             most = max(len(held.size) for held in self._held)
             fill = {"size": np.inf, "position": 0.0, "target": 0.0, "pose": 0.0}
@@ -238,8 +237,8 @@ class InHandTask(Task):
 
 
 def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
-    """One of each row's states in order of size (m, k), inf where there are no more, by numbers in [0, 1), (m,); of
-    about the wanted size (m,). Raises ConfigError where there is none."""
+    """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
+    in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
     xp = library(sizes)
     count = xp.isfinite(sizes).sum(axis=-1)
     if wanted is None:

@@ -1,4 +1,5 @@
-"""Lift: take an object from a table; the wrist, on a slide, comes down, waits for the fingers and goes up again."""
+"""Lift task: take an object from a table. The wrist, on a slide, comes down, waits for the fingers and goes up
+again."""
 
 from __future__ import annotations
 
@@ -25,13 +26,13 @@ from allegro_twin.sim.model import wrist
 from allegro_twin.types import Array, Vector
 
 DOWN, UP, HOLD = 0.5, 0.8, 0.8  # s: the wrist goes down, up, and stays there.
-HEIGHT = 0.10  # m that it lifts.
-LIFTED = 0.8  # Part of that height at which an object counts as lifted.
-SHOVED = 0.08  # m that an object may be moved along the table before the attempt is over.
+HEIGHT = 0.10  # m that the wrist lifts.
+LIFTED = 0.8  # Share of that height at which an object counts as lifted.
+SHOVED = 0.08  # m that an object may be moved along the table before the attempt ends.
 
 
 class LiftTask(ScriptedClosingTask):
-    """The scripted player closes where the object should stand; it is off by the position noise."""
+    """The scripted grasp closes where the object should stand; the object is off by the position noise."""
 
     name = "Lift"
     purpose = "lift an object from a table; the wrist on a slide follows a timeline"
@@ -43,13 +44,13 @@ class LiftTask(ScriptedClosingTask):
         super().__init__(settings, n, threads)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))
-        """Where the object stood, m, world."""
+        """Position of the object on the table, m, world."""
         self._level = xp.asarray(np.array([1.0, 1.0, 0.0]))
         self._periods = xp.arange(settings.decimation)[:, None]
         _, self._wish = self.worlds.joint("wrist_z")
 
     def object_choices(self) -> tuple[ObjectChoice, ...]:
-        """Those of the demo alone, or all."""
+        """The demo's objects alone, or all."""
         names, demo = grasped_from_above(self.spec.model), known_scenarios(self.spec.model)
         if self.settings.level == "easy":
             names = tuple(name for name in names if Path(demo[name]).parent.name != "more")
@@ -59,7 +60,7 @@ class LiftTask(ScriptedClosingTask):
         return table_scene(given, self.spec, self.settings, grasp)
 
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
-        # As the object stands higher by its greater size, and the palm would come down to it.
+        # A larger object stands higher, and the palm would come down to it.
         return np.array([0.0, 0.0, scene.retreat[2] + scene.pose[2] * (size - 1.0)])
 
     def update_tables(self) -> None:

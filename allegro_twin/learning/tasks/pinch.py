@@ -1,4 +1,4 @@
-"""Pinch: take a small object that somebody presents between two or three fingertips, and hold it through a push."""
+"""Pinch task: take a small presented object between two or three fingertips, and hold it through a push."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from allegro_twin.learning.tasks.grasp import GraspTask
 from allegro_twin.learning.tasks.scenes import TaskScene, presented_scene
 from allegro_twin.learning.tasks.scripted_closing import EASY, HARD, ObjectVariation
 
-# A scenario of the taxonomy for each: where the palm goes, and the grasp.
+# Scenario of the taxonomy for each: where the palm goes, and the grasp.
 _SCENARIOS = {"ball_30": "inferior_pincer", "golf_ball": "golf_ball"}
 
 
 class PinchTask(GraspTask):
-    """As Grasp, with small balls and the library's pinches."""
+    """The Grasp task with small balls and the library's pinches."""
 
     name = "Pinch"
     purpose = "pinch a small presented object with the fingertips and hold it through a push"

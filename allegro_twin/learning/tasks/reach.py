@@ -1,4 +1,4 @@
-"""Reach: bring all fingertips to where they are wanted."""
+"""Reach task: bring all fingertips to given points."""
 
 from __future__ import annotations
 
@@ -21,18 +21,22 @@ from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
-GOALS, SEED = 1024, 20260101  # The goals are the fingertips of so many postures without contact, always the same ones.
-INSIDE = 0.8  # Of each joint's range, in which these postures lie.
-REACHED = 0.010  # m, every fingertip. A PD law without the hand's weight is off by 1 mm (docs/models.md#gains).
+GOALS, SEED = (
+    1024,
+    20260101,
+)  # The goals are the fingertips of this many postures without contact, always the same ones.
+INSIDE = 0.8  # Share of each joint's range in which these postures lie.
+REACHED = 0.010  # m, every fingertip. PD control without gravity compensation is off by 1 mm (docs/models.md#gains).
 
 MARK, GREEN = 0.006, (0.1, 0.75, 0.3, 1.0)  # m, radius of a goal in pictures; its colour.
 
 
 class ReachTask(Task):
-    """The hand alone, upright. A goal is what the fingertips of some posture without contact would be.
+    """The hand alone, upright. A goal is the fingertip positions of some posture without contact.
 
-    Reward and success follow from where the joints truly are. `achieved_goal` is what the hand reports, with the noise
-    and delay of `randomise`, and so `compute_reward` of it is then another number."""
+    Reward and success follow from the true joint positions. `achieved_goal` is what the hand reports, with the noise
+    and delay of `randomise`, so `compute_reward` of it differs from the reward.
+    """
 
     name = "Reach"
     purpose = "bring all fingertips to given points in the palm frame"
@@ -47,7 +51,7 @@ class ReachTask(Task):
         self.worlds = make_worlds(self.spec, model, n, threads, settings)
         self.interface = self._interface(goal="fingertips", step=0.15)
         middle, half = self.interface.middle, self.interface.half
-        # The table of the right hand, mirrored: the sides have the same goals.
+        # The table of the right hand, mirrored: both sides have the same goals.
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
         free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
@@ -66,7 +70,7 @@ class ReachTask(Task):
         self._goal[rows] = self._goals[draws.integers(len(self._goals))]
 
     def marks(self, row: int) -> list[Mark]:
-        """A ball at each goal; the palm's frame is the world's, but for a drawn tilt of the wrist."""
+        """A ball at each goal. The palm's frame is the world's, except for a randomised tilt of the wrist."""
         size = np.full(3, MARK)
         places = host(self._goal[row]).astype(np.float64).reshape(-1, 3)
         return [Mark("sphere", size, np.array([*place, 1.0, 0.0, 0.0, 0.0]), GREEN) for place in places]
@@ -76,7 +80,7 @@ class ReachTask(Task):
 
     def outcome(self, tick: Ticks, action: Array, observation: Observation) -> StepOutcome:
         xp = self.worlds.xp
-        # In the precision of observations: without noise `compute_reward` of what was seen is the reward to the bit.
+        # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         achieved = xp.asarray(self.interface.fingertips(xp.nan_to_num(self.worlds.position)), np.float32)
         apart = self._distances(achieved, self._goal)
         reward = self._rewarded(apart)
@@ -91,6 +95,6 @@ class ReachTask(Task):
         return reward
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
-        """Of every fingertip, (..., fingers), m."""
+        """Distance of every fingertip, (..., fingers), m."""
         apart = own(desired) - own(achieved)
         return length(apart.reshape(*apart.shape[:-1], -1, 3))

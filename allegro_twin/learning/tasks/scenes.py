@@ -1,4 +1,4 @@
-"""Scenes of tasks with an object: a scenario of the package, its object presented or standing on a table."""
+"""Scenes of tasks with an object: a scenario's object, presented, standing on a table, or over the upturned palm."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import mujoco
 
 THING = "object"
-"""What every object is called in these scenes, so that they have the same layout."""
+"""Name of every object in these scenes, so that they have the same layout."""
 _COARSE = (10.0, 10, 1e-5)  # impratio, iterations and tolerance of the solver.
 
 
@@ -42,22 +42,22 @@ class TaskScene:
     pose: Vector
     """Of the object, position and quaternion in the world, (7,), m."""
     retreat: Vector
-    """From the place of the grasp to where the palm waits, seen from the object, (3,), m, world axes."""
+    """From the place of the grasp to where the palm waits, relative to the object, (3,), m, world axes."""
 
 
 @cache
 def known_scenarios(hand: str = HAND) -> dict[str, str]:
-    """The scenarios of the catalogue's objects for a model of hand, read once."""
+    """Scenarios of the catalogue's objects for a model of hand, read once."""
     return object_scenarios(hand)
 
 
 def grasped_from_above(hand: str = HAND) -> tuple[str, ...]:
-    """The objects that are grasped from above."""
+    """Objects that are grasped from above."""
     return tuple(name for name, path in known_scenarios(hand).items() if load_scenario(path)[0].wrist.retreat[2] > 0)
 
 
 def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[str, ...]:
-    """The objects of a task by default. Raises ConfigError for a hand that the package knows no grasps of."""
+    """The default objects of a task. Raises ConfigError for a hand without grasps in the package."""
     if not names:
         raise ConfigError(f"{task}: the package has no scenarios of {spec.model}: give objects=('scenario.yaml', …) "
                           f"as allegro-twin plan OBJECT --hand {spec.called} writes them")  # fmt: skip
@@ -67,7 +67,7 @@ def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[
 def presented_scene(
     given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
 ) -> TaskScene:
-    """An object in somebody's fingers before a hand that stands still."""
+    """An object in a presenter's fingers before a hand that stands still."""
     found, around, retreat = _found(given if scenario is None else str(load_scenario(scenario)[1]), spec)
     position = np.asarray(around.position) - retreat
     around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
@@ -75,7 +75,8 @@ def presented_scene(
 
 
 def table_scene(given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
-    """An object on a table under a hand that a slide lowers. Raises ConfigError for one grasped from the side."""
+    """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
+    side."""
     found, around, retreat = _found(given, spec)
     if retreat[2] <= 0:
         raise ConfigError(
@@ -106,23 +107,23 @@ def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: 
 
 
 PALM = 0.0111
-"""m: the palm's surface above the palm's origin, where it looks up."""
+"""m: height of the palm's surface above the palm's origin, in the upturned hand."""
 FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
-"""Of the upturned palm in the world: its x points up, its fingers along the world's x."""
+"""Orientation of the upturned palm in the world: its x points up, its fingers along the world's x."""
 
 
 def upturned_model(
     spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
-    """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
-    x is up and its y the world's y."""
+    """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
+    palm's x is up and its y the world's y."""
     placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
     around = Stage(np.zeros(3), FACING, [placed], friction=friction)
     return compile_task_scene(spec, around, settings)
 
 
 def compile_task_scene(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
-    """The model of a scene, with the physics that the settings ask for."""
+    """Compile a scene, with the physics of the settings."""
     model = compile_scene(spec, around)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
     if settings.coarse:
@@ -132,7 +133,7 @@ def compile_task_scene(spec: HandSpec, around: Stage, settings: EnvSettings) -> 
 
 
 def make_worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
-    """`n` simulations that begin as `model`, on the device that the settings name."""
+    """Make `n` simulations that begin as `model`, on the device of the settings."""
     if settings.device == "cpu":
         return Worlds(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}

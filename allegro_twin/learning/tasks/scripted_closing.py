@@ -1,4 +1,4 @@
-"""What tasks with an object and a scripted closing share: variants, scripts, the object's place and its noise."""
+"""Base class of tasks with an object and a scripted grasp: variants, scripts, the object's place and its variation."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class ObjectVariation:
-    """What is drawn of an object at every reset, unless `randomise` or an option of the reset says it."""
+    """What is drawn of an object at every reset, unless `randomise` or an option of the reset gives it."""
 
     noise: float
-    """It is off by up to so much along each axis, m."""
+    """Largest offset along each axis, m."""
     yaw: float = 0.0
-    """It is turned about the vertical by up to so much, rad."""
+    """Largest turn about the vertical, rad."""
     friction: _Range | None = None
     """Sliding friction of every contact."""
     mass: _Range | None = None
@@ -46,7 +46,7 @@ class ObjectVariation:
     """Factor on the pushes."""
 
     def draw(self, draws: Draws, values: dict[str, Array]) -> None:
-        """Put what nobody has drawn into `values`; the same numbers are used up whatever is missing."""
+        """Add missing quantities to `values`; the same random numbers are used up in any case."""
         for name in ("friction", "mass", "size"):
             share = draws.uniform(0.0, 1.0)[:, 0]
             found: _Range | None = getattr(self, name)
@@ -59,11 +59,12 @@ HARD = ObjectVariation(noise=0.020, yaw=float(np.radians(20.0)), friction=(0.4, 
 
 
 MARGIN = 0.1  # s, for the last action.
-DEEPEST = 0.012  # m. How far an object may begin inside the pre-shaped hand: more would be thrown out, not grasped.
+DEEPEST = 0.012
+"""m. Largest depth of an object inside the pre-shaped hand at the beginning: a deeper one would be thrown out."""
 
 
 class ScriptedClosingTask(Task):
-    """The library's grasp closes on the object as the scripted player does it; an action is added to that.
+    """The library's grasp closes on the object by a script; an action is added to that.
 
     A variant is an object with a grasp; its script has the same number.
     """
@@ -73,7 +74,7 @@ class ScriptedClosingTask(Task):
     squeeze: ClassVar[float] = 0.4
     """s from closed to squeezed."""
     after: ClassVar[float] = 0.0
-    """s that an episode needs from there to its verdict."""
+    """s of an episode from there to its verdict."""
     levels: ClassVar[dict[Level, ObjectVariation]] = {"easy": EASY, "default": HARD}
     own_settings: ClassVar[tuple[str, ...]] = ("level",)
 
@@ -96,23 +97,23 @@ class ScriptedClosingTask(Task):
         self.thing = self.worlds.free(THING)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
-        """By how much each object is off, m, world."""
+        """Offset of each object, m, world."""
         self.script: Rows = xp.zeros(n, np.int64)
         self._upward = xp.asarray(np.array([0.0, 0.0, 1.0]))
 
     @abstractmethod
     def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
-        """The scene of an object."""
+        """Make the scene of an object."""
 
     def overlap(self, scene: TaskScene, size: float) -> float:
-        """How deep an object of `size` times its size is in the hand that is about to close on it, m."""
+        """Penetration depth of an object of `size` times its size and the pre-shaped hand, m."""
         met = scene.pose.copy()
         met[:3] += self.grasp_offset(scene, size)
         return overlap(scene.model, self.spec, scene.grasp.preshape, THING, met, size)
 
     @abstractmethod
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
-        """From where the scene's model has the object to where the hand at rest in that model would grasp it, m."""
+        """From the object in the scene's model to where the hand at rest in that model would grasp it, m."""
 
     def verdict_time(self, scene: TaskScene) -> float:
         """When an episode in a scene is decided, s."""
@@ -120,7 +121,7 @@ class ScriptedClosingTask(Task):
 
     @abstractmethod
     def object_choices(self) -> tuple[ObjectChoice, ...]:
-        """The objects that are drawn from."""
+        """Objects to draw from."""
 
     def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         drawn = draws.integers(len(self.object_choices()))
@@ -167,11 +168,11 @@ class ScriptedClosingTask(Task):
         }
 
     def closing_period(self, scene: TaskScene) -> int:
-        """When the scripted player has squeezed, in control periods."""
+        """When the script has squeezed, in control periods."""
         return round(closing_time(scene.grasp, self.wait, self.squeeze) / self.settings.period)
 
     def _variant_number(self, given: ObjectChoice, grasp: str | None) -> int:
-        """The variant of an object with its own grasp or another; compiled when it is asked for the first time."""
+        """The variant of an object with its own grasp or another; compiled on first use."""
         if (given, grasp) not in self._numbers:
             self._add_object(self.make_scene(given, grasp), given, grasp)
         return self._numbers[given, grasp]
@@ -202,10 +203,10 @@ class ScriptedClosingTask(Task):
         self.update_tables()
 
     def update_tables(self) -> None:
-        """Keep what follows from the scenes in tables with a row a variant."""
+        """Update the tables that have a row per variant."""
 
     def _check_size(self, variant: Rows, options: ResetOptions) -> None:
-        """Raise ConfigError for an object that somebody has chosen and that is too large for its grasp."""
+        """Raise ConfigError for a chosen object that is too large for its grasp."""
         if options.size is None and options.object is None:
             return
         for number in set(variant.tolist()):

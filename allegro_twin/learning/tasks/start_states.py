@@ -1,4 +1,8 @@
-"""States in which fingertips hold an object above the upturned palm: searched for once, then only read."""
+"""Start states of in-hand tasks: fingertips hold an object above the upturned palm. They are searched for once and
+stored.
+
+The search closes postures of the right hand around an object, lets it go, and keeps what holds.
+"""
 
 from __future__ import annotations
 
@@ -30,33 +34,33 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
 SIZES, FRICTION = (0.9, 1.1), 0.5
-"""Factors on the object's size; the sliding friction in which it must hold."""
-PERIOD = 0.003  # s, of the law and of the physics.
+"""Factors on the object's size; the sliding friction at which it must be held."""
+PERIOD = 0.003  # s, of the control law and of the physics.
 AT_ONCE = 512  # Simulations.
-_CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods: the object is let go of, the fingers
-# have closed, what has fallen is given up, the rest has come to rest, and the end.
+_CARRIED, _CLOSING, _SEEN, _WATCHED, _PERIODS = 60, 80, 110, 250, 450  # Periods: the object is released, the fingers
+# have closed, fallen objects are given up, the rest has come to rest, and the end.
 _FALLEN = 0.008  # m
-_STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m that it moves from then to the end; its tilt.
+_STILL, _UPRIGHT = 0.001, np.radians(8.0)  # m of motion from then to the end; its tilt.
 _GAP, _HIGHEST, _ASIDE = 0.008, 0.090, 0.035  # m: above the palm; highest middle; from the middle of the palm's edge.
 
 
 class StartCandidates(NamedTuple):
-    """What is tried, a row each."""
+    """Candidates to try, one per row."""
 
     posture: Array
     """Before the fingers close, (n, 16), rad."""
     target: Array
     """When they have closed, (n, 16), rad."""
     place: Array
-    """Of the object's middle, world, (n, 3), m."""
+    """Position of the object's middle, world, (n, 3), m."""
     yaw: Array
-    """Of the object, (n,), rad."""
+    """Yaw of the object, (n,), rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class StartStateSearch:
-    """What is tried: fingers opposite the thumb, in any posture that leaves room for the object between them. Ranges in
-    rad. Its repr tells one search from another."""
+    """Ranges of the candidates, rad: fingers opposite the thumb, in any posture that leaves room for the object between
+    them. Its repr is part of the name of the stored file."""
 
     finger: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.75, 1.55), (0.0, 1.0), (0.0, 0.8))
     """From the palm outward."""
@@ -72,7 +76,7 @@ class StartStateSearch:
     """m, from the thumb to the fingers."""
 
     def tries(self, spec: HandSpec, height: Array, rng: np.random.Generator) -> StartCandidates:
-        """For objects so high (n,), m."""
+        """Draw candidates for objects of this height (n,), m."""
         n, tips = len(height), hand_kinematics(spec).batch_fingertips()
         posture, squeeze, place = (np.zeros((n, k)) for k in (16, 16, 3))
         missing = np.arange(n)
@@ -103,7 +107,8 @@ class StartStateSearch:
 def try_candidates(
     thing: Thing, search: StartStateSearch, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    """One batch: of what held, joints, targets (m, 16), rad, pose (m, 7), m, and factor on the size (m,)."""
+    """Try one batch. Returns what was held: joint positions and targets (m, 16), rad, pose (m, 7), m, and factor on the
+    size (m,)."""
     spec = load_spec(side="right")
     gains = load_gains("default", spec)
     model = upturned_model(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
@@ -135,7 +140,7 @@ def try_candidates(
 
 
 def _apart(place: Array, other: Array, most: float) -> Rows:
-    """Who is at most so far from where it was."""
+    """Rows that are at most `most` from where they were."""
     return np.flatnonzero(np.linalg.norm(place - other, axis=-1) < most)
 
 
@@ -147,29 +152,29 @@ def _inside(place: Array, height: Array) -> Flags:
 
 
 VERSION = 2
-"""Of the search; counted up when another search would find other states."""
+"""Version of the search, counted up when it would find other states."""
 COUNT, SEED, SEARCH = 1024, 20260101, StartStateSearch()
 MOST = 200
-"""Batches, after which a search is given up: it finds too little."""
+"""Batches, after which a search that finds too little ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartStates:
-    """For one side, a state a row, in order of size."""
+    """Start states of one side, one per row, in order of size."""
 
     position: Array
-    """Of the joints, (m, n), rad."""
+    """Joint positions, (m, n), rad."""
     target: Array
-    """Of the position law that holds the object so, (m, n), rad."""
+    """Set-points of the position control that holds the object, (m, n), rad."""
     pose: Array
-    """Of the object, world, (m, 7), m."""
+    """Pose of the object, world, (m, 7), m."""
     size: Array
     """Factor on the object's size, (m,)."""
 
 
 def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH) -> StartStates:
-    """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
-    ConfigError where there is no cache."""
+    """Load start states from the package, or from the cache of this machine; the first use searches for some minutes.
+    Raises ConfigError without a cache."""
     name = file_name(thing, search)
     path = data_root() / "conf" / "starts" / name
     if not path.is_file():
@@ -181,7 +186,7 @@ def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH
 
 
 def write_start_states(thing: Thing, path: Path, search: StartStateSearch = SEARCH) -> None:
-    """Search for the states of the right hand and write them. Raises RecordingError."""
+    """Search for the start states of the right hand and write them. Raises RecordingError."""
     found = search_start_states(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
     short = {name: array.astype(np.float32) for name, array in arrays.items()}
@@ -190,7 +195,7 @@ def write_start_states(thing: Thing, path: Path, search: StartStateSearch = SEAR
 
 
 def search_start_states(thing: Thing, search: StartStateSearch, count: int = COUNT, seed: int = SEED) -> StartStates:
-    """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
+    """Search for `count` states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
     while sum(len(part[0]) for part in parts) < count and len(parts) < MOST:
@@ -204,7 +209,7 @@ def search_start_states(thing: Thing, search: StartStateSearch, count: int = COU
 
 
 def file_name(thing: Thing, search: StartStateSearch = SEARCH) -> str:
-    """Another search, another object, or another hand, has another."""
+    """File name; it depends on the search, the object and the hand."""
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
     whole = (
         VERSION,
@@ -221,7 +226,7 @@ def file_name(thing: Thing, search: StartStateSearch = SEARCH) -> str:
 
 
 def _hand() -> str:
-    """Of the hand that searches: its shapes and masses, its limits and its motors."""
+    """Fingerprint of the searching hand: shapes and masses, limits and motors."""
     spec = load_spec(side="right")
     motors, mjcf = spec.actuation, data_root() / "models" / "mjcf" / f"{spec.name}.xml"
     driven = (motors.torque_limit, motors.damping, motors.armature, motors.frictionloss)

@@ -1,5 +1,5 @@
-"""Training, from a recipe to a policy file with its figures: PPO by Stable-Baselines3 on processors or by rsl-rl where
-the simulations are, and imitation of a policy that sees more."""
+"""Training from a recipe to a policy file: PPO by Stable-Baselines3 on processors or by rsl-rl on the simulations'
+device, and imitation (DAgger)."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ __all__ = ["Recipe", "load_recipe", "train"]
 def train(
     recipe: Recipe, folder: Path, advance: Callable[[int, float, float], None] = lambda steps, mean, rate: None
 ) -> TrainingResult:
-    """Train in `folder`, or go on with what is there; told after every update: the actions taken, and the mean return
-    and success rate since. Raises ConfigError without the extra, or for a folder of another training."""
+    """Train in `folder`, or continue what is there. `advance` is called after every update with the actions taken,
+    and the mean return and success rate since. Raises ConfigError without the extra, or for a folder of another
+    training."""
     extra, needed = {"rsl-rl": _RSL, "dagger": _DAGGER}.get(recipe.learner, _STABLE)
     for name in needed:
         try:

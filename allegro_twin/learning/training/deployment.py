@@ -1,5 +1,5 @@
-"""A policy on a virtual hand on a CAN bus: every frame is encoded, sent and decoded, and behind the hand's own
-processor runs the episode that the environment would have run."""
+"""Evaluates a policy on a virtual hand on a CAN bus: every frame is encoded, sent and decoded, and behind the hand's
+processor runs the environment's episode."""
 
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ from allegro_twin.loop import run
 def evaluate_on_can(
     policy: Path, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, version: Version = "v4"
 ) -> Evaluation:
-    """The episodes of `evaluate` with the same seeds, on a bus on which time passes as the hand's does. What no hand
-    reports does not go over it: a camera beside the hand tells that. Raises ConfigError for a policy of another
-    task."""
+    """Run the episodes of `evaluate` with the same seeds, on a bus in simulated time. What no hand reports does not go
+    over the bus: a camera beside the hand gives it. Raises ConfigError for a policy of another task."""
     loaded, episode = load_policy(policy), EpisodeBackend(task, settings)
     if "torque" not in episode.spec.commands:
         raise ConfigError(f"{episode.spec.name} is on no CAN bus: leave out --can")
@@ -45,7 +44,7 @@ def evaluate_on_can(
     for each in range(episodes):
         episode.seed = seed + each
         episode.reset()
-        interface = episode.engine.task.interface  # With the scripts of these very objects.
+        interface = episode.engine.task.interface  # With the scripts of these objects.
         controller = PolicyController(
             loaded.policy, interface, episode.goal, episode.script, episode.target, episode.complete_observation
         )

@@ -1,4 +1,4 @@
-"""How good a policy is: episodes side by side, every one to its end, the same ones for every policy."""
+"""Evaluates policies: whole episodes side by side, the same ones for every policy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from allegro_twin.learning.policy.controller import Policy
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """One row an episode."""
+    """Results of an evaluation, one row per episode."""
 
     success: NDArray[np.bool_]
     returns: NDArray[np.float64]
@@ -26,9 +26,9 @@ class Evaluation:
     objects: tuple[str, ...]
     """The object of each episode; empty where a task has none."""
     counts: NDArray[np.float64] | None = None
-    """What each came to at its end, where its task counts something: rad turned, goals reached."""
+    """Final values of the task's `count_term`, where it has one: rad turned, goals reached."""
     shares: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Shares of each episode's time, by name, where its task tells such: `on_palm`."""
+    """Shares of each episode's time, by name, where the task has such terms: `on_palm`."""
 
     @property
     def rate(self) -> float:
@@ -49,7 +49,8 @@ class Evaluation:
 def evaluate(
     policy: Policy, task: str, settings: EnvSettings, episodes: int, *, seed: int = 0, threads: int = 0
 ) -> Evaluation:
-    """Episode i is the one that the single environment makes of the seed `seed + i`. Raises ConfigError."""
+    """Run `episodes` episodes of a task. Episode i is that of the single environment with the seed `seed + i`. Raises
+    ConfigError."""
     if episodes < 1:
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **env_keywords(settings))
@@ -73,7 +74,7 @@ def evaluate(
 
 
 def check_card(card: PolicyCard, task: PolicyCard) -> None:
-    """Raise ConfigError unless a policy's card is one that this task would write, whatever its objects are."""
+    """Raise ConfigError unless a policy's card is one that this task would write, for any objects."""
     for name in PolicyCard.model_fields:
         if name in ("scripts", "periods", "note", "algorithm"):
             continue

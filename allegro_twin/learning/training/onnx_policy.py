@@ -1,4 +1,4 @@
-"""A trained policy as ONNX: normalisation, network and bounds in one graph that needs no PyTorch to run."""
+"""ONNX files of trained policies: normalisation, network and bounds in one graph, written and read back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OPSET, IR = 17, 9  # Read by every onnxruntime since 1.17.
 
 
 class _Graph:
-    """Nodes in a row, each from the output of the last."""
+    """Nodes in a chain, each from the output of the last."""
 
     def __init__(self, first: str) -> None:
         self.nodes: list[Any] = []
@@ -41,24 +41,23 @@ class _Graph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyNetwork:
-    """A policy's mean action: its inputs side by side, normalised, through layers one after the other."""
+    """A policy's mean action: inputs are concatenated, normalised, and passed through layers."""
 
     widths: dict[str, int]
-    """The names of the inputs in their order, and how many numbers each has. With a goal there is one part more at the
-    end: what is left to it."""
+    """Names and widths of the inputs, in order. With a goal the goal difference follows as a further part."""
     mean: Any
     scale: Any
-    """What the distance from the mean is multiplied with, (features,)."""
+    """Factor on the distance from the mean, (features,)."""
     bound: float | None
-    """Where that is clipped."""
+    """Clipping limit of normalised inputs."""
     layers: list[Any]
-    """Of PyTorch: linear ones, Tanh and ELU."""
+    """PyTorch layers: linear ones, Tanh and ELU."""
     turns: bool = False
     """Goals are orientations (allegro_twin/learning/training/goal_features.py)."""
 
 
 def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
-    """Its mean action, within [-1, 1]."""
+    """Write the mean action, within [-1, 1]."""
     names = list(policy.widths)
     inputs = [_floats(name, width) for name, width in policy.widths.items()]
     graph = _Graph(names[0])
@@ -87,7 +86,7 @@ def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
 
 
 def _left(graph: _Graph, turns: bool) -> str:
-    """Where what is left to the goal is found."""
+    """Add nodes of the goal difference; returns the name of its output."""
     graph.last = GOAL
     if not turns:
         graph.add("Sub", ACHIEVED)
@@ -114,11 +113,11 @@ _PLAIN = {"Tanh": torch.nn.Tanh, "Elu": torch.nn.ELU}
 
 
 def read_onnx_network(path: Path) -> PolicyNetwork:
-    """Of a file that `to_onnx` has written. Raises ConfigError for any other."""
+    """Read a file that `to_onnx` has written. Raises ConfigError for any other."""
     graph = onnx.load(str(path)).graph
     weights = {each.name: np.array(numpy_helper.to_array(each)) for each in graph.initializer}
     widths = {each.name: each.type.tensor_type.shape.dim[1].dim_value for each in graph.input}
-    # Several inputs are put side by side first, the last node is the bounds of actions.
+    # Several inputs are concatenated first; the last node clips actions.
     before = max((at for at, node in enumerate(graph.node) if node.op_type == "Concat"), default=-1)
     turns = any(node.op_type == "Sign" for node in graph.node)
     nodes = graph.node[before + 1 : -1]
@@ -133,7 +132,7 @@ def read_onnx_network(path: Path) -> PolicyNetwork:
 
 
 class NetworkActor(torch.nn.Module):  # type: ignore[misc]  # PyTorch is untyped where it is not installed.
-    """Its mean action, within [-1, 1], of inputs that are side by side already, (n, features)."""
+    """The mean action as a PyTorch module, within [-1, 1], of concatenated inputs (n, features)."""
 
     def __init__(self, policy: PolicyNetwork) -> None:
         super().__init__()

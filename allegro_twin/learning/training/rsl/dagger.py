@@ -1,8 +1,8 @@
-"""Imitation of a policy that sees more by one that sees what a hand reports (DAgger: Ross, Gordon and Bagnell 2011).
+"""DAgger (Ross, Gordon and Bagnell 2011): a policy that sees what a hand reports imitates one that sees more.
 
-Simulations are driven by the pupil, at first some of them by the teacher; at every state the teacher says what it would
-do, and the pupil learns that, from all states of the last updates. A checkpoint has none of these states, for they are
-gigabytes: a training that was continued gathers them anew, and is not equal to one that was not.
+The learner drives the simulations; at first the teacher drives some of them. In every state the teacher gives its
+action, and the learner learns these from all states of the last updates. A checkpoint does not contain the states,
+which are gigabytes: a continued training collects them anew, and differs from an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_i
 from allegro_twin.learning.training.settings import Recipe
 
 _LED = 0.25
-"""Share of a training in which the teacher drives some simulations: all at its beginning, none at its end."""
+"""Share of a training in which the teacher drives simulations: all at its beginning, none at its end."""
 _KEPT = 24
-"""Updates whose states are learned from."""
+"""Updates whose states are used."""
 _EPS = 1e-2
-"""Of a standard deviation: what a number that never changes is divided by."""
+"""Added to a standard deviation, for numbers that never change."""
 
 
 class DaggerLearner:
-    """Of the numbers that the teacher sees the pupil's are the first: what the hand reports, and its history."""
+    """The learner's numbers are the first of the teacher's: what the hand reports, and its history."""
 
     def __init__(self, recipe: Recipe, env: TensorVectorEnv, card: PolicyCard, teacher: NetworkActor) -> None:
         self.recipe, self.env, self.card = recipe, env, card
@@ -95,7 +95,8 @@ class DaggerLearner:
         self._mean, self._var = content["mean"], content["var"]
 
     def _imitate(self) -> float:
-        """As many states as an update has, `epochs` times, from all that are kept; the last error."""
+        """Learn from as many states as an update has, `epochs` times, drawn from all that are kept. Returns the last
+        error."""
         seen, wished = (torch.cat(rows) for rows in zip(*self._states, strict=True))
         recipe = self.recipe
         loss = torch.zeros(())
@@ -112,7 +113,7 @@ class DaggerLearner:
         return seen[:, : self.card.observation]
 
     def _wish(self, seen: Any) -> Any:
-        """What the teacher would do: it sees this decision's numbers, and what no hand reports."""
+        """The teacher's action, from this decision's numbers and what no hand reports."""
         frame = self.card.observation // self.card.history
         told = torch.cat([seen[:, :frame], seen[:, self.card.observation :]], dim=-1)
         with torch.no_grad():
@@ -120,7 +121,7 @@ class DaggerLearner:
         return wish
 
     def _learn_scale(self, seen: Any) -> None:
-        """Mean and variance of what was seen first; a scale that goes on changing would make the targets move."""
+        """Mean and variance of the first observations; a scale that keeps changing would make the targets move."""
         if self._done < self.recipe.update:
             share = self.env.num_envs / (self._done + self.env.num_envs)
             self._mean = self._mean + share * (seen.mean(dim=0) - self._mean)
@@ -134,8 +135,8 @@ class DaggerLearner:
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
-    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
-    training, and for a teacher that does not see what the pupil does not."""
+    """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another training,
+    and for a teacher that sees no more than the learner."""
     assert recipe.teacher is not None
     path = find(recipe.teacher, "policy", "conf/policies", ".onnx")
     teacher = NetworkActor(read_onnx_network(path))

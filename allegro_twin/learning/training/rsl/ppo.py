@@ -1,8 +1,9 @@
-"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), where the simulations are.
+"""PPO of rsl-rl (Schulman et al. 2017, as Rudin et al. 2022 run it for thousands of robots), on the simulations'
+device.
 
-On a Warp device nothing leaves it but a count and what is printed. On processors a continued training cannot be told
-from one that was never cut off, to the bit: episodes go on where they were. On a Warp device, and where it changes,
-they begin anew, and two runs are not equal.
+On a Warp device only counts and printed values leave it. On processors a continued training equals an uninterrupted
+one, to the bit: episodes continue where they were. On a Warp device, and where the device changes, episodes begin anew,
+and two runs differ.
 """
 
 from __future__ import annotations
@@ -41,12 +42,18 @@ from allegro_twin.learning.training.progress import (
 from allegro_twin.learning.training.rsl.rounds import EpisodeStatistics, train_in_rounds
 from allegro_twin.learning.training.settings import Recipe
 
+STILL = 0.01
+"""Factor on a policy's last weights at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
+KNOWN = 1_000_000
+"""Number of observations that the normalisation of a given policy counts as."""
+_LEFT = "left"
+
 SEEN, ALL = "policy", "critic"
-"""Groups of an observation: what the policy sees, and what the critic sees."""
+"""Groups of an observation: inputs of the policy, and of the critic."""
 
 
 class PpoLearner:
-    """A policy and a value in training on an environment's device."""
+    """A policy and a value function in training on an environment's device."""
 
     def __init__(self, recipe: Recipe, env: TensorVectorEnv) -> None:
         self.recipe, self.env, self.device = recipe, env, env.xp.device
@@ -130,7 +137,7 @@ class PpoLearner:
         return self._statistics.take_means()
 
     def layers(self) -> PolicyNetwork:
-        """The policy's mean action, as it is written to a file."""
+        """The policy's mean action, for a file."""
         actor = self.ppo.get_policy()
         normal = actor.obs_normalizer
         scale = 1.0 / (normal.std + normal.eps)
@@ -139,8 +146,8 @@ class PpoLearner:
 
     @contextmanager
     def _settled(self) -> Iterator[None]:
-        """While the value of a policy that was given is not known, the policy stays as it is: a random one would
-        spoil it in a few updates."""
+        """Keep the policy fixed while the value function of a given policy is still random: it would spoil the policy
+        in a few updates."""
         if not self._settling:
             yield
             return
@@ -160,7 +167,7 @@ class PpoLearner:
             group["lr"] = rate
 
     def _grouped(self, seen: Any) -> TensorDict:
-        """Flat, in the order that exported policies have."""
+        """Concatenate parts in the order of exported policies."""
         parts = seen if isinstance(seen, dict) else {"observation": seen}
         flat = [parts[name] for name in self.widths] if isinstance(seen, dict) else [seen]
         if GOAL in parts:
@@ -172,37 +179,30 @@ class PpoLearner:
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
-    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+    """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
     env = TensorVectorEnv(recipe.task, recipe.envs, seed=recipe.seed, **env_keywords(recipe.environment))
     return train_in_rounds(PpoLearner(recipe, env), recipe, folder, advance)
 
 
 def _widths(space: spaces.Space[Any]) -> dict[str, int]:
-    """The inputs of a policy, in the order that they have there."""
+    """Inputs of a policy and their widths, in order."""
     if not isinstance(space, spaces.Dict):
         return {"observation": spaces.flatdim(space)}
     return {name: spaces.flatdim(part) for name, part in space.items() if name != STATE}
 
 
-STILL = 0.01
-"""Of a policy's last weights, at the beginning (Andrychowicz et al. 2021, "What matters in on-policy RL")."""
-KNOWN = 1_000_000
-"""Observations that the normalisation of the policy counts as."""
-_LEFT = "left"
-
-
 def shrink_last_layer(actor: Any) -> None:
-    """Let an actor of rsl-rl do next to nothing: what a task does without action is a better beginning than chance."""
+    """Make an actor of rsl-rl start near zero action: the task's own script is a better beginning than chance."""
     with torch.no_grad():
         for each in actor.mlp[-1].parameters():
             each.mul_(STILL)
 
 
 def start_from_policy(actor: Any, path: Path, widths: dict[str, int]) -> None:
-    """Take a policy over into an actor of rsl-rl that sees inputs of these `widths`: by their names, and of each the
-    first numbers; what the policy does not see counts nothing. Raises ConfigError where its layers are others, or it
-    sees what the actor does not."""
+    """Copy a policy into an actor of rsl-rl with inputs of these `widths`: by name, and of each the first numbers.
+    Inputs that the policy does not have get zero weights. Raises ConfigError for other layers, or inputs that the actor
+    does not have."""
     given = read_onnx_network(path)
     theirs = [layer for layer in given.layers if isinstance(layer, torch.nn.Linear)]
     mine = [layer for layer in actor.mlp if isinstance(layer, torch.nn.Linear)]
@@ -225,7 +225,7 @@ def start_from_policy(actor: Any, path: Path, widths: dict[str, int]) -> None:
 
 
 def _columns(path: Path, theirs: dict[str, int], turns: bool, mine: dict[str, int]) -> list[int]:
-    """Where what the policy sees is among what the actor sees."""
+    """Places of the policy's inputs among the actor's."""
     given, wanted = (dict(widths) for widths in (theirs, mine))
     for widths in (given, wanted):
         if GOAL in widths and ACHIEVED in widths:

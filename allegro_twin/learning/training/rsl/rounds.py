@@ -1,6 +1,6 @@
-"""A training in rounds, whoever learns: a checkpoint, a policy and the curve after each, and on from the last.
+"""Training in rounds, for any learner on tensors: after each a checkpoint, a policy file and the curve.
 
-A checkpoint holds the learner, its environments in the middle of their episodes, and the random number generators of
+A checkpoint contains the learner, its environments in the middle of their episodes, and the random number generators of
 PyTorch, NumPy and Python.
 """
 
@@ -42,47 +42,47 @@ class Learner(Protocol):
 
     @property
     def card(self) -> PolicyCard:
-        """Of the policy."""
+        """Card of the policy."""
         ...
 
     @property
     def device(self) -> Any:
-        """Of its tensors."""
+        """Device of the tensors."""
         ...
 
     def begin(self, progress: TrainingProgress) -> None:
-        """A round begins."""
+        """Begin a round."""
         ...
 
     def update(self) -> dict[str, float]:
-        """One rollout of all simulations, and what is learned from it; what TensorBoard should show of that."""
+        """Collect one rollout of all simulations and learn from it. Returns values for TensorBoard."""
         ...
 
     def episodes(self) -> tuple[int, float, float, float]:
-        """How many have ended since the last call, their mean return and length, and the share of success; NaN where
-        none has."""
+        """Number of episodes that ended since the last call, their mean return and length, and the success rate; NaN
+        where none has."""
         ...
 
     def layers(self) -> PolicyNetwork:
-        """The policy's mean action, as it is written to a file."""
+        """The policy's mean action, for a file."""
         ...
 
     def state_dict(self) -> Any:
-        """What `load` takes."""
+        """Content for `load`."""
         ...
 
     def load(self, content: Any) -> None: ...
 
 
 def train_in_rounds(learner: Learner, recipe: Recipe, folder: Path, advance: Advance) -> TrainingResult:
-    """Train in `folder`, or go on after the last round that is there. Raises ConfigError for a folder of another
+    """Train in `folder`, or continue after the last round there. Raises ConfigError for a folder of another
     training."""
-    # No number may depend on how many threads shared the work.
+    # No number may depend on the number of threads.
     if torch.device(learner.device).type == "cpu":
         torch.set_num_threads(1)
     progress = _read(learner, folder, recipe)
     curve, policy = LearningCurve(folder / "curve.csv", progress.steps), folder / "policy.onnx"
-    # What a killed training has written beyond its checkpoint is done again, and hidden.
+    # What a killed training wrote beyond its checkpoint is computed again, and hidden.
     with SummaryWriter(str(folder / "tensorboard"), purge_step=progress.steps + 1) as board:
         while progress.rounds < recipe.rounds:
             learner.begin(progress)
@@ -127,7 +127,7 @@ def _write(learner: Learner, folder: Path, recipe: Recipe, progress: TrainingPro
 
 
 def _read(learner: Learner, folder: Path, recipe: Recipe) -> TrainingProgress:
-    """Take the newest checkpoint over. Raises ConfigError."""
+    """Load the newest checkpoint. Raises ConfigError."""
     path = max(folder.glob("checkpoints/*.pt"), default=None)
     if path is None:
         return TrainingProgress()
@@ -142,8 +142,8 @@ def _read(learner: Learner, folder: Path, recipe: Recipe) -> TrainingProgress:
 
 
 def _generators() -> dict[str, Any]:
-    """The states of all generators that a training can draw from, in what `torch.load` takes without a pickle."""
-    kind, keys, place, has_gauss, gauss = np.random.get_state()  # A task of a user's may draw from it.
+    """States of all generators that a training can draw from, in a form that `torch.load` reads without pickle."""
+    kind, keys, place, has_gauss, gauss = np.random.get_state()  # A user's task may draw from it.
     version, words, left = random.getstate()
     return {
         "torch": torch.get_rng_state(),
@@ -154,7 +154,7 @@ def _generators() -> dict[str, Any]:
 
 
 def _seed(states: dict[str, Any]) -> None:
-    """Put the generators where they were; those of GPUs where there are as many."""
+    """Restore the generators; those of GPUs where there are as many."""
     torch.set_rng_state(states["torch"].cpu())
     if torch.cuda.is_available() and len(states["cuda"]) == torch.cuda.device_count():
         torch.cuda.set_rng_state_all([state.cpu() for state in states["cuda"]])
@@ -172,7 +172,7 @@ class EpisodeStatistics:
         self._return, self._length, self._over = zeros, zeros.clone(), zeros.new_zeros(4)
 
     def add(self, reward: Any, ended: Any, success: Any) -> None:
-        """One action of every simulation: (n,) each."""
+        """Add one action of every simulation: (n,) each."""
         self._return += reward
         self._length += 1
         one = ended.float()
@@ -183,7 +183,7 @@ class EpisodeStatistics:
         self._length *= 1.0 - one
 
     def state_dict(self) -> list[Any]:
-        """What `load` takes."""
+        """Content for `load`."""
         return [each.clone() for each in (self._return, self._length, self._over)]
 
     def load(self, content: list[Any]) -> None:
@@ -191,8 +191,8 @@ class EpisodeStatistics:
             mine.copy_(other)
 
     def take_means(self) -> tuple[int, float, float, float]:
-        """How many have ended since the last call, their mean return and length, and the share of success; NaN where
-        none has."""
+        """Number of episodes that ended since the last call, their mean return and length, and the success rate; NaN
+        where none has."""
         number, *sums = self._over.tolist()
         self._over.zero_()
         total, length, good = (each / number if number else float("nan") for each in sums)

@@ -1,4 +1,4 @@
-"""What comes before the network: observations brought to mean 0 and variance 1, and kept so inside the policy."""
+"""Networks for Stable-Baselines3: observations are normalised inside the policy, and a critic may see more."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from allegro_twin.learning.training.onnx_policy import PolicyNetwork
 from allegro_twin.learning.training.progress import ACHIEVED, GOAL, STATE
 
 BOUND = 5.0
-"""Standard deviations beyond which an observation is clipped."""
+"""Standard deviations at which a normalised observation is clipped."""
 LEAST = 1e-6
-"""Added to every variance: what never changes stays zero instead of becoming noise."""
+"""Added to every variance: a constant stays zero instead of becoming noise."""
 
 
 class NormalisedFeatures(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
-    """All parts of an observation, one after the other, normalised by what was seen so far.
+    """All parts of an observation, concatenated and normalised by the observations so far.
 
-    With a goal there is one part more: what is left to it. Mean and variance are part of the policy's own state, so
-    that every checkpoint and every export carries them.
+    With a goal the goal difference follows as a further part. Mean and variance are part of the policy's own state, so
+    every checkpoint and every export contains them.
     """
 
     def __init__(
         self, observation_space: spaces.Space[Any], turns: bool = False, without: tuple[str, ...] = ()
     ) -> None:
-        """`turns`: goals are orientations. `without`: parts that are not looked at."""
+        """`turns`: goals are orientations. `without`: parts to leave out."""
         parts = dict(observation_space.items()) if isinstance(observation_space, spaces.Dict) else {}
         self.names = [name for name in parts if name not in without]
         seen = [parts[name] for name in self.names] or [observation_space]
@@ -49,11 +49,11 @@ class NormalisedFeatures(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable
 
     @property
     def scale(self) -> torch.Tensor:
-        """What an observation's distance from the mean is multiplied with, (features,)."""
+        """Factor on an observation's distance from the mean, (features,)."""
         return torch.rsqrt(self.variance + LEAST).float()
 
     def learn(self, observations: Any) -> None:
-        """Take many observations into account, (…, features) or a dictionary of such (Chan et al. 1979)."""
+        """Update mean and variance with observations, (…, features) or a dictionary of such (Chan et al. 1979)."""
         flat: NDArray[np.float64] = np.concatenate(self._parts(observations), axis=-1)
         flat = flat.reshape(-1, self.features_dim).astype(np.float64)
         count, more = float(self.count), len(flat)
@@ -72,7 +72,7 @@ class NormalisedFeatures(BaseFeaturesExtractor):  # type: ignore[misc]  # Stable
 
 
 class AsymmetricPolicy(MultiInputActorCriticPolicy):  # type: ignore[misc]  # Likewise.
-    """An actor that sees what a hand does, and a critic that sees the environment's `state` besides."""
+    """An actor without, and a critic with the environment's `state`."""
 
     def make_features_extractor(self) -> NormalisedFeatures:
         critic = hasattr(self, "pi_features_extractor")  # The actor's is made first.
@@ -88,7 +88,7 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):  # type: ignore[misc]  # Li
 
 
 def policy_network(model: Any) -> PolicyNetwork:
-    """The mean action of a model of Stable-Baselines3 whose observations are `Normalised`."""
+    """The mean action of a model of Stable-Baselines3 with `NormalisedFeatures`."""
     front, body, head = model.policy.pi_features_extractor, model.policy.mlp_extractor, model.policy.action_net
     assert isinstance(front, NormalisedFeatures)
     spaces_of = {name: model.observation_space[name] for name in front.names}

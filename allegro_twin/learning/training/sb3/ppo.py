@@ -1,4 +1,4 @@
-"""From a recipe to a trained policy in a folder: rounds of PPO, a checkpoint after each, and on after a kill."""
+"""PPO of Stable-Baselines3 in rounds, with a checkpoint after each; a killed training continues from the last."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ from allegro_twin.learning.training.settings import Recipe
 
 
 def learn(recipe: Recipe, folder: Path, advance: Advance = lambda steps, mean, rate: None) -> TrainingResult:
-    """Train in `folder`, or go on with what is there. Raises ConfigError for a folder of another training."""
+    """Train in `folder`, or continue what is there. Raises ConfigError for a folder of another training."""
     path = max(folder.glob("checkpoints/*.zip"), default=None)
     progress = TrainingProgress() if path is None else _read(path, recipe)
     env = HandVectorEnv(recipe.task, recipe.envs, autoreset="disabled", **env_keywords(recipe.environment))
     card = env.engine.task.card().model_copy(update={"note": f"{recipe.task}: seed {recipe.seed}"})
     stable = Sb3VecEnv(env, scale=recipe.reward_scale)
-    # No number may depend on how many threads shared the work.
+    # No number may depend on the number of threads.
     torch.set_num_threads(1)
     set_random_seed(recipe.seed)
     model = _model(recipe, stable) if path is None else PPO.load(str(path), env=stable, device="cpu")
@@ -105,8 +105,8 @@ def _model(recipe: Recipe, env: Sb3VecEnv) -> Any:
 
 
 def _round(model: Any, env: Sb3VecEnv, recipe: Recipe, progress: TrainingProgress, watching: TrainingCallback) -> None:
-    """One round. Everything random in it follows from the recipe's seed and its number, so that a training that was
-    continued cannot be told from one that was not."""
+    """One round. All its random numbers follow from the recipe's seed and its own number, so a continued training
+    equals an uninterrupted one."""
     if (farthest := goal_distance(recipe, progress)) is not None:
         env.env.engine.task.farthest = farthest
     model.lr_schedule = ConstantSchedule(learning_rate(recipe, progress))
@@ -122,7 +122,8 @@ def _deterministic(model: Any) -> Any:
 
 
 class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is untyped here.
-    """For one round of learning that begins `seconds` after the training did."""
+    """Updates the normalisation and writes the curve during one round, which begins `seconds` after the training
+    did."""
 
     def __init__(self, curve: LearningCurve, seconds: float, advance: Advance) -> None:
         super().__init__()
@@ -133,7 +134,7 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
 
     @property
     def seconds(self) -> float:
-        """Of training so far."""
+        """Training time so far, s."""
         return monotonic() - self._began
 
     def _on_step(self) -> bool:
@@ -142,7 +143,8 @@ class TrainingCallback(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3
         return True
 
     def _on_rollout_start(self) -> None:
-        """An observation means the same while it is acted on and while it is learned from, hence only now."""
+        """Update the normalisation here only: an observation must mean the same while it is acted on and learned
+        from."""
         self._learn()
 
     def _on_rollout_end(self) -> None:
@@ -171,7 +173,8 @@ MEMBER = "training.json"
 
 
 def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: TrainingProgress) -> None:
-    """A checkpoint is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
+    """Write a checkpoint: the model with its optimiser, the policy's card and the progress, in one file that is whole
+    or not there. It is also a policy file for `allegro-twin run --policy`. Raises RecordingError for a full disk."""
     with whole_file(path) as temporary:
         model.save(str(temporary))
         with zipfile.ZipFile(temporary, "a") as archive:
@@ -180,7 +183,8 @@ def _save(model: Any, path: Path, recipe: Recipe, card: PolicyCard, progress: Tr
 
 
 def _read(path: Path, recipe: Recipe) -> TrainingProgress:
-    """How far a checkpoint is. Raises ConfigError for one of another version, of another recipe, or none at all."""
+    """Read the progress of a checkpoint. Raises ConfigError for one of another version, of another recipe, or none at
+    all."""
     try:
         with zipfile.ZipFile(path) as archive:
             content = json.loads(archive.read(MEMBER)) if MEMBER in archive.namelist() else None

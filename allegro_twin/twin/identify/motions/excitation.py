@@ -24,6 +24,19 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.twin.identify.motions.limits import alike_joints
 from allegro_twin.types import Array, HandState, TorqueCommand, Vector, frozen
 
+KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Low, so that torques are not all spent on holding a path.
+SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
+KEEP = 0.06  # rad from the joint limits.
+SLOW = np.array([0.09, 0.23, 0.41, 0.73, 1.1])  # Hz, each drawn ± 10 %.
+SLOW_SHARE = np.array([0.30, 0.22, 0.20, 0.16, 0.12])
+FAST = (2.0, 14.0)  # Hz. The inertia of a drive shows above damping / armature, some 4 Hz.
+N_FAST, SHARE = 6, 0.35  # Torque sines, and their sum as a share of the torque limit.
+CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; its share of slow motion; the slow pace. Friction shows there.
+APPROACH = 1.5  # s from wherever the hand is.
+
+NEAR = 0.003  # m between two links that count as touching: the real hand differs from the nominal one.
+SCALES, TRIES = (1.0, 0.85, 0.7), 6
+
 G = 9.81  # m/s²
 TILT = np.radians(15.0)  # rad. A stand that leans more is another pose.
 
@@ -75,17 +88,6 @@ def find_pose(name: str, side: Side) -> ExcitationPose:
         if each.name == name:
             return each
     raise ConfigError(unknown("pose", name, [each.name for each in known]))
-
-
-KP, KD = 3.0, 0.08  # N·m/rad, N·m·s/rad. Low, so that torques are not all spent on holding a path.
-SWING = np.array([0.40, 0.5, 0.5, 0.5])  # rad, about the middle, from the palm outward.
-KEEP = 0.06  # rad from the joint limits.
-SLOW = np.array([0.09, 0.23, 0.41, 0.73, 1.1])  # Hz, each drawn ± 10 %.
-SLOW_SHARE = np.array([0.30, 0.22, 0.20, 0.16, 0.12])
-FAST = (2.0, 14.0)  # Hz. The inertia of a drive shows above damping / armature, some 4 Hz.
-N_FAST, SHARE = 6, 0.35  # Torque sines, and their sum as a share of the torque limit.
-CYCLE, CREEP, RATE = 8.0, 0.3, 0.08  # s; its share of slow motion; the slow pace. Friction shows there.
-APPROACH = 1.5  # s from wherever the hand is.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,10 +172,6 @@ def warp(t: float) -> tuple[float, float]:
     if part < fast:
         return whole * lap + part, 1.0
     return whole * lap + fast + RATE * (part - fast), RATE
-
-
-NEAR = 0.003  # m between two links that count as touching: the real hand differs from the nominal one.
-SCALES, TRIES = (1.0, 0.85, 0.7), 6
 
 
 class Rehearsal(NamedTuple):

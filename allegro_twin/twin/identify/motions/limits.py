@@ -15,6 +15,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Sample, Vector, frozen
 
+_MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
+_NOTHING = bytes(32)  # A report of sixteen positions; any one will do.
+
 BEYOND = (
     0.35  # rad past the model's limits: published hands differ by this much, and the joint must press against its stop.
 )
@@ -70,10 +73,6 @@ def alike_joints(spec: HandSpec) -> list[list[int]]:
         for place, joint in enumerate(finger.joints):
             groups.setdefault((place, float(spec.lower[joint]), float(spec.upper[joint])), []).append(joint)
     return list(groups.values())
-
-
-_MET = 0.03  # rad. Closer to the sweep's end than this, a joint did not stop at its stop, but where it was sent.
-_NOTHING = bytes(32)  # A report of sixteen positions; any one will do.
 
 
 class EncoderOffsets(NamedTuple):

@@ -36,6 +36,9 @@ from allegro_twin.twin.identify.results.uncertainty import PER_PWM, IdentifiedVa
 from allegro_twin.types import Vector
 from allegro_twin.version import __version__
 
+KeptValues = Mapping[str, NDArray[np.bool_]]
+"""Values that stay as they were, (n,) for each kind; one for the delay."""
+
 SCALE = {
     "known": "the link masses in this file, declared to be right",
     "assumed": "the link masses of the model, assumed: all N·m here are as far off as these are",
@@ -230,10 +233,6 @@ def _joint(spec: HandSpec, number: int) -> str:
 
 def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
-
-
-KeptValues = Mapping[str, NDArray[np.bool_]]
-"""Values that stay as they were, (n,) for each kind; one for the delay."""
 
 
 def select_values(found: DriveFit, held: KeptValues, before: Parameters) -> Parameters:
