@@ -7,9 +7,7 @@ import numpy as np
 from allegro_twin.app import assemble
 from allegro_twin.app.config import load_config
 from allegro_twin.loop import run, to_the_end, until
-from allegro_twin.recording.reader import load
-from allegro_twin.recording.recorder import record
-from allegro_twin.recording.replay import ReplayBackend
+from allegro_twin.recording import ReplayBackend, load, record
 
 path = Path("home.arrow")
 rig = assemble(load_config("sim_right"))

@@ -50,7 +50,7 @@ def _foreign(name: str) -> type[Task]:
         raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Task)):
         raise ConfigError(
-            f"task {name!r}: {attribute!r} in {module} is no class of allegro_twin.learning.tasks.base.Task"
+            f"task {name!r}: {attribute!r} in {module} is no subclass of allegro_twin.gym.Task"
         )
     return found
 

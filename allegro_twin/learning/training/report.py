@@ -42,7 +42,7 @@ class Comparison:
     """Without action: the script alone where the task has one, else a hand that stays."""
 
 
-def compare(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
+def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) -> list[Comparison]:
     """Evaluate a policy file in all `evaluation_sets`, in the episodes of the seeds from `seed` on. Raises ConfigError
     for a policy of another task."""
     loaded = load_policy(path)

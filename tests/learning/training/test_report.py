@@ -22,7 +22,7 @@ from allegro_twin.learning.training.report import (
     SELECTION,
     Comparison,
     as_shipped,
-    compare,
+    compare_policy,
     evaluation_sets,
     film_policy,
     seeds_overlap,
@@ -80,13 +80,13 @@ def test_policies_are_judged_in_what_ships_whatever_they_were_trained_in() -> No
 @pytest.mark.slow
 def test_the_shipped_policy_for_reach_beats_a_hand_that_stays(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="the shipped policies are ONNX files: extra policy")
-    (found,) = compare(REACH, recipe(), 20)
+    (found,) = compare_policy(REACH, recipe(), 20)
     assert found.policy.rate > 0.8 > found.still.rate
     write_report([found], tmp_path / "evaluation.json")
     content = json.loads((tmp_path / "evaluation.json").read_text())
     assert content["trained on"]["policy"]["rate"] == found.policy.rate
     with pytest.raises(ConfigError, match="the policy has task AllegroTwin/Reach-v0, these environments have"):
-        compare(REACH, load_recipe("Lift"), 1)
+        compare_policy(REACH, load_recipe("Lift"), 1)
 
 
 @pytest.mark.slow
@@ -186,7 +186,7 @@ def test_a_training_ends_with_other_episodes_than_those_that_evaluate_asks_by_de
         used.append(seed)
         return []
 
-    monkeypatch.setattr(report, "compare", compared)
+    monkeypatch.setattr(report, "compare_policy", compared)
     monkeypatch.setattr(report, "write_report", lambda *args: None)
     training._judged(tmp_path, recipe(), tmp_path, 3, False)
     assert used == [SELECTION]

@@ -87,7 +87,7 @@ def evaluate_policy(
     from allegro_twin.files.assets import find
     from allegro_twin.learning.policy.loading import load_policy
     from allegro_twin.learning.training import load_recipe
-    from allegro_twin.learning.training.report import SEED, compare, evaluation_sets, film_policy, seeds_overlap
+    from allegro_twin.learning.training.report import SEED, compare_policy, evaluation_sets, film_policy, seeds_overlap
     from allegro_twin.surfaces.cli import console
 
     if not 0 <= can <= episodes:
@@ -102,7 +102,7 @@ def evaluate_policy(
     path = find(policy, "policy", "conf/policies", ".onnx")
     if film is not None:
         film_policy(load_policy(path).policy, loaded, film, seed=first)
-    console.console.print(console.compared(compare(path, loaded, episodes, first), loaded, first))
+    console.console.print(console.compared(compare_policy(path, loaded, episodes, first), loaded, first))
     if can:
         from allegro_twin.learning.tasks import task_type
         from allegro_twin.learning.training.deployment import evaluate_on_can
@@ -120,7 +120,7 @@ def _judged(policy: Path, recipe: Recipe, folder: Path, episodes: int, video: bo
     from allegro_twin.learning.training import report
     from allegro_twin.surfaces.cli import console
 
-    compared = report.compare(policy, recipe, episodes, report.SELECTION)
+    compared = report.compare_policy(policy, recipe, episodes, report.SELECTION)
     report.write_report(compared, folder / EVALUATION)
     console.console.print(console.compared(compared, recipe, report.SELECTION))
     if not video:
