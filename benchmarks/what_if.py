@@ -79,7 +79,7 @@ def _run(truth: Mapping[str, Any], side: object, posture: str, path: Path) -> Pa
 
 
 def _trial(path: Path, at: float, change: Mapping[str, Any], file: str) -> Trial:
-    model, hand = branch_recording(path, at, change, wanted=BranchOptions(file)), branch_recording(path, at, change)
+    model, hand = branch_recording(path, at, change, options=BranchOptions(file)), branch_recording(path, at, change)
     assert model.unchanged is not None
     rows = min(len(model.branched), len(hand.branched), len(model.unchanged))
     rest = slice(int(np.searchsorted(model.t, at - 1e-9)), rows)

@@ -57,17 +57,17 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
 
 def _otherwise(spec: HandSpec) -> dict[str, Any]:
     """Entries that only hands without a torque motor on every joint, and arms, have."""
-    said: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
+    content: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
     if isinstance(spec, ArmSpec):
         load = None if spec.load is None else {"mass": spec.load.mass, "centre": spec.load.centre.tolist()}
-        said["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
+        content["arm"] = {"silence": spec.silence, "ready": spec.ready.tolist(), "load": load}
         if spec.slowing is not None:
-            said["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
+            content["arm"]["slowing"] = {name: getattr(spec.slowing, name).tolist() for name in _SLOWING}
     if spec.followers:
-        said["followers"] = [
+        content["followers"] = [
             {"name": f.name, "driven": f.driven, "positions": f.positions.tolist()} for f in spec.followers
         ]
-    return said
+    return content
 
 
 def _arm_from(content: dict[str, Any]) -> dict[str, Any]:

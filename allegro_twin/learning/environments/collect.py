@@ -28,26 +28,26 @@ def collect_episodes(
         raise ConfigError(f"a data set needs at least 1 episode, not {episodes}")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **keywords)
     observation, report = env.reset(seed=seed)
-    seen, rows, going = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
+    observations, rows, running = [_parts(observation)], list[tuple[Any, ...]](), np.ones(episodes, bool)
     length, failed = np.zeros(episodes, np.int64), np.zeros(episodes, bool)
-    while going.any():
+    while running.any():
         action = np.asarray(policy(observation), np.float32)
         observation, reward, terminated, truncated, info = env.step(action)
-        seen.append(_parts(observation))
+        observations.append(_parts(observation))
         rows.append((np.clip(action, -1.0, 1.0), reward, info["is_success"]))
-        length += going
-        failed |= going & terminated
-        going &= ~(terminated | truncated)
+        length += running
+        failed |= running & terminated
+        running &= ~(terminated | truncated)
     env.close()
-    things = report.get("object", [""] * episodes)
+    objects = report.get("object", [""] * episodes)
     actions, rewards, successes = (np.stack(each) for each in zip(*rows, strict=True))
-    whole = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
+    arrays = {name: np.stack([each[name] for each in observations]) for name in observations[0]}
     purpose = env.engine.task.purpose
     return [
         EnvironmentEpisode(
             env.engine.task.id,
-            f"{purpose} ({things[row]})" if things[row] else purpose,
-            {name: values[: count + 1, row] for name, values in whole.items()},
+            f"{purpose} ({objects[row]})" if objects[row] else purpose,
+            {name: values[: count + 1, row] for name, values in arrays.items()},
             actions[:count, row],
             rewards[:count, row],
             successes[:count, row],

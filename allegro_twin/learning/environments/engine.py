@@ -101,27 +101,32 @@ class EpisodeEngine:
         interface = self.task.interface
         rows = None if rows is None else self.worlds.xp.asarray(rows)
         memory = interface.act(action, self.memory, self._seen)
-        course = interface.set_points(memory)
+        set_points = interface.set_points(memory)
         self.task.plan_surroundings(memory.tick)
-        worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.move_surroundings, self._substeps
-        gains, pull, torque, step = sensing.gains(self._gains), interface.pd_torque_into, worlds.torque, worlds.step
+        worlds, sensing, move, substeps = self.worlds, self._sensing, self.task.move_surroundings, self._substeps
+        gains, pd_torque_into, torque, step = (
+            sensing.gains(self._gains),
+            interface.pd_torque_into,
+            worlds.torque,
+            worlds.step,
+        )
         live = worlds.live if sensing.ideal else None
         for k in range(interface.decimation):
             if live is not None:
-                pull(*live, course, k, gains, torque)
+                pd_torque_into(*live, set_points, k, gains, torque)
             else:
                 tick = memory.tick + k
-                sensing.send(interface.command(*sensing.measure(tick), course, k, (gains[0], gains[1])), tick)
-            drive(k)
+                sensing.send(interface.command(*sensing.measure(tick), set_points, k, (gains[0], gains[1])), tick)
+            move(k)
             step(rows, substeps)
         worlds.check()
         self.memory = interface.advance(memory)
         self.count += 1
 
-    def step_period(self, told: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
-        """Simulate one control period, the k-th since `plan_surroundings`. `told`: torques, N·m, or for hands that
+    def step_period(self, command: Array, tick: NDArray[np.int64], k: int, rows: Rows | None = None) -> None:
+        """Simulate one control period, the k-th since `plan_surroundings`. `command`: torques, N·m, or for hands that
         close their own loop positions, rad, (n, joints)."""
-        self._sensing.send(told, tick)
+        self._sensing.send(command, tick)
         self.task.move_surroundings(k)
         self.worlds.step(rows, self._substeps)
 
@@ -136,16 +141,16 @@ class EpisodeEngine:
         if not _finite(position):
             position, velocity = (xp.nan_to_num(x, nan=0.0, posinf=0.0, neginf=0.0) for x in (position, velocity))
         goal = self.task.goal() if self.task.interface.goal != "none" else None
-        told = self.task.interface.observe(position, velocity, self.memory, goal)
-        self._seen = told["observation"] if isinstance(told, dict) else told
-        return self.complete_observation(told)
+        joints = self.task.interface.observe(position, velocity, self.memory, goal)
+        self._seen = joints["observation"] if isinstance(joints, dict) else joints
+        return self.complete_observation(joints)
 
-    def complete_observation(self, told: Observation) -> Observation:
+    def complete_observation(self, joints: Observation) -> Observation:
         """Add to an observation of joints what no hand reports: object, external torque, goal, privileged state."""
         xp, tick = self.worlds.xp, self.memory.tick
         self.task.look(tick)
         achieved, goal = self.task.achieved(tick), self.task.goal()
-        parts = dict(told) if isinstance(told, dict) else {"observation": told}
+        parts = dict(joints) if isinstance(joints, dict) else {"observation": joints}
         more = [self.task.privileged_observation(tick), None if self._touch is None else self._touch.observe(tick)]
         if extra := [each for each in more if each is not None]:
             parts["observation"] = _lengthened(parts["observation"], extra)

@@ -71,8 +71,8 @@ class EpisodeBackend:
         """Add to a policy's observation of the hand what no hand reports, as a camera beside it would."""
         parts = observation if isinstance(observation, dict) else {"observation": observation}
         rows = {name: part[None] for name, part in parts.items()}
-        told = self.engine.complete_observation(rows if isinstance(observation, dict) else rows["observation"])
-        return {name: part[0] for name, part in told.items()} if isinstance(told, dict) else told[0]
+        completed = self.engine.complete_observation(rows if isinstance(observation, dict) else rows["observation"])
+        return {name: part[0] for name, part in completed.items()} if isinstance(completed, dict) else completed[0]
 
     @property
     def script(self) -> int:
@@ -137,8 +137,8 @@ class EpisodeBackend:
         if not np.isfinite(position).all():
             raise HandFault(f"the simulation diverged at {self._tick * self.period:.3f} s")
         t = self._tick * self.period
-        given = self._told if self._most is None else frozen(self.engine.worlds.given()[0])
-        return HandState(t, self._tick, position, velocity, given, self._unknown, frozen(self._gravity()))
+        torque = self._told if self._most is None else frozen(self.engine.worlds.given()[0])
+        return HandState(t, self._tick, position, velocity, torque, self._unknown, frozen(self._gravity()))
 
     def _gravity(self) -> Array:
         return np.full(3, math.nan)  # The environments' palms report no gravity, and policies need none.

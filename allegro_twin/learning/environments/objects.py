@@ -49,40 +49,40 @@ def object_scenarios(hand: str = HAND) -> dict[str, str]:
     return {load_scenario(file)[0].objects[0].name: str(file) for file in files}
 
 
-def object_name(given: ObjectChoice) -> str:
+def object_name(choice: ObjectChoice) -> str:
     """Name of the object in reports."""
-    if isinstance(given, OwnObject):
-        return given.name
-    return load_scenario(given)[0].objects[0].name if _is_scenario(given) else given
+    if isinstance(choice, OwnObject):
+        return choice.name
+    return load_scenario(choice)[0].objects[0].name if _is_scenario(choice) else choice
 
 
-def scenario_of(given: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, Path]:
+def scenario_of(choice: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, Path]:
     """The scenario of an object, which says where the palm goes and how it grasps; and the folder of the files named
     there. `known`: scenarios of the catalogue. Raises ConfigError for an object without a scenario."""
-    if isinstance(given, OwnObject):
-        if given.like is None:
+    if isinstance(choice, OwnObject):
+        if choice.like is None:
             raise ConfigError(
-                f"how the hand should grasp {given.name} is not said: give it like='an object of the catalogue', or "
+                f"how the hand should grasp {choice.name} is not said: give it like='an object of the catalogue', or "
                 "instead of it a scenario (allegro-twin plan makes one)"
             )
-        scenario, _ = load_scenario(_of(given.like, known))
-        return scenario.model_copy(update={"objects": (given,)}), Path.cwd()
-    found, path = load_scenario(given if _is_scenario(given) else _of(given, known))
+        scenario, _ = load_scenario(_of(choice.like, known))
+        return scenario.model_copy(update={"objects": (choice,)}), Path.cwd()
+    found, path = load_scenario(choice if _is_scenario(choice) else _of(choice, known))
     return found, path.parent
 
 
-def load_object(given: ObjectChoice) -> Thing:
+def load_object(choice: ObjectChoice) -> Thing:
     """The object itself. Raises ConfigError."""
-    if isinstance(given, str) and not _is_scenario(given):
-        return objects.named(given)
-    if isinstance(given, OwnObject) and given.like is None:
-        given = given.model_copy(update={"like": "rubiks_cube"})
-    scenario, folder = scenario_of(given, object_scenarios())
+    if isinstance(choice, str) and not _is_scenario(choice):
+        return objects.named(choice)
+    if isinstance(choice, OwnObject) and choice.like is None:
+        choice = choice.model_copy(update={"like": "rubiks_cube"})
+    scenario, folder = scenario_of(choice, object_scenarios())
     return stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
 
 
-def _is_scenario(given: str) -> bool:
-    return Path(given).suffix in SCENARIOS
+def _is_scenario(choice: str) -> bool:
+    return Path(choice).suffix in SCENARIOS
 
 
 def _of(name: str, known: dict[str, str]) -> str:

@@ -71,8 +71,8 @@ class SignalModel:
         if self.ideal:
             return position, velocity
         joints, xp = position.shape[1], self._xp
-        if (late := self._late.get("sensor_delay")) is not None:
-            both = self._delayed("sensor_delay", late, xp.concatenate([position, velocity], axis=-1), tick)
+        if (delay := self._late.get("sensor_delay")) is not None:
+            both = self._delayed("sensor_delay", delay, xp.concatenate([position, velocity], axis=-1), tick)
             position, velocity = both[:, :joints], both[:, joints:]
         if (width := self._noise.get("encoder_noise")) is not None:
             position = position + width * jitter(self._key, tick, 0, joints)
@@ -87,15 +87,15 @@ class SignalModel:
         joints)."""
         return nominal if self._gains is None else nominal * self._gains.T[:, :, None]
 
-    def send(self, told: Array, tick: NDArray[np.int64]) -> None:
+    def send(self, command: Array, tick: NDArray[np.int64]) -> None:
         """Send torques, N·m, or for hands that close their own loop positions, rad, (n, joints)."""
         if (late := self._late.get("actuator_delay")) is not None:
-            joints = told.shape[1]
-            padded = self._xp.concatenate([told, 0.0 * told], axis=-1)
-            told = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
+            joints = command.shape[1]
+            padded = self._xp.concatenate([command, 0.0 * command], axis=-1)
+            command = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
-            told = self._xp.clip(told, -self._limit, self._limit) * self._strength
-        self._worlds.tell(told)
+            command = self._xp.clip(command, -self._limit, self._limit) * self._strength
+        self._worlds.tell(command)
 
     def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """Values from `late` periods ago, from a ring buffer with one place per period."""

@@ -79,16 +79,16 @@ class EnvSettings(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, given: Any) -> Any:
+    def _named(cls, values: Any) -> Any:
         """`default` randomises what applies to the chosen hand."""
-        if not isinstance(given, dict) or "randomise" not in given:
-            return given
-        return given | {"randomise": parse_randomise(given["randomise"], _spec_of(given))}
+        if not isinstance(values, dict) or "randomise" not in values:
+            return values
+        return values | {"randomise": parse_randomise(values["randomise"], _spec_of(values))}
 
 
-def _spec_of(given: dict[str, Any]) -> HandSpec | None:
+def _spec_of(values: dict[str, Any]) -> HandSpec | None:
     """The chosen hand, where it is not the usual one; None, too, for an unknown name."""
-    hand, side = given.get("hand", HAND), given.get("side", "right")
+    hand, side = values.get("hand", HAND), values.get("side", "right")
     return None if hand == HAND or not isinstance(hand, str) or side not in SIDES else load_spec(hand, side)
 
 
@@ -111,20 +111,20 @@ class ResetOptions(Settings):
 
 def read_settings(kwargs: dict[str, Any]) -> EnvSettings:
     """Read keyword arguments; `of_side` is the side in an id. Raises ConfigError with the nearest keyword."""
-    given = dict(kwargs)
-    side = given.pop("of_side", None)
-    if side is not None and given.setdefault("side", side) != side:
-        raise ConfigError(f"this id is the {side} hand's, and side is {given['side']!r}: take the id without a side")
-    return parse(EnvSettings, given, "environment")
+    values = dict(kwargs)
+    side = values.pop("of_side", None)
+    if side is not None and values.setdefault("side", side) != side:
+        raise ConfigError(f"this id is the {side} hand's, and side is {values['side']!r}: take the id without a side")
+    return parse(EnvSettings, values, "environment")
 
 
 def read_options(options: dict[str, Any] | None, allowed: tuple[str, ...], task: str) -> ResetOptions:
     """Read options of a reset. Raises ConfigError with the nearest option, or for an option that the task does not
     have."""
-    given = dict(options or {})
-    for key in given:
+    values = dict(options or {})
+    for key in values:
         if key not in OPTIONS:
             raise ConfigError(unknown("option", key, OPTIONS))
         if key not in allowed:
             raise ConfigError(f"{task} has no {key} to choose; its options: {', '.join(allowed)}")
-    return parse(ResetOptions, given, "options")
+    return parse(ResetOptions, values, "options")

@@ -58,10 +58,10 @@ class PolicyController:
     """Adds to an observation what no hand reports, as a camera beside it would."""
 
     def __post_init__(self) -> None:
-        wanted = self.interface.n_goal
-        given = 0 if self.goal is None else np.size(self.goal)
-        if given != wanted:
-            raise ConfigError(f"this policy takes a goal of {wanted} numbers, not {given}")
+        expected = self.interface.n_goal
+        size = 0 if self.goal is None else np.size(self.goal)
+        if size != expected:
+            raise ConfigError(f"this policy takes a goal of {expected} numbers, not {size}")
 
     def start(self, state: HandState) -> PolicyMemory:
         return self._decided(state, self.interface.start(state.position, self.script, self.target), 0)
@@ -74,8 +74,8 @@ class PolicyController:
             memory = memory._replace(age=age, tick=state.tick)
         else:
             memory = self._decided(state, inner, age)
-        told = self.interface.command(state.position, state.velocity, memory.set_points, age)
-        return PositionCommand(told) if self.interface.takes_positions else TorqueCommand(told), memory
+        command = self.interface.command(state.position, state.velocity, memory.set_points, age)
+        return PositionCommand(command) if self.interface.takes_positions else TorqueCommand(command), memory
 
     def _decided(self, state: HandState, memory: InterfaceMemory, age: int) -> PolicyMemory:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)

@@ -272,20 +272,20 @@ class Interface:
         """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n). `seen`:
         the observation of this decision, without goals; needed with a history."""
         xp, own = self.xp, self._own(memory.end.ndim)
-        wish = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
+        clipped = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
             assert seen is not None
             past = xp.concatenate([seen[..., : self.frame], past], axis=-1)[..., : past.shape[-1]]
         match self.mode:
             case "torque":
-                return InterfaceMemory(begin, end, wish * own.limit, tick, script, past)
+                return InterfaceMemory(begin, end, clipped * own.limit, tick, script, past)
             case "delta":
                 return InterfaceMemory(
-                    end, _within(xp, end + own.step * wish, -own.span, own.span), push, tick, script, past
+                    end, _within(xp, end + own.step * clipped, -own.span, own.span), push, tick, script, past
                 )
             case _:
-                return InterfaceMemory(end, wish * own.span, push, tick, script, past)
+                return InterfaceMemory(end, clipped * own.span, push, tick, script, past)
 
     def set_points(self, memory: InterfaceMemory) -> DecisionSetPoints:
         """The set-points from a decision to the next."""
@@ -295,48 +295,48 @@ class Interface:
         xp, own = self.xp, self._own(memory.end.ndim)
         base, speed = own.bases(xp, memory)
         travel = memory.end - memory.begin
-        wish = xp.zeros((self.decimation, 2, *travel.shape))
-        wish[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
-        wish[:, 1] = speed + travel / self.seconds
-        return DecisionSetPoints(wish, push)
+        targets = xp.zeros((self.decimation, 2, *travel.shape))
+        targets[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
+        targets[:, 1] = speed + travel / self.seconds
+        return DecisionSetPoints(targets, push)
 
     def command(
-        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Pair | None = None
     ) -> Array:
         """The hand's command `k` periods after the decision, shape (..., n): torques, N·m, or positions, rad."""
-        if self.takes_positions and course.wish is not None:
-            return np.asarray(course.wish[k, 0])
-        return self.torque(position, velocity, course, k, gains)
+        if self.takes_positions and set_points.wish is not None:
+            return np.asarray(set_points.wish[k, 0])
+        return self.torque(position, velocity, set_points, k, gains)
 
     def torque(
-        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Pair | None = None
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Pair | None = None
     ) -> Array:
         """Motor torques `k` periods after the decision, shape (..., n), N·m. `gains`: other kp and kd."""
-        wish, push = course
-        if wish is None:
+        targets, push = set_points
+        if targets is None:
             assert push is not None
             return push
         own = self._own(position.ndim)
         kp, kd = (own.kp, own.kd) if gains is None else gains
-        pull = laws.pd(wish[k, 0] - position, wish[k, 1] - velocity, kp, kd)
+        pull = laws.pd(targets[k, 0] - position, targets[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
 
     def pd_torque_into(
-        self, position: Array, velocity: Array, course: DecisionSetPoints, k: int, gains: Array, out: Array
+        self, position: Array, velocity: Array, set_points: DecisionSetPoints, k: int, gains: Array, out: Array
     ) -> None:
         """As `torque`, to the bit, without new arrays: into `out` (..., n), with kp and kd in one array (2, ..., n). It
         overwrites the k-th set-points."""
-        wish, push = course
-        if wish is None:
+        targets, push = set_points
+        if targets is None:
             assert push is not None
             out[...] = push
             return
-        error = wish[k]  # The error, and then the two torques.
-        way, rate = error[0], error[1]
-        np.subtract(way, position, way)
-        np.subtract(rate, velocity, rate)
+        error = targets[k]  # The error, and then the two torques.
+        position_error, velocity_error = error[0], error[1]
+        np.subtract(position_error, position, position_error)
+        np.subtract(velocity_error, velocity, velocity_error)
         np.multiply(error, gains, error)
-        np.add(way, rate, out)
+        np.add(position_error, velocity_error, out)
         if push is not None:
             np.add(out, push, out)
 
@@ -354,8 +354,8 @@ class Interface:
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
             parts.append(memory.tick[..., None])
-        seen = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
-        joints = xp.asarray(seen, np.float32)
+        clipped = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
+        joints = xp.asarray(clipped, np.float32)
         if self.history > 1:
             joints = xp.concatenate([joints, memory.past], axis=-1)
         if goal is None:

@@ -59,8 +59,8 @@ class _Onnx:
         self._session = onnx_session(path)
         self._inputs = [entry.name for entry in self._session.get_inputs()]
         sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
-        given = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
-        _fitting(path, given, card)
+        found = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
+        _fitting(path, found, card)
 
     def __call__(self, observation: Observation) -> Floats:
         parts = observation if isinstance(observation, dict) else {"observation": observation}
@@ -83,16 +83,16 @@ class _Baselines:
             raise ConfigError(f"{path}: {unknown('algorithm', card.algorithm, stable_baselines3.__all__)}")
         self._model = getattr(stable_baselines3, card.algorithm).load(str(path), device="cpu")
         space = self._model.observation_space
-        seen = space["observation"] if hasattr(space, "spaces") else space
-        _fitting(path, (seen.shape[-1], self._model.action_space.shape[-1]), card)
+        part = space["observation"] if hasattr(space, "spaces") else space
+        _fitting(path, (part.shape[-1], self._model.action_space.shape[-1]), card)
 
     def __call__(self, observation: Observation) -> Floats:
         action: Floats = self._model.predict(observation, deterministic=True)[0]
         return action
 
 
-def _fitting(path: Path, given: tuple[object, object], card: PolicyCard) -> None:
+def _fitting(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
     """Raise ConfigError unless the file's spaces are its card's. A free axis of an ONNX file is no number."""
-    for mine, its, what in zip(given, (card.observation, card.action), ("sees", "gives"), strict=True):
-        if isinstance(mine, int) and mine != its:
-            raise ConfigError(f"{path}: the network {what} {mine} numbers; its card says {its}, for {card.task}")
+    for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
+        if isinstance(size, int) and size != expected:
+            raise ConfigError(f"{path}: the network {what} {size} numbers; its card says {expected}, for {card.task}")

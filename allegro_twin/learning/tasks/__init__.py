@@ -49,9 +49,7 @@ def _foreign(name: str) -> type[Task]:
     except ImportError as error:
         raise ConfigError(f"task {name!r}: no module {module!r} can be imported: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Task)):
-        raise ConfigError(
-            f"task {name!r}: {attribute!r} in {module} is no subclass of allegro_twin.gym.Task"
-        )
+        raise ConfigError(f"task {name!r}: {attribute!r} in {module} is no subclass of allegro_twin.gym.Task")
     return found
 
 

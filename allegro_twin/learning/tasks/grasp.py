@@ -53,8 +53,8 @@ class GraspTask(ScriptedClosingTask):
             tuple(known_scenarios(self.spec.model))[:12], self.spec, self.name
         )
 
-    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
-        return presented_scene(given, self.spec, self.settings, grasp)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        return presented_scene(choice, self.spec, self.settings, grasp)
 
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
         return np.zeros(3)

@@ -76,16 +76,16 @@ class HoldDisturbedTask(GraspTask):
                               "other objects")  # fmt: skip
 
     def object_choices(self) -> tuple[ObjectChoice, ...]:
-        mine = (
+        defaults = (
             _OBJECTS
             if self.spec.model == HAND
             else require_objects(tuple(known_scenarios(self.spec.model)), self.spec, self.name)
         )
-        return self.settings.objects or mine
+        return self.settings.objects or defaults
 
-    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
-        own = _GRASPS.get(object_name(given)) if self.spec.model == HAND else None
-        return super().make_scene(given, grasp or own)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        own = _GRASPS.get(object_name(choice)) if self.spec.model == HAND else None
+        return super().make_scene(choice, grasp or own)
 
     def variant(self, rows: Rows, draws: Draws, options: ResetOptions) -> Rows:
         if self.settings.objects is not None or options.object is not None or options.grasp is not None:
@@ -136,8 +136,8 @@ class HoldDisturbedTask(GraspTask):
     def grasp_scripts(self) -> tuple[GraspScript, ...]:
         return tuple(closed.model_copy(update={"holds": True}) for closed in super().grasp_scripts())
 
-    def _variant_number(self, given: ObjectChoice, grasp: str | None) -> int:
-        number = super()._variant_number(given, grasp)
+    def _variant_number(self, choice: ObjectChoice, grasp: str | None) -> int:
+        number = super()._variant_number(choice, grasp)
         self._catch()
         return number
 
@@ -159,7 +159,7 @@ class HoldDisturbedTask(GraspTask):
         release = int(self._release[number])
         last = release + round(SETTLE / period)
         path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
-        seen: list[Array] = []
+        positions: list[Array] = []
 
         def around(worlds: Worlds, k: int) -> None:
             hand, _, holds = worlds.presenter()
@@ -167,11 +167,11 @@ class HoldDisturbedTask(GraspTask):
                 worlds.free(THING).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                seen.append(np.array(worlds.free(THING).pose[0, :3]))
+                positions.append(np.array(worlds.free(THING).pose[0, :3]))
 
-        caught = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
-        self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, caught, self.settings, around))
-        return bool(np.linalg.norm(seen[-1] - seen[0]) < HELD)
+        script = sample_script(closing_moves(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
+        self.worlds.keep_start(number, play_script(self.spec, scene.model, self.gains, script, self.settings, around))
+        return bool(np.linalg.norm(positions[-1] - positions[0]) < HELD)
 
 
 def play_script(
@@ -180,14 +180,14 @@ def play_script(
     gains: Gains,
     script: SampledScript,
     settings: EnvSettings,
-    around: Callable[[Worlds, int], None],
+    before_period: Callable[[Worlds, int], None],
 ) -> Array:
-    """The state after the hand has followed a script; `around` acts on the one simulation before every period."""
+    """State after the hand has followed a script; `before_period` acts on the one simulation before every period."""
     worlds = Worlds(spec, model, 1, 1)
     worlds.choose(np.zeros(1, np.int64), np.zeros(1, np.int64))
     worlds.place(np.zeros(1, np.int64), script.position[:1])
     for k, (position, velocity) in enumerate(zip(script.position, script.velocity, strict=True)):
-        around(worlds, k)
+        before_period(worlds, k)
         error, rate = position - worlds.position[0], velocity - worlds.velocity[0]
         worlds.tell(position[None] if worlds.leads else laws.pd(error, rate, gains.kp, gains.kd)[None])
         worlds.step(None, substeps(settings.period, settings.timestep))

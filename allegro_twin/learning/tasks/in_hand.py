@@ -104,8 +104,8 @@ class InHandTask(Task):
         self._things: list[catalogue.Thing] = []
         self._names: list[str] = []
         self._table: StartStates | None = None
-        for given in settings.objects or ("rubiks_cube",):
-            self._add_object(load_object(given), n, threads)
+        for choice in settings.objects or ("rubiks_cube",):
+            self._add_object(load_object(choice), n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
         self.thing = self.worlds.free(THING)

@@ -56,8 +56,8 @@ class LiftTask(ScriptedClosingTask):
             names = tuple(name for name in names if Path(demo[name]).parent.name != "more")
         return self.settings.objects or require_objects(names, self.spec, self.name)
 
-    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
-        return table_scene(given, self.spec, self.settings, grasp)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        return table_scene(choice, self.spec, self.settings, grasp)
 
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
         # A larger object stands higher, and the palm would come down to it.
@@ -72,10 +72,10 @@ class LiftTask(ScriptedClosingTask):
         for row, scene in zip(courses, self.scenes, strict=True):
             waiting = self.closing_period(scene) * period - DOWN
             moves = [(DOWN, -scene.retreat[2]), (waiting, 0.0), (UP, HEIGHT)]
-            stretches = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
-            wishes = wrist.commands(stretches, period, wrist.load(scene.model))[: len(row), 2]
-            row[: len(wishes)] = wishes
-            row[len(wishes) :] = wishes[-1]
+            segments = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
+            heights = wrist.commands(segments, period, wrist.load(scene.model))[: len(row), 2]
+            row[: len(heights)] = heights
+            row[len(heights) :] = heights[-1]
         self._wishes = place(courses)
 
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:

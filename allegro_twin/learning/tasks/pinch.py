@@ -33,6 +33,6 @@ class PinchTask(GraspTask):
                               "objects=('scenario.yaml', …), or take the task Grasp")  # fmt: skip
         return self.settings.objects or tuple(_SCENARIOS)
 
-    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
-        scenario = _SCENARIOS.get(object_name(given)) if self.spec.model == HAND else None
-        return presented_scene(given, self.spec, self.settings, grasp, scenario)
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
+        scenario = _SCENARIOS.get(object_name(choice)) if self.spec.model == HAND else None
+        return presented_scene(choice, self.spec, self.settings, grasp, scenario)

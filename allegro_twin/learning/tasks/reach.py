@@ -82,19 +82,19 @@ class ReachTask(Task):
         xp = self.worlds.xp
         # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         achieved = xp.asarray(self.interface.fingertips(xp.nan_to_num(self.worlds.position)), np.float32)
-        apart = self._distances(achieved, self._goal)
-        reward = self._rewarded(apart)
-        return StepOutcome(reward, xp.zeros(self.n, bool), xp.max(apart, axis=-1) < REACHED, {"distance": -reward})
+        distances = self._distances(achieved, self._goal)
+        reward = self._rewarded(distances)
+        return StepOutcome(reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": -reward})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
         return self._rewarded(self._distances(achieved, desired))
 
-    def _rewarded(self, apart: Array) -> Array:
-        reward: Array = apart.sum(axis=-1) * (-10.0 / apart.shape[-1])
+    def _rewarded(self, distances: Array) -> Array:
+        reward: Array = distances.sum(axis=-1) * (-10.0 / distances.shape[-1])
         return reward
 
     def _distances(self, achieved: ArrayLike, desired: ArrayLike) -> Array:
         """Distance of every fingertip, (..., fingers), m."""
-        apart = own(desired) - own(achieved)
-        return length(apart.reshape(*apart.shape[:-1], -1, 3))
+        distances = own(desired) - own(achieved)
+        return length(distances.reshape(*distances.shape[:-1], -1, 3))

@@ -72,6 +72,6 @@ class RotateTask(InHandTask):
             "dropped": xp.where(lost, DROPPED, 0.0),
         }
         reward = xp.stack(list(terms.values())).sum(axis=0)
-        told = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
+        values = {"turned": self.turned, "rate": self.turned / xp.maximum(tick * self.settings.period, 1e-9)}
         success = (self.turned >= ENOUGH) & (leaning < ENOUGH_UPRIGHT) & ~lost
-        return StepOutcome(reward, lost, success, terms | told | self.palm_terms(tick))
+        return StepOutcome(reward, lost, success, terms | values | self.palm_terms(tick))

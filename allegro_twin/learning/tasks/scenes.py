@@ -65,43 +65,45 @@ def require_objects(names: tuple[str, ...], spec: HandSpec, task: str) -> tuple[
 
 
 def presented_scene(
-    given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
+    choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
 ) -> TaskScene:
     """An object in a presenter's fingers before a hand that stands still."""
-    found, around, retreat = _found(given if scenario is None else str(load_scenario(scenario)[1]), spec)
-    position = np.asarray(around.position) - retreat
-    around = replace(around, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(object_name(given), around, retreat, spec, settings, grasp or found.grasp)
+    found, surroundings, retreat = _found(choice if scenario is None else str(load_scenario(scenario)[1]), spec)
+    position = np.asarray(surroundings.position) - retreat
+    surroundings = replace(surroundings, position=position, wrist=False, table=False, stand=None, presented=True)
+    return _built(object_name(choice), surroundings, retreat, spec, settings, grasp or found.grasp)
 
 
-def table_scene(given: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
+def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
     """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
     side."""
-    found, around, retreat = _found(given, spec)
+    found, surroundings, retreat = _found(choice, spec)
     if retreat[2] <= 0:
         raise ConfigError(
-            f"{object_name(given)} is grasped from its side; the slide serves "
+            f"{object_name(choice)} is grasped from its side; the slide serves "
             f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _built(object_name(given), replace(around, slide=True), retreat, spec, settings, grasp or found.grasp)
+    return _built(object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp)
 
 
-def _found(given: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
-    settings, folder = scenario_of(given, known_scenarios(spec.model))
+def _found(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
+    settings, folder = scenario_of(choice, known_scenarios(spec.model))
     if settings.model != spec.model:
-        raise ConfigError(f"{object_name(given)}: its scenario is for the hand {settings.model}, and this one is "
+        raise ConfigError(f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is "
                           f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
-    return settings, around, mirror * settings.wrist.retreat
+    surroundings = stage(settings, load_protocol(settings.protocol), spec.side, folder)
+    return settings, surroundings, mirror * settings.wrist.retreat
 
 
-def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str) -> TaskScene:
-    placed = around.things[0]
-    thing = replace(placed, thing=replace(placed.thing, name=THING))
+def _built(
+    name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
+) -> TaskScene:
+    placed = surroundings.things[0]
+    obj = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
     one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
-    model = compile_task_scene(spec, replace(around, things=[thing], every_shape=one_layout), settings)
+    model = compile_task_scene(spec, replace(surroundings, things=[obj], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
     return TaskScene(name, load_grasp(grasp, spec), model, pose, retreat)
 
@@ -113,18 +115,18 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 
 
 def upturned_model(
-    spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+    spec: HandSpec, obj: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
     """Model of an object at a place (3,), m, over the upturned palm. The fingers point along the world's x, so the
     palm's x is up and its y the world's y."""
-    placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
-    around = Stage(np.zeros(3), FACING, [placed], friction=friction)
-    return compile_task_scene(spec, around, settings)
+    placed = Placement(replace(obj, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    surroundings = Stage(np.zeros(3), FACING, [placed], friction=friction)
+    return compile_task_scene(spec, surroundings, settings)
 
 
-def compile_task_scene(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjModel:
+def compile_task_scene(spec: HandSpec, surroundings: Stage, settings: EnvSettings) -> mujoco.MjModel:
     """Compile a scene, with the physics of the settings."""
-    model = compile_scene(spec, around)
+    model = compile_scene(spec, surroundings)
     model.opt.timestep, model.opt.noslip_iterations = settings.timestep, settings.noslip
     if settings.coarse:
         model.geom_condim[:] = np.minimum(model.geom_condim, 3)

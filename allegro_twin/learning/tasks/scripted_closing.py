@@ -81,7 +81,7 @@ class ScriptedClosingTask(Task):
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:
         super().__init__(settings, n, threads)
         self.variation = self.levels[settings.level]
-        first = [(given, self.make_scene(given, None)) for given in self.object_choices()]
+        first = [(choice, self.make_scene(choice, None)) for choice in self.object_choices()]
         latest = max(self.verdict_time(scene) for _, scene in first)
         if latest > self.seconds:  # A slower hand: its episodes are longer.
             self.seconds = math.ceil(10.0 * (latest + MARGIN)) / 10.0
@@ -89,11 +89,11 @@ class ScriptedClosingTask(Task):
         self.scenes: list[TaskScene] = []
         self._numbers: dict[tuple[ObjectChoice, str | None], int] = {}
         self._scripts: list[SampledScript] = []
-        self._named = {object_name(given): given for given in self.object_choices()}
-        for index, (given, scene) in enumerate(first):
+        self._named = {object_name(choice): choice for choice in self.object_choices()}
+        for index, (choice, scene) in enumerate(first):
             if index == 0:
                 self.worlds = make_worlds(self.spec, scene.model, n, threads, settings)
-            self._add_object(scene, given, None)
+            self._add_object(scene, choice, None)
         self.thing = self.worlds.free(THING)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
@@ -102,14 +102,14 @@ class ScriptedClosingTask(Task):
         self._upward = xp.asarray(np.array([0.0, 0.0, 1.0]))
 
     @abstractmethod
-    def make_scene(self, given: ObjectChoice, grasp: str | None) -> TaskScene:
+    def make_scene(self, choice: ObjectChoice, grasp: str | None) -> TaskScene:
         """Make the scene of an object."""
 
     def overlap(self, scene: TaskScene, size: float) -> float:
         """Penetration depth of an object of `size` times its size and the pre-shaped hand, m."""
-        met = scene.pose.copy()
-        met[:3] += self.grasp_offset(scene, size)
-        return overlap(scene.model, self.spec, scene.grasp.preshape, THING, met, size)
+        pose = scene.pose.copy()
+        pose[:3] += self.grasp_offset(scene, size)
+        return overlap(scene.model, self.spec, scene.grasp.preshape, THING, pose, size)
 
     @abstractmethod
     def grasp_offset(self, scene: TaskScene, size: float) -> Vector:
@@ -129,7 +129,7 @@ class ScriptedClosingTask(Task):
             return drawn
         chosen = None if options.object is None else self._named.get(options.object, options.object)
         things = [chosen or self.object_choices()[number] for number in drawn.tolist()]
-        numbers = np.array([self._variant_number(given, options.grasp) for given in things], np.int64)
+        numbers = np.array([self._variant_number(choice, options.grasp) for choice in things], np.int64)
         found: Rows = self.worlds.xp.asarray(numbers)
         return found
 
@@ -171,13 +171,13 @@ class ScriptedClosingTask(Task):
         """When the script has squeezed, in control periods."""
         return round(closing_time(scene.grasp, self.wait, self.squeeze) / self.settings.period)
 
-    def _variant_number(self, given: ObjectChoice, grasp: str | None) -> int:
+    def _variant_number(self, choice: ObjectChoice, grasp: str | None) -> int:
         """The variant of an object with its own grasp or another; compiled on first use."""
-        if (given, grasp) not in self._numbers:
-            self._add_object(self.make_scene(given, grasp), given, grasp)
-        return self._numbers[given, grasp]
+        if (choice, grasp) not in self._numbers:
+            self._add_object(self.make_scene(choice, grasp), choice, grasp)
+        return self._numbers[choice, grasp]
 
-    def _add_object(self, scene: TaskScene, given: ObjectChoice, grasp: str | None) -> None:
+    def _add_object(self, scene: TaskScene, choice: ObjectChoice, grasp: str | None) -> None:
         end = self.verdict_time(scene)
         action = self.settings.period * self.settings.decimation
         if end > self.seconds:
@@ -192,7 +192,7 @@ class ScriptedClosingTask(Task):
             )
         if self.scenes:
             self.worlds.add(scene.model)
-        self._numbers[given, grasp] = len(self.scenes)
+        self._numbers[choice, grasp] = len(self.scenes)
         self.scenes.append(scene)
         moves, period = closing_moves(scene.grasp, self.wait, self.squeeze), self.settings.period
         self._scripts.append(sample_script(moves, scene.grasp.preshape, self.periods, period))

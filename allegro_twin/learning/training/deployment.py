@@ -37,7 +37,7 @@ def evaluate_on_can(
     check_card(loaded.card, episode.engine.task.card())
     success: list[bool] = []
     returned: list[float] = []
-    things: list[str] = []
+    objects: list[str] = []
     counted: list[float] = []
     shares: dict[str, list[float]] = {each: [] for each in episode.engine.task.share_terms}
     name = episode.engine.task.count_term
@@ -54,8 +54,8 @@ def evaluate_on_can(
         counted += [episode.count] if name else []
         for share, values in shares.items():
             values.append(episode.shares[share])
-        things.append(*episode.report.get("object", [""]))
-    named = tuple(things) if any(things) else ()
+        objects.append(*episode.report.get("object", [""]))
+    named = tuple(objects) if any(objects) else ()
     parts = {name: np.array(values) for name, values in shares.items()}
     return Evaluation(np.array(success), np.array(returned), named, np.array(counted) if name else None, parts)
 

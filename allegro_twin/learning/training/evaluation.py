@@ -55,20 +55,20 @@ def evaluate(
         raise ConfigError(f"an evaluation needs at least 1 episode, not {episodes}")
     env = HandVectorEnv(task, episodes, threads=threads, autoreset="disabled", **env_keywords(settings))
     observation, report = env.reset(seed=seed)
-    going = np.ones(episodes, bool)
+    running = np.ones(episodes, bool)
     success, returned, counted = np.zeros(episodes, bool), np.zeros(episodes), np.zeros(episodes)
     name = env.engine.task.count_term
     shares = {each: np.zeros(episodes) for each in env.engine.task.share_terms}
-    while going.any():
+    while running.any():
         observation, reward, terminated, truncated, info = env.step(policy(observation))
-        returned += np.where(going, reward, 0.0)
+        returned += np.where(running, reward, 0.0)
         if name:
-            counted[going] = info[name][going]
+            counted[running] = info[name][running]
         for each, share in shares.items():
-            share[going] = info[each][going]
-        ended = going & (terminated | truncated)
+            share[running] = info[each][running]
+        ended = running & (terminated | truncated)
         success[ended] = info["is_success"][ended]
-        going &= ~ended
+        running &= ~ended
     env.close()
     return Evaluation(success, returned, tuple(report.get("object", ())), counted if name else None, shares)
 

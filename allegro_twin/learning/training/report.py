@@ -61,10 +61,10 @@ def compare_policy(path: Path, recipe: Recipe, episodes: int, seed: int = SEED) 
 def evaluation_sets(recipe: Recipe) -> dict[str, EnvSettings]:
     """Environments of an evaluation: with the training's objects, with those by which the training was chosen, and with
     held-out ones. The physics is the default one, whatever the training used."""
-    seen = as_shipped(recipe.environment)
+    known = as_shipped(recipe.environment)
     more = {LOOKED_AT: recipe.looked_at, "held out": recipe.held_out}
-    others = {name: seen.model_copy(update={"objects": given}) for name, given in more.items() if given}
-    return {"trained on": seen} | others
+    others = {name: known.model_copy(update={"objects": objects}) for name, objects in more.items() if objects}
+    return {"trained on": known} | others
 
 
 def seeds_overlap(recipe: Recipe, seed: int, episodes: int) -> str:

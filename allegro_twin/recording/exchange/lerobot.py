@@ -77,11 +77,11 @@ def to_lerobot(recordings: Sequence[Recording], folder: Path) -> None:
         (temporary / OURS).write_text("".join(json.dumps(dict(recording.meta)) + "\n" for recording in recordings))
 
 
-def write_dataset(told: Sequence[LerobotEpisode], origin: DatasetOrigin, folder: Path) -> None:
+def write_dataset(sources: Sequence[LerobotEpisode], origin: DatasetOrigin, folder: Path) -> None:
     """Write a data set into an empty folder, one episode per element."""
-    tasks = sorted({each.task for each in told})
+    tasks = sorted({each.task for each in sources})
     episodes, index = [], 0
-    for number, each in enumerate(told):
+    for number, each in enumerate(sources):
         episodes.append(each.columns | _numbered(each, origin.period, number, index, tasks.index(each.task)))
         index += len(each.columns["action"])
     places = list(_data(episodes, folder))
@@ -89,11 +89,11 @@ def write_dataset(told: Sequence[LerobotEpisode], origin: DatasetOrigin, folder:
     known = [name for name in episodes[0] if not any(np.isnan(columns[name]).any() for columns in episodes)]
     stats = [{name: statistics(columns[name]) for name in known} for columns in episodes]
     whole = {name: statistics(np.concatenate([columns[name] for columns in episodes])) for name in known}
-    rows = episode_rows(places, [each.task for each in told], stats)
+    rows = episode_rows(places, [each.task for each in sources], stats)
     pa.parquet.write_table(rows, folder / EPISODES)
     pa.parquet.write_table(task_table(tasks), folder / "meta/tasks.parquet")
     (folder / "meta/stats.json").write_text(json.dumps(whole, indent=4))
-    content = info_json(origin, episodes[0], len(told), len(tasks), index) | {
+    content = info_json(origin, episodes[0], len(sources), len(tasks), index) | {
         "codebase_version": VERSION, "chunks_size": CHUNK, "data_files_size_in_mb": MEGABYTES, "data_path": DATA,
     }  # fmt: skip
     (folder / "meta/info.json").write_text(json.dumps(content, indent=4))
@@ -162,9 +162,9 @@ def _columns(recording: Recording) -> Columns:
     return found | {f"{KEPT}.{name}": values for name, values in columns.items()}
 
 
-def _numbered(told: LerobotEpisode, period: float, episode: int, index: int, task: int) -> Columns:
+def _numbered(sources: LerobotEpisode, period: float, episode: int, index: int, task: int) -> Columns:
     """The index columns of an episode's frames."""
-    rows = np.arange(len(told.columns["action"]))
+    rows = np.arange(len(sources.columns["action"]))
     return {
         "timestamp": (rows * period).astype(np.float32),
         "frame_index": rows,

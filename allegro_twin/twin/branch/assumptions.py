@@ -20,17 +20,17 @@ _DEEPER = 0.001  # m. Ours: the shapes are not known more precisely.
 
 
 def list_assumptions(
-    recording: Recording, at: float, seen: MirrorResult, driver: BranchController, wanted: BranchOptions
+    recording: Recording, at: float, mirrored: MirrorResult, driver: BranchController, options: BranchOptions
 ) -> Iterator[str]:
     """What is known of the instant, what is estimated, and what is assumed."""
-    row = int(np.searchsorted(seen.t, at - 1e-9))
-    push, names = seen.disturbance[row], recording.spec.readable
+    row = int(np.searchsorted(mirrored.t, at - 1e-9))
+    push, names = mirrored.disturbance[row], recording.spec.readable
     most = int(np.abs(push).argmax())
     yield (
         f"Known at {at:g} s: the joints' positions and commands. Estimated by a mirror that has seen all before it: "
         f"speeds, and what pushes the joints, at most {1000.0 * push[most]:+.1f} mN·m ({names[most]})."
     )
-    kept = "is held as it is" if wanted.disturbance == "hold" else "is forgotten (--disturbance hold keeps it)"
+    kept = "is held as it is" if options.disturbance == "hold" else "is forgotten (--disturbance hold keeps it)"
     yield (
         f"Assumed: nothing is held or touched, what pushes the joints {kept}, fingers pass through each "
         "other and the palm."
@@ -43,15 +43,16 @@ def list_assumptions(
             f"Its config's {kind} goes on, closed loop: it computes every recorded command again, so what it remembers "
             "is known."
         )
-    yield from _touches(at, seen, wanted)
-    if seen.fault is not None:
-        yield f"Its mirror says that something is wrong: {fault_text(seen.fault, recording.spec)}. Is that its file?"
+    yield from _touches(at, mirrored, options)
+    if mirrored.fault is not None:
+        fault = fault_text(mirrored.fault, recording.spec)
+        yield f"Its mirror says that something is wrong: {fault}. Is that its file?"
 
 
-def _touches(at: float, seen: MirrorResult, wanted: BranchOptions) -> Iterator[str]:
+def _touches(at: float, mirrored: MirrorResult, options: BranchOptions) -> Iterator[str]:
     """Contacts of the recording's hand that the branch does not know."""
-    goes = "as a torque that stays" if wanted.disturbance == "hold" else "without it"
-    for each in seen.contacts:
+    goes = "as a torque that stays" if options.disturbance == "hold" else "without it"
+    for each in mirrored.contacts:
         how = f"by up to {1000.0 * each.torque:.0f} mN·m"
         if each.begin <= at <= each.end:
             yield f"{each.finger} is touched then, {how}: the branch does not know that object and goes on {goes}."

@@ -28,30 +28,30 @@ from allegro_twin.types import Array, Sample
 
 
 def branch_from_estimate(
-    recording: Recording, at: float, changes: Changes, through: SampleStages, wanted: BranchOptions
+    recording: Recording, at: float, changes: Changes, stages: SampleStages, options: BranchOptions
 ) -> BranchResult:
     """Continue a hand's recording with its model. Raises ConfigError for a recording that says too little."""
     _check(recording, at, changes)
-    spec, columns = recorded_spec(recording, wanted.hand), recording.columns
+    spec, columns = recorded_spec(recording, options.hand), recording.columns
     row = int(np.searchsorted(columns["t"], at - 1e-9))
     change = hand_change(changes, spec)
-    driver = find_controller(recording, spec, row, open_loop=wanted.open_loop)
+    driver = find_controller(recording, spec, row, open_loop=options.open_loop)
     other = change_controller(driver, recording, spec, row, changes)
-    seen = mirror_recording(recording.path, wanted.hand, None, wanted.gravity)
+    mirrored = mirror_recording(recording.path, options.hand, None, options.gravity)
     before = columns["position"][:row]
-    alone = _Future(recording, row, driver, Change(), wanted)
+    alone = _Future(recording, row, driver, Change(), options)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
-    future, beside = _Future(recording, row, other, change, wanted), _Beside(columns["position"], unchanged)
+    future, reference = _Future(recording, row, other, change, options), _Beside(columns["position"], unchanged)
     samples = chain(first_samples(recorded_samples(recording), row), future.samples())
-    branched = np.array([sample.state.position for sample in through(beside.counted(samples), beside)])
-    said = [
-        *list_assumptions(recording, at, seen, driver, wanted),
+    branched = np.array([sample.state.position for sample in stages(reference.counted(samples), reference)])
+    notes = [
+        *list_assumptions(recording, at, mirrored, driver, options),
         *alone.stopped("without a change "),
         *future.stopped(),
     ]
     rest = slice(row, len(branched))
-    said += list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest])
-    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(said))
+    notes += list_collisions(spec, columns["t"][rest], columns["position"][rest], branched[rest])
+    return BranchResult(columns["t"], columns["position"], branched, spec, None, unchanged, tuple(notes))
 
 
 def _check(recording: Recording, at: float, changes: Changes) -> None:
@@ -75,9 +75,9 @@ class _Future:
     """The rows of a recording from one on, as a model has them."""
 
     def __init__(
-        self, recording: Recording, row: int, driver: BranchController, change: Change, wanted: BranchOptions
+        self, recording: Recording, row: int, driver: BranchController, change: Change, options: BranchOptions
     ) -> None:
-        self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, wanted
+        self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, options
         self._fault = ""
 
     def samples(self) -> Iterator[Sample]:

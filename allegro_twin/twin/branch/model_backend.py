@@ -77,8 +77,8 @@ class ModelBackend(ABC):
         if row == len(self._recording):
             raise EndOfRecording(f"{self._recording.path} ends at {columns['t'][-1]:.3f} s")
         at_row = replace(before, t=tick * self.period, tick=tick, gravity=columns["gravity"][row])
-        heard = self._passed(self._told, self._mirror.gravity_in_palm(at_row))
-        position, velocity, torque = (frozen(each) for each in heard)
+        reading = self._passed(self._told, self._mirror.gravity_in_palm(at_row))
+        position, velocity, torque = (frozen(each) for each in reading)
         self._now = replace(at_row, position=position, velocity=velocity, torque=torque)
         return self._now
 
@@ -145,16 +145,16 @@ def recorded_encoder_noise(recording: Recording) -> Vector:
 
 
 def model_backend_at(
-    recording: Recording, row: int, change: Change, wanted: BranchOptions, *, closed: bool
+    recording: Recording, row: int, change: Change, options: BranchOptions, *, closed: bool
 ) -> ModelBackend:
     """The hand as its mirror knows it at a row, changed there; `closed`: under a controller. Raises ConfigError for a
     hand that has no mirror."""
-    mirror = mirror_for_recording(recording, wanted.hand, None, wanted.gravity)
+    mirror = mirror_for_recording(recording, options.hand, None, options.gravity)
     for sample in islice(recorded_samples(recording), row + 1):
         mirror.observe(sample)
         state = sample.state
     observer = mirror.observer
-    if wanted.disturbance == "forget":
+    if options.disturbance == "forget":
         observer.forget()
     observer.become(change)
     if isinstance(observer, LoopObserver):

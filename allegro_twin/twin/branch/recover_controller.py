@@ -55,17 +55,17 @@ def change_controller(
     driver: BranchController, recording: Recording, spec: HandSpec, row: int, changes: Changes
 ) -> BranchController:
     """Change the controller. Raises ConfigError where only recorded commands continue."""
-    asked = controller_changes(changes)
-    if not asked:
+    keys = controller_changes(changes)
+    if not keys:
         return driver
     if driver.config is None:
         raise ConfigError(
-            f"--set controller.{next(iter(asked))}: only commands of {recording.path} go on: {driver.reason}"
+            f"--set controller.{next(iter(keys))}: only commands of {recording.path} go on: {driver.reason}"
         )
-    after = apply_changes(driver.config, changes)
+    config = apply_changes(driver.config, changes)
     state = next(islice(recorded_samples(recording), row, None)).state
-    other = _made(after, spec)
-    return BranchController(*hand_over(driver.controller, driver.memory, other, state), after, "")
+    other = _made(config, spec)
+    return BranchController(*hand_over(driver.controller, driver.memory, other, state), config, "")
 
 
 def hand_over(

@@ -24,7 +24,7 @@ from allegro_twin.twin.branch.result import BranchResult, SampleStages
 from allegro_twin.types import Array, Sample
 
 
-def resimulate(recording: Recording, at: float, changes: Changes, through: SampleStages) -> BranchResult:
+def resimulate(recording: Recording, at: float, changes: Changes, stages: SampleStages) -> BranchResult:
     """Run a recorded simulation again. Raises ConfigError for a recording that cannot be repeated."""
     path, engine = recording.path, recording.meta["engine"]
     if engine != ENGINE:
@@ -40,10 +40,10 @@ def resimulate(recording: Recording, at: float, changes: Changes, through: Sampl
         samples = _run(rig, rig.sim, at, changes, other)
         follower = _Follower(recording, at, rig)
         samples = follower.watched(rig.trial.watched(samples) if rig.trial is not None else samples)
-        found = [sample.state.position for sample in through(samples, follower.beside)]
+        positions = [sample.state.position for sample in stages(samples, follower.beside)]
         whole = rig.trial is not None and last >= rig.trial.seconds - 1e-9
         report = rig.trial.report() if whole and rig.trial is not None else None
-    return BranchResult(recording.columns["t"], recording.columns["position"], np.array(found), rig.spec, report)
+    return BranchResult(recording.columns["t"], recording.columns["position"], np.array(positions), rig.spec, report)
 
 
 class _Follower:

@@ -75,15 +75,15 @@ def identify_hand(
     own = file.drive.mass_scale if file is not None and file.drive is not None else np.ones(spec.n_joints)
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
     player = Player(spec, motions[0].period)
-    looked = motion_coverage(motions, player)
+    coverage = motion_coverage(motions, player)
     tell("one line through everything")
     start = regress(motions, player, own)
     nominal = load_spec(spec.model, spec.side)
     base = drive_parameters(nominal, np.ones(spec.n_joints), np.zeros(spec.n_joints))
     tell("the motion as the model would make it")
-    found = fit_drive(motions, start, regress_breakaway(motions, player, start), base, masses, friction)
+    fitted = fit_drive(motions, start, regress_breakaway(motions, player, start), base, masses, friction)
     stops = _stops(file, nominal) if file is not None else np.full(spec.n_joints, np.nan)
-    return Identification(tuple(motions), looked, found, identified_values(found, looked), stops)
+    return Identification(tuple(motions), coverage, fitted, identified_values(fitted, coverage), stops)
 
 
 def _stops(file: HandSpec, model: HandSpec) -> Vector:

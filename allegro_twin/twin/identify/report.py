@@ -58,12 +58,12 @@ def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
         )
     body.append(_text(LEFT + wide / 2, HEIGHT - 4, across, "middle"))
     body.append(_text(LEFT, TOP - 2, upwards, "start"))
-    said = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
-    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{said}">{"".join(body)}</svg>'
+    label = escape(f"{upwards} against {across}: {'; '.join(line.said for line in lines)}")
+    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" role="img" aria-label="{label}">{"".join(body)}</svg>'
 
 
-def figure_card(title: str, said: str, drawing: str) -> str:
-    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(said)}</figcaption>{drawing}</figure>"
+def figure_card(title: str, caption: str, drawing: str) -> str:
+    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(caption)}</figcaption>{drawing}</figure>"
 
 
 def _range(values: Array) -> tuple[float, float]:
@@ -71,8 +71,8 @@ def _range(values: Array) -> tuple[float, float]:
     return (low, high) if high > low else (low - 1.0, high + 1.0)
 
 
-def _text(x: float, y: float, said: str, anchor: str) -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(said)}</text>'
+def _text(x: float, y: float, text: str, anchor: str) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
 
 
 _STYLE = (
@@ -119,8 +119,8 @@ def values_table(found: Identification) -> str:
     names = [name for name in _UNITS if name in found.values]
     stops = np.isfinite(found.end_stop_offsets).all()
     both = ("offset by end stops, mrad", "by weight − by stops") if stops else ()
-    said = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
-    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in said), []
+    titles = ("joint", *(_UNITS[name][0] for name in names), *both, "residual")
+    heads, lines = "".join(f"<th>{escape(each)}</th>" for each in titles), []
     for joint, alias in enumerate(_joints(found)):
         cells = [_cell(found, name, joint) for name in names] + (_by_stops(found, joint) if stops else [])
         left = f"<td class='n'>{found.fit.spread.residual[joint]:.1f} × noise</td>"
@@ -169,8 +169,10 @@ def motion_figures(found: Identification) -> str:
             ChartLine(t, before[:, joint], "soft", "after the regression"),
             ChartLine(t, simulated[:, joint], "bad", "simulated"),
         ]
-        said = f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
-        cards.append(figure_card(f"The {name} joint", said, line_chart(lines, "s", "rad")))
+        caption = (
+            f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
+        )
+        cards.append(figure_card(f"The {name} joint", caption, line_chart(lines, "s", "rad")))
     return f"<h2>Measured and simulated</h2><div class='cards'>{''.join(cards)}</div>"
 
 

@@ -21,16 +21,16 @@ def mirror_rig(rig: Rig, listen: Callable[[Callable[[Sample], None]], None]) -> 
     if isinstance(rig.driver, DynamixelBackend):
         if (gravity := palm_gravity(rig)) is None:
             raise ConfigError(f"{rig.spec.name} does not report where down is: allegro-twin mirror takes --gravity")
-        made = make_loop_mirror(rig.spec, rig.backend.period, gravity=gravity)
-        listen(made.observe)
-        return made
+        mirror = make_loop_mirror(rig.spec, rig.backend.period, gravity=gravity)
+        listen(mirror.observe)
+        return mirror
     if not isinstance(rig.driver, CanBackend):
         raise ConfigError("a simulated hand is its own twin: a mirror is for hands on a bus")
     table = rig.driver.calibration
     used = recorded_calibration(table)
-    made = make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
-    listen(made.observe)
-    return made
+    mirror = make_mirror(rig.spec, rig.spec.serial, table["version"], used, rig.backend.period)
+    listen(mirror.observe)
+    return mirror
 
 
 def palm_gravity(rig: Rig) -> Vector | None:

@@ -32,16 +32,16 @@ def mirror_scenery(spec: HandSpec) -> Scenery:
 
 def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, health: Health | None) -> Iterator[Sample]:
     """Draw samples after the mirror observed them (a stage)."""
-    said, unnamed = "", mirror.unchecked_faults
+    last, unnamed = "", mirror.unchecked_faults
     for sample in samples:
         viewer.draw(sample, _beside(sample.state, mirror, health))
         if unnamed:
             viewer.happens(sample.state.t, f"not looked for: {', '.join(unnamed)}")
             unnamed = ()
         now = event_text(mirror)
-        if now != said:
+        if now != last:
             viewer.happens(sample.state.t, now)
-            said = now
+            last = now
         yield sample
 
 

@@ -37,14 +37,14 @@ from tests.twin.branch.hands import AT, MRAD, after, as_real, rms
 def test_without_a_change_the_model_goes_where_the_hand_went_and_the_nominal_one_does_not(
     made: Path, own: str, tmp_path: Path
 ) -> None:
-    found = branch_recording(made, AT, {}, wanted=BranchOptions(own))
+    found = branch_recording(made, AT, {}, options=BranchOptions(own))
     rest = after(found)
     np.testing.assert_array_equal(found.branched[: rest.start + 1], found.recorded[: rest.start + 1])
     np.testing.assert_array_equal(found.branched, found.unchanged)
     assert 0.0 < np.abs(found.branched - found.recorded).max() < 1.5 * MRAD
     for loop in (True, False):
         his, nominal = (
-            branch_recording(path, AT, {}, wanted=BranchOptions(hand, open_loop=loop))
+            branch_recording(path, AT, {}, options=BranchOptions(hand, open_loop=loop))
             for path, hand in ((made, own), (as_real(made, tmp_path / "real.arrow"), ""))
         )
         off = [rms((each.branched - each.recorded)[rest]) for each in (his, nominal)]
@@ -58,7 +58,7 @@ def test_without_a_change_the_model_goes_where_the_hand_went_and_the_nominal_one
 )
 def test_a_change_does_to_the_model_what_it_does_to_the_hand(made: Path, own: str, change: dict[str, Any]) -> None:
     """The hand is hidden but can be repeated: its own future, with the change, is known."""
-    model, hand = branch_recording(made, AT, change, wanted=BranchOptions(own)), branch_recording(made, AT, change)
+    model, hand = branch_recording(made, AT, change, options=BranchOptions(own)), branch_recording(made, AT, change)
     assert model.unchanged is not None
     rest = after(model)
     foretold, true = (model.branched - model.unchanged)[rest], (hand.branched - hand.recorded)[rest]
@@ -77,7 +77,7 @@ def test_encoders_that_are_noisy_loosen_the_models_friction_as_they_did_the_hand
     path, config = tmp_path / "noisy.arrow", hidden.changed(backend={"scene": scene})
     perform(assemble(config), config, Outputs(record=path))
     change = {"controller.gains": "v4"}
-    model, hand = branch_recording(path, AT, change, wanted=BranchOptions(own)), branch_recording(path, AT, change)
+    model, hand = branch_recording(path, AT, change, options=BranchOptions(own)), branch_recording(path, AT, change)
     assert model.unchanged is not None
     rest = after(model)
     foretold, true = (model.branched - model.unchanged)[rest], (hand.branched - hand.recorded)[rest]
@@ -109,26 +109,26 @@ def test_where_another_than_its_config_drove_the_recorded_commands_go_on(
         samples = until(2.4, run(rig.backend, PD(moves, load_gains("v4", rig.spec))))
         for _ in record(samples, path, rig.spec, hidden.period, meta=recording_meta(rig, hidden)):
             pass
-    found = branch_recording(path, AT, {"frictionloss": 0.08}, wanted=BranchOptions(own))
+    found = branch_recording(path, AT, {"frictionloss": 0.08}, options=BranchOptions(own))
     assert any("The recorded commands go on, open loop: its config's pid would" in line for line in found.notes)
     assert found.unchanged is not None
     rest = after(found)
     assert rms((found.unchanged - found.recorded)[rest]) < 1.0 * MRAD
     assert rms((found.branched - found.unchanged)[rest]) > 20.0 * MRAD
     with pytest.raises(ConfigError, match="--set controller.gains: only commands of .* go on: its config's pid would"):
-        branch_recording(path, AT, {"controller.gains": "v4"}, wanted=BranchOptions(own))
+        branch_recording(path, AT, {"controller.gains": "v4"}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="differs at .* With --hand FILE a model goes on"):
         branch_recording(path, AT, {})
 
 
 def test_what_is_known_estimated_and_assumed_is_said(made: Path, own: str, tmp_path: Path) -> None:
-    held = branch_recording(made, AT, {}, wanted=BranchOptions(own, "hold"))
+    held = branch_recording(made, AT, {}, options=BranchOptions(own, "hold"))
     assert held.notes[0].startswith("Known at 1.1 s: the joints' positions and commands. Estimated by a mirror")
     assert held.notes[1].startswith("Assumed: nothing is held or touched, what pushes the joints is held as it is")
     assert held.notes[2].startswith("Its config's pid goes on, closed loop: it computes every recorded command again")
     assert len(held.notes) == 3
     real = as_real(made, tmp_path / "real.arrow", config=None)
-    found = branch_recording(real, AT, {}, wanted=BranchOptions(own))
+    found = branch_recording(real, AT, {}, options=BranchOptions(own))
     assert "what pushes the joints is forgotten" in found.notes[1]
     assert (
         found.notes[2] == f"The recorded commands go on, open loop: {real} does not say with which config it was made."
@@ -141,7 +141,7 @@ def test_what_is_known_estimated_and_assumed_is_said(made: Path, own: str, tmp_p
     )
     assert not any(branching.doubts(real, BranchOptions(own)))
     assert not any(branching.doubts(made, BranchOptions()))
-    slight = branch_recording(made, AT, {"strength": 0.9999}, wanted=BranchOptions(own))
+    slight = branch_recording(made, AT, {"strength": 0.9999}, options=BranchOptions(own))
     assert list(branching.lines(slight, AT))[-1].endswith("hardly more than the model is off by, so nothing follows.")
 
 
@@ -154,7 +154,7 @@ def test_a_push_at_the_instant_is_said_and_held_or_forgotten(hidden: RunConfig, 
         for sample in record(samples, path, rig.spec, 0.003, meta=recording_meta(rig, hidden)):
             if sample.state.t >= 0.9 and rig.sim is not None:
                 rig.sim.push(push)
-    free, held = (branch_recording(path, AT, {}, wanted=BranchOptions(own, what)) for what in ("forget", "hold"))
+    free, held = (branch_recording(path, AT, {}, options=BranchOptions(own, what)) for what in ("forget", "hold"))
     assert any("ring is touched then" in line and line.endswith("and goes on without it.") for line in free.notes)
     assert any("ring is touched then" in line and line.endswith("as a torque that stays.") for line in held.notes)
     rest = after(free)
@@ -171,7 +171,7 @@ def test_a_touch_after_the_instant_is_named(hidden: RunConfig, own: str, tmp_pat
         for sample in record(samples, path, rig.spec, 0.003, meta=recording_meta(rig, hidden)):
             if 1.6 <= sample.state.t < 1.9 and rig.sim is not None:
                 rig.sim.push(push)
-    found = branch_recording(path, AT, {}, wanted=BranchOptions(own))
+    found = branch_recording(path, AT, {}, options=BranchOptions(own))
     assert any(line.startswith("ring is touched from 1.6") and "not only the model's" in line for line in found.notes)
 
 
@@ -191,7 +191,7 @@ def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
     path, config = tmp_path / "slow.arrow", hidden.changed(seconds=1.6, limits={"velocity": 1.1})
     perform(assemble(config), config, Outputs(record=path))
     found = branch_recording(
-        path, AT, {"damping": 0.0, "frictionloss": 0.0, "strength": 3.0}, wanted=BranchOptions(own)
+        path, AT, {"damping": 0.0, "frictionloss": 0.0, "strength": 3.0}, options=BranchOptions(own)
     )
     assert len(found.branched) < len(found.recorded)
     assert any(
@@ -209,7 +209,7 @@ def test_the_guard_stops_the_model_as_it_would_have_stopped_the_hand(
 
 def test_periods_that_nobody_heard_of_pass_in_the_model_too(made: Path, own: str, tmp_path: Path) -> None:
     holed = as_real(made, tmp_path / "holed.arrow", slice(500, 520))
-    found = branch_recording(holed, AT, {}, wanted=BranchOptions(own, open_loop=True))
+    found = branch_recording(holed, AT, {}, options=BranchOptions(own, open_loop=True))
     assert len(found.branched) == len(load(made)) - 20
     assert rms((found.branched - found.recorded)[after(found)]) < 2.0 * MRAD
 

@@ -26,17 +26,17 @@ def test_what_a_recording_does_not_tell_is_one_sentence(made: Path, own: str, tm
     real = as_real(made, tmp_path / "real.arrow")
     for at in (0.9, 2.4):
         with pytest.raises(ConfigError, match=rf"--at {at} s: .* from 0 to 2.4 s, and a mirror needs the first 1 s"):
-            branch_recording(real, at, {}, wanted=BranchOptions(own))
+            branch_recording(real, at, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--at 3 s: .* goes from 0 to 2.4 s"):
-        branch_recording(real, 3.0, {}, wanted=BranchOptions(own))
+        branch_recording(real, 3.0, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--set friction is that of contacts, and nobody knows what the hand"):
-        branch_recording(real, AT, {"friction": 0.5}, wanted=BranchOptions(own))
+        branch_recording(real, AT, {"friction": 0.5}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="--set controller.gains: only commands of .*: as --open-loop says"):
-        branch_recording(real, AT, {"controller.gains": "v4"}, wanted=BranchOptions(own, open_loop=True))
+        branch_recording(real, AT, {"controller.gains": "v4"}, options=BranchOptions(own, open_loop=True))
     with pytest.raises(ConfigError, match="does not say with which torque constant its counts became"):
-        branch_recording(as_real(made, tmp_path / "old.arrow", calibration=None), AT, {}, wanted=BranchOptions(own))
+        branch_recording(as_real(made, tmp_path / "old.arrow", calibration=None), AT, {}, options=BranchOptions(own))
     with pytest.raises(ConfigError, match="is of a simulation, which is repeated .*: leave out --disturbance"):
-        branch_recording(made, AT, {}, wanted=BranchOptions(open_loop=True))
+        branch_recording(made, AT, {}, options=BranchOptions(open_loop=True))
 
 
 def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: Path) -> None:
@@ -45,11 +45,11 @@ def test_a_hand_that_is_not_this_one_is_refused(made: Path, own: str, tmp_path: 
         other = tmp_path / f"{key}.yaml"
         other.write_text(yaml.safe_dump(content | {"wire": content["wire"] | {key: value}}))
         with pytest.raises(ConfigError, match=said):
-            branch_recording(made, AT, {}, wanted=BranchOptions(str(other)))
+            branch_recording(made, AT, {}, options=BranchOptions(str(other)))
     simulated = load_config("sim_right").changed(seconds=1.2)
     perform(assemble(simulated), simulated, Outputs(record=tmp_path / "sim.arrow"))
     with pytest.raises(ConfigError, match="is of a simulation, which is repeated as it was: leave out --hand"):
-        branch_recording(tmp_path / "sim.arrow", AT, {}, wanted=BranchOptions(own))
+        branch_recording(tmp_path / "sim.arrow", AT, {}, options=BranchOptions(own))
 
 
 def test_a_hand_that_does_not_say_where_down_is_or_what_its_motors_gave_is_refused(
@@ -66,9 +66,9 @@ def test_a_hand_that_does_not_say_where_down_is_or_what_its_motors_gave_is_refus
         for _ in record(samples, path[name], origin.spec, origin.period, meta=meta):
             pass
     with pytest.raises(ConfigError, match="must know where down is: --gravity"):
-        branch_recording(path["gravity"], AT, {}, wanted=BranchOptions(own))
+        branch_recording(path["gravity"], AT, {}, options=BranchOptions(own))
     down = origin.columns["gravity"][-1]
-    told = branch_recording(path["gravity"], AT, {}, wanted=BranchOptions(own, gravity=down))
+    told = branch_recording(path["gravity"], AT, {}, options=BranchOptions(own, gravity=down))
     assert rms((told.branched - told.recorded)[after(told)]) < 0.5 * MRAD
     with pytest.raises(ConfigError, match="holds positions without torques"):
-        branch_recording(path["torque"], AT, {}, wanted=BranchOptions(own))
+        branch_recording(path["torque"], AT, {}, options=BranchOptions(own))

@@ -57,20 +57,20 @@ class DaggerLearner:
             group["lr"] = learning_rate(self.recipe, progress)
 
     def update(self) -> dict[str, float]:
-        seen, wished = [], []
+        observations, actions = [], []
         for _ in range(self.recipe.rollout):
-            mine, wish = self._mine(self._seen), self._wish(self._seen)
-            self._learn_scale(mine)
+            own, teachers = self._mine(self._seen), self._wish(self._seen)
+            self._learn_scale(own)
             with torch.no_grad():
-                action = self._net(self._scaled(mine)).clamp(-1.0, 1.0)
-            led = round(self.env.num_envs * max(1.0 - self._done / (_LED * self.recipe.steps), 0.0))
-            action[:led] = wish[:led]
+                action = self._net(self._scaled(own)).clamp(-1.0, 1.0)
+            teacher_rows = round(self.env.num_envs * max(1.0 - self._done / (_LED * self.recipe.steps), 0.0))
+            action[:teacher_rows] = teachers[:teacher_rows]
             self._seen, reward, failed, truncated, info = self.env.step(action)
             self._statistics.add(reward, failed | truncated, info["is_success"])
-            seen.append(mine.clone())
-            wished.append(wish)
+            observations.append(own.clone())
+            actions.append(teachers)
             self._done += self.env.num_envs
-        self._states.append((torch.cat(seen), torch.cat(wished)))
+        self._states.append((torch.cat(observations), torch.cat(actions)))
         del self._states[:-_KEPT]
         return {"train/loss": self._imitate(), "train/learning_rate": self._adam.param_groups[0]["lr"]}
 
@@ -97,12 +97,12 @@ class DaggerLearner:
     def _imitate(self) -> float:
         """Learn from as many states as an update has, `epochs` times, drawn from all that are kept. Returns the last
         error."""
-        seen, wished = (torch.cat(rows) for rows in zip(*self._states, strict=True))
+        observations, actions = (torch.cat(rows) for rows in zip(*self._states, strict=True))
         recipe = self.recipe
         loss = torch.zeros(())
         for _ in range(recipe.epochs * max(recipe.update // recipe.batch, 1)):
-            rows = torch.randint(len(seen), (recipe.batch,), device=self.device)
-            error = self._net(self._scaled(seen[rows])) - wished[rows]
+            rows = torch.randint(len(observations), (recipe.batch,), device=self.device)
+            error = self._net(self._scaled(observations[rows])) - actions[rows]
             loss = (error * error).sum(dim=-1).mean()
             self._adam.zero_grad()
             loss.backward()
@@ -115,10 +115,10 @@ class DaggerLearner:
     def _wish(self, seen: Any) -> Any:
         """The teacher's action, from this decision's numbers and what no hand reports."""
         frame = self.card.observation // self.card.history
-        told = torch.cat([seen[:, :frame], seen[:, self.card.observation :]], dim=-1)
+        inputs = torch.cat([seen[:, :frame], seen[:, self.card.observation :]], dim=-1)
         with torch.no_grad():
-            wish: torch.Tensor = self._teacher(told)
-        return wish
+            action: torch.Tensor = self._teacher(inputs)
+        return action
 
     def _learn_scale(self, seen: Any) -> None:
         """Mean and variance of the first observations; a scale that keeps changing would make the targets move."""

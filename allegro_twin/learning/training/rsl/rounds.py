@@ -108,13 +108,13 @@ def _round(
 ) -> TrainingProgress:
     began, steps = time.monotonic() - progress.seconds, progress.steps
     for _ in range(recipe.round_steps // recipe.update):
-        shown = learner.update()
+        values = learner.update()
         steps += recipe.update
         number, mean, length, share = learner.episodes()
-        told = {"return": mean, "length": length, "success": share} if number else {}
-        curve.add(steps=steps, seconds=time.monotonic() - began, episodes=number, **told)
+        means = {"return": mean, "length": length, "success": share} if number else {}
+        curve.add(steps=steps, seconds=time.monotonic() - began, episodes=number, **means)
         names = {"return": "rollout/ep_rew_mean", "length": "rollout/ep_len_mean", "success": "rollout/success_rate"}
-        for name, value in {**shown, **{names[key]: value for key, value in told.items()}}.items():
+        for name, value in {**values, **{names[key]: value for key, value in means.items()}}.items():
             board.add_scalar(name, value, steps)
         advance(steps, mean, share)
     return TrainingProgress(progress.rounds + 1, steps, time.monotonic() - began)
@@ -144,12 +144,12 @@ def _read(learner: Learner, folder: Path, recipe: Recipe) -> TrainingProgress:
 def _generators() -> dict[str, Any]:
     """States of all generators that a training can draw from, in a form that `torch.load` reads without pickle."""
     kind, keys, place, has_gauss, gauss = np.random.get_state()  # A user's task may draw from it.
-    version, words, left = random.getstate()
+    version, numbers, left = random.getstate()
     return {
         "torch": torch.get_rng_state(),
         "cuda": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
         "numpy": (kind, torch.from_numpy(np.asarray(keys, np.int64)), int(place), int(has_gauss), float(gauss)),
-        "python": (version, list(words), left),
+        "python": (version, list(numbers), left),
     }
 
 
@@ -160,8 +160,8 @@ def _seed(states: dict[str, Any]) -> None:
         torch.cuda.set_rng_state_all([state.cpu() for state in states["cuda"]])
     kind, keys, *rest = states["numpy"]
     np.random.set_state((kind, keys.cpu().numpy().astype(np.uint32), *rest))  # As above.
-    version, words, left = states["python"]
-    random.setstate((version, tuple(words), left))
+    version, numbers, left = states["python"]
+    random.setstate((version, tuple(numbers), left))
 
 
 class EpisodeStatistics:

@@ -127,24 +127,24 @@ def _blocks(
     day: str,
 ) -> dict[str, Any]:
     first = motions[0]
-    spec, drive, held = first.spec, dict(content.get("drive") or {}), _held(values)
+    spec, drive, kept_values = first.spec, dict(content.get("drive") or {}), _held(values)
     before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
     if kept is not None:
-        held = dict(held) | {"offset": np.ones(spec.n_joints, dtype=bool)}
+        kept_values = dict(kept_values) | {"offset": np.ones(spec.n_joints, dtype=bool)}
         before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
     strength = drive.pop("strength", 1.0)  # Already part of the identified values.
     before = replace(before, torque_constant=before.torque_constant * np.array(strength))
-    own = select_values(found, held, before)
+    own = select_values(found, kept_values, before)
     actuation = dict(content.get("actuation") or {}) | {name: _plain(getattr(own, name)) for name in PER_PWM}
     wire = dict(content.get("wire") or {}) | {"version": first.version, "side": spec.side}
     wire["torque_constant"] = _plain(own.torque_constant)
     wire["encoder_offset"] = _offsets(first, own.offset) if kept is None else list(kept)
     drive = {name: value for name, value in drive.items() if name not in (*SHAPE, *PLAY)}
-    if not held["delay"][0]:
+    if not kept_values["delay"][0]:
         drive["delay"] = float(f"{own.delay[0]:.3g}")
     for name, none in _NONE.items():
-        if name in held:
-            drive[name] = _plain(np.where(held[name], none, getattr(own, name)))
+        if name in kept_values:
+            drive[name] = _plain(np.where(kept_values[name], none, getattr(own, name)))
     if found.masses == "weighed":
         drive["mass_scale"] = _plain(own.mass_scale)
     blocks = {"wire": wire, "actuation": actuation, "drive": drive}
@@ -154,13 +154,13 @@ def _blocks(
 def _held(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
     backlash whose interval contains zero."""
-    held = {name: ~value.determined for name, value in values.items()}
+    kept_values = {name: ~value.determined for name, value in values.items()}
     if "backlash" in values:
-        held["backlash"] |= values["backlash"].value <= values["backlash"].half
+        kept_values["backlash"] |= values["backlash"].value <= values["backlash"].half
     if "stiction" in values:
-        any_of: NDArray[np.bool_] = np.logical_or.reduce([held[name] for name in _TOGETHER])
-        held |= dict.fromkeys(_TOGETHER, any_of)
-    return held
+        any_of: NDArray[np.bool_] = np.logical_or.reduce([kept_values[name] for name in _TOGETHER])
+        kept_values |= dict.fromkeys(_TOGETHER, any_of)
+    return kept_values
 
 
 def _before(first: RecordedMotion, delay: float, found: DriveFit) -> Parameters:
@@ -235,7 +235,7 @@ def _plain(row: Vector) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in row.tolist()]
 
 
-def select_values(found: DriveFit, held: KeptValues, before: Parameters) -> Parameters:
+def select_values(found: DriveFit, kept_values: KeptValues, before: Parameters) -> Parameters:
     """The drive for a hand's file: values that are not determined stay as `before`, and the others fit them. `before`:
     what is in the file, relative to the calibration of the recordings.
 
@@ -246,15 +246,15 @@ def select_values(found: DriveFit, held: KeptValues, before: Parameters) -> Para
         x_r + C_rh C_hh⁻¹ (x°_h − x_h)
     """
     drive, n = found.drive, len(found.floor)
-    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in held.items()}
+    stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in kept_values.items()}
     x, there = to_scaled(drive), to_scaled(replace(drive, **stays))
     fixed = np.zeros(len(x), dtype=bool)
-    for name, mask in held.items():
+    for name, mask in kept_values.items():
         fixed[index(name, n)] = mask
     inverse = np.linalg.inv(scaling_jacobian(drive))
     C = inverse @ found.spread.covariance @ inverse.T
     moved = np.linalg.solve(C[np.ix_(fixed, fixed)], (there - x)[fixed])
     x = np.where(fixed, there, x + C[:, fixed] @ moved)
     made = from_scaled(np.maximum(x, lower_bounds(n)))
-    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in held.items()}
+    stays = {name: np.where(mask, getattr(before, name), getattr(made, name)) for name, mask in kept_values.items()}
     return replace(made, **stays)

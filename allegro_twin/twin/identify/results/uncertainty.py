@@ -114,7 +114,7 @@ def motion_coverage(motions: list[RecordedMotion], player: Player) -> MotionCove
     )
 
 
-def identified_values(found: DriveFit, looked: MotionCoverage) -> dict[str, IdentifiedValue]:
+def identified_values(found: DriveFit, coverage: MotionCoverage) -> dict[str, IdentifiedValue]:
     """Every value with its interval and whether it is determined; also `delay`."""
     k = found.drive.torque_constant
     result = {}
@@ -127,7 +127,7 @@ def identified_values(found: DriveFit, looked: MotionCoverage) -> dict[str, Iden
         # twin moves no worse for it.
         covariance = found.covariance if name == "offset" else found.spread.covariance
         sure = _linear(found.spread, _per_pwm(found, name), covariance, apart=name not in PLAY)
-        reasons = tuple(_reason(name, j, value, sure, looked, loose=found.loose) for j in range(len(k)))
+        reasons = tuple(_reason(name, j, value, sure, coverage, loose=found.loose) for j in range(len(k)))
         result[name] = IdentifiedValue(value, half, reasons)
     late, half = found.drive.delay[:1], _half(found, "delay", found.covariance)
     short = "" if half[0] < WIDEST_DELAY else f"its interval is ± {1000 * half[0]:.1f} ms: record more fast motion"
@@ -179,28 +179,28 @@ def _per_pwm(found: DriveFit, name: str) -> Array:
     return transform
 
 
-def _reason(name: str, joint: int, value: Vector, half: Vector, looked: MotionCoverage, *, loose: bool) -> str:
-    if loose and name == "offset" and looked.pull[joint] < PULL_LOOSE:
-        return (f"gravity's torque on it differs by {1000 * looked.pull[joint]:.1f} mN·m only, and behind backlash "
+def _reason(name: str, joint: int, value: Vector, half: Vector, coverage: MotionCoverage, *, loose: bool) -> str:
+    if loose and name == "offset" and coverage.pull[joint] < PULL_LOOSE:
+        return (f"gravity's torque on it differs by {1000 * coverage.pull[joint]:.1f} mN·m only, and behind backlash "
                 f"{1000 * PULL_LOOSE:g} tell: `calibrate limits --offsets` finds it from the end stops")  # fmt: skip
-    return next(iter(_reasons(name, joint, value, half, looked)), "")
+    return next(iter(_reasons(name, joint, value, half, coverage)), "")
 
 
-def _reasons(name: str, joint: int, value: Vector, half: Vector, looked: MotionCoverage) -> Iterator[str]:
-    if looked.seconds[joint] < SHORTEST:
-        yield f"only {looked.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
-    if looked.travel[joint] < MOVED:
-        yield f"it moved by {looked.travel[joint]:.2f} rad only: `excite` moves it"
+def _reasons(name: str, joint: int, value: Vector, half: Vector, coverage: MotionCoverage) -> Iterator[str]:
+    if coverage.seconds[joint] < SHORTEST:
+        yield f"only {coverage.seconds[joint]:.0f} s of it can be used: record at least {SHORTEST:g} s"
+    if coverage.travel[joint] < MOVED:
+        yield f"it moved by {coverage.travel[joint]:.2f} rad only: `excite` moves it"
     if name in ("torque_constant", "offset"):
-        if looked.poses < 2:
+        if coverage.poses < 2:
             yield "all recordings are in one pose, in which weight, friction and offset look alike: record another pose"
-        if looked.pull[joint] < PULL:
-            yield (f"gravity's torque on it differs by {1000 * looked.pull[joint]:.1f} mN·m only: record a pose in "
+        if coverage.pull[joint] < PULL:
+            yield (f"gravity's torque on it differs by {1000 * coverage.pull[joint]:.1f} mN·m only: record a pose in "
                    "which its weight acts across its axis")  # fmt: skip
-    if name in ("damping", "frictionloss") and looked.fastest[:, joint].min() < FAST:
-        yield (f"it never moved faster than {looked.fastest[:, joint].min():.2f} rad/s one way, and damping shows from "
-               f"{FAST} rad/s: `excite` moves it faster")  # fmt: skip
-    if name in ("frictionloss", *SHAPE) and looked.creeping[:, joint].min() <= 0.0:
+    if name in ("damping", "frictionloss") and coverage.fastest[:, joint].min() < FAST:
+        yield (f"it never moved faster than {coverage.fastest[:, joint].min():.2f} rad/s one way, and damping shows "
+               f"from {FAST} rad/s: `excite` moves it faster")  # fmt: skip
+    if name in ("frictionloss", *SHAPE) and coverage.creeping[:, joint].min() <= 0.0:
         yield f"it never crept below {SLOW} rad/s, where friction shows: `excite` does"
     if name in WIDEST:
         if half[joint] > WIDEST[name] * value[joint]:
