@@ -21,10 +21,7 @@ APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the
 GRACE = 0.1  # s between the scripted squeeze and the release of the object.
 CALM = 0.3  # s until the push begins,
 PUSHED = 1.0  # s of its duration, half of DexGraspBench's 2 s,
-PUSH = (
-    0.5,
-    1.5,
-)  # and its strength, in weights of the object; DexGraspBench: 1 without gravity, here with gravity.
+PUSH = (0.5, 1.5)  # and its strength, in weights of the object; DexGraspBench: 1 without gravity, here with gravity.
 HELD, LOST = 0.03, 0.05  # m from where the object was released: still held, and lost. DexGraspBench: 0.05.
 WIDTH = 0.02  # m of displacement at which the reward for holding has fallen to 1/e.
 

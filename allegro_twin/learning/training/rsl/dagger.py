@@ -82,12 +82,7 @@ class DaggerLearner:
         return PolicyNetwork(widths, self._mean.cpu().numpy(), self._scale().cpu().numpy(), None, list(self._net))
 
     def state_dict(self) -> Any:
-        return {
-            "net": self._net.state_dict(),
-            "adam": self._adam.state_dict(),
-            "mean": self._mean,
-            "var": self._var,
-        }
+        return {"net": self._net.state_dict(), "adam": self._adam.state_dict(), "mean": self._mean, "var": self._var}
 
     def load(self, content: Any) -> None:
         self._net.load_state_dict(content["net"])
