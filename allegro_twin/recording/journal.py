@@ -43,7 +43,7 @@ class Journal:
         """Write one event; by convention `t` is its time, s."""
         if self._ended:
             return
-        row = [pa.array([_told(values.get(name), kind)], _TYPES[kind]) for name, kind in self._fields.items()]
+        row = [pa.array([_pack(values.get(name), kind)], _TYPES[kind]) for name, kind in self._fields.items()]
         self._put(pa.record_batch(row, schema=self._schema).serialize())
 
     def close(self) -> None:
@@ -63,10 +63,10 @@ class Journal:
 
 def unpack_event(row: Mapping[str, Any], fields: Mapping[str, FieldKind]) -> dict[str, Any]:
     """Convert a row that was read back to the values that were added; lists become arrays (k,)."""
-    return {name: _back(row[name], kind) for name, kind in fields.items()}
+    return {name: _unpack(row[name], kind) for name, kind in fields.items()}
 
 
-def _told(value: Any, kind: FieldKind) -> Any:
+def _pack(value: Any, kind: FieldKind) -> Any:
     if value is None or kind in ("number", "count", "word"):
         return value
     array = np.ascontiguousarray(value)
@@ -75,7 +75,7 @@ def _told(value: Any, kind: FieldKind) -> Any:
     return {"type": array.dtype.str, "shape": list(array.shape), "packed": pa.compress(array.tobytes(), _CODEC, True)}
 
 
-def _back(value: Any, kind: FieldKind) -> Any:
+def _unpack(value: Any, kind: FieldKind) -> Any:
     if value is None or kind in ("number", "count", "word"):
         return value
     if kind == "numbers":

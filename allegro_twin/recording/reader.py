@@ -41,9 +41,10 @@ def read_stream(path: Path) -> ArrowStream:
                 reader = pa.ipc.open_stream(source)
             except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
                 raise RecordingError(
-                    f"{path} is not a recording: expected an Arrow IPC stream written by allegro-twin, {_found(path)}"
+                    f"{path} is not a recording: expected an Arrow IPC stream written by allegro-twin, "
+                    f"{_file_kind(path)}"
                 ) from error
-            table, cut = _whole(reader)
+            table, cut = _whole_batches(reader)
     except FileNotFoundError as error:
         raise RecordingError(f"no recording at {path}") from error
     except RecordingError:
@@ -56,7 +57,7 @@ def read_stream(path: Path) -> ArrowStream:
 def parse_stream(content: bytes, name: str) -> ArrowStream:
     """Read a stream from bytes; `name` stands for it in error messages. Raises RecordingError."""
     try:
-        table, cut = _whole(pa.ipc.open_stream(content))
+        table, cut = _whole_batches(pa.ipc.open_stream(content))
     except (pa.ArrowInvalid, pa.ArrowException, OSError) as error:
         raise RecordingError(f"{name} is damaged: {str(error).splitlines()[0]}") from error
     return ArrowStream(table, _meta(name, table.schema), cut, content.endswith(END))
@@ -73,7 +74,7 @@ def numpy_column(column: pa.ChunkedArray) -> Array:
     return values
 
 
-def _whole(reader: Any) -> tuple[pa.Table, bool]:
+def _whole_batches(reader: Any) -> tuple[pa.Table, bool]:
     """All whole batches, and whether the stream ends inside a batch."""
     batches, cut = [], False
     try:
@@ -96,7 +97,7 @@ def _meta(name: str, schema: pa.Schema) -> dict[str, Any]:
     return dict(meta)
 
 
-def _found(path: Path) -> str:
+def _file_kind(path: Path) -> str:
     with path.open("rb") as file:
         head = file.read(8)
     for magic, name in (
@@ -192,7 +193,7 @@ def load(path: Path, *, partial: bool = False, track: str | None = None) -> Reco
     if track is not None:
         raise RecordingError(f"{path} is of one device and has no track {track!r}: leave it out")
     if stream.cut and not partial:
-        raise _short(path, stream, "whole rows")
+        raise _cut_error(path, stream, "whole rows")
     return _recording(path, stream, stream.ended, str(path))
 
 
@@ -211,7 +212,7 @@ def is_cell_recording(path: Path) -> bool:
 
 def _tracks(path: Path, stream: ArrowStream, *, partial: bool) -> CellRecording:
     if stream.cut and not partial:
-        raise _short(path, stream, "whole batches")
+        raise _cut_error(path, stream, "whole batches")
     found: dict[str, RecordingTrack] = {}
     for name in pc.unique(stream.table.column("track")).to_pylist():
         rows = stream.table.filter(pc.equal(stream.table.column("track"), name))
@@ -228,7 +229,7 @@ def _recording(path: Path, stream: ArrowStream, complete: bool, name: str) -> Re
     return Recording(path, stream.meta, columns, complete=complete)
 
 
-def _short(path: Path, stream: ArrowStream, what: str) -> RecordingError:
+def _cut_error(path: Path, stream: ArrowStream, what: str) -> RecordingError:
     return RecordingError(
         f"{path} is cut short after {stream.table.num_rows} {what}; with `run`, `view` "
         "and `export` pass --partial to use them; a config says `partial: true`"

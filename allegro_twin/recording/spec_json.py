@@ -19,7 +19,7 @@ def spec_to_json(spec: HandSpec) -> dict[str, Any]:
     drive = {} if spec.drive is None else {"drive": spec.drive.plain()}
     return (
         drive
-        | _otherwise(spec)
+        | _optional_entries(spec)
         | {
             "model": spec.model,
             "side": spec.side,
@@ -55,7 +55,7 @@ def spec_from_json(content: dict[str, Any]) -> HandSpec:
     )
 
 
-def _otherwise(spec: HandSpec) -> dict[str, Any]:
+def _optional_entries(spec: HandSpec) -> dict[str, Any]:
     """Entries that only hands without a torque motor on every joint, and arms, have."""
     content: dict[str, Any] = {} if spec.commands == ("torque",) else {"commands": list(spec.commands)}
     if isinstance(spec, ArmSpec):

@@ -72,7 +72,7 @@ class EpisodeEngine:
         variant = task.variant(rows, draws, chosen)
         task.draw_variation(rows, variant, draws, values, chosen)
         if "size" in values:
-            values["size"] = self._sized(variant, values["size"], chosen)
+            values["size"] = self._possible_sizes(variant, values["size"], chosen)
         self.worlds.choose(rows, variant)
         self._physics.apply(rows, values)
         task.begin(rows, variant, draws, values, chosen)
@@ -153,7 +153,7 @@ class EpisodeEngine:
         parts = dict(joints) if isinstance(joints, dict) else {"observation": joints}
         more = [self.task.privileged_observation(tick), None if self._touch is None else self._touch.observe(tick)]
         if extra := [each for each in more if each is not None]:
-            parts["observation"] = _lengthened(parts["observation"], extra)
+            parts["observation"] = _append_numbers(parts["observation"], extra)
         if achieved is not None and goal is not None:
             parts |= {"achieved_goal": xp.asarray(achieved, np.float32), "desired_goal": xp.copy(goal)}
         if self._state is not None:
@@ -174,7 +174,7 @@ class EpisodeEngine:
             success=outcome.success & ~diverged,
         ), diverged
 
-    def _sized(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
+    def _possible_sizes(self, variant: Rows, drawn: Array, chosen: ResetOptions) -> Array:
         sizes = self._physics.sizes(variant, drawn)
         if chosen.size is not None and bool((sizes != drawn).any()):
             raise ConfigError(
@@ -204,7 +204,7 @@ class EpisodeEngine:
                                f"{action[row, joint]}; every value must be finite")  # fmt: skip
 
 
-def _lengthened(seen: Floats, more: list[Array]) -> Floats:
+def _append_numbers(seen: Floats, more: list[Array]) -> Floats:
     """Append numbers, within bounds."""
     xp = library(seen)
     finite = [each if _finite(each) else xp.nan_to_num(each) for each in more]

@@ -46,7 +46,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         self._pictures: Pictures | None = None
         if isinstance(self.engine.task, GoalTask):
             # Stable-Baselines3 treats an environment with these as a goal environment.
-            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._reward_of
+            self.compute_reward: Callable[[ArrayLike, ArrayLike, object], Any] = self._goal_reward
             self.compute_terminated = self.compute_truncated = _never
 
     def reset(
@@ -56,7 +56,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         report = self.engine.reset(_ONE, [self.np_random], options)
         if self.render_mode == "human":
             self.render()
-        return self._seen(), _of_one(report)
+        return self._observation(), _single_report(report)
 
     def step(self, action: Floats) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         engine = self.engine
@@ -84,7 +84,7 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
             self._pictures.close()
             self._pictures = None
 
-    def _reward_of(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
+    def _goal_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: object) -> Any:
         """Reward for goals (..., k): a number for one, an array for many. `info` as the steps gave it, one or one per
         row.
 
@@ -93,9 +93,9 @@ class HandEnv(gymnasium.Env[Observation, Floats], EzPickle):
         """
         task = self.engine.task
         assert isinstance(task, GoalTask)
-        return task.reward(achieved_goal, desired_goal, _dropped(info))
+        return task.reward(achieved_goal, desired_goal, _loss_cost(info))
 
-    def _seen(self) -> Observation:
+    def _observation(self) -> Observation:
         return _first(self.engine.fetch(self.engine.observe()))
 
 
@@ -106,9 +106,9 @@ def _first(observation: Observation) -> Observation:
     return observation[0]  # type: ignore[no-any-return]  # A row of an array.
 
 
-def _of_one(report: dict[str, Any]) -> dict[str, Any]:
+def _single_report(report: dict[str, Any]) -> dict[str, Any]:
     """The only row of what a reset reports."""
-    return {name: _of_one(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
+    return {name: _single_report(rows) if isinstance(rows, dict) else _plain(rows[0]) for name, rows in report.items()}
 
 
 def _plain(value: Any) -> Any:
@@ -117,7 +117,7 @@ def _plain(value: Any) -> Any:
     )
 
 
-def _dropped(info: object) -> Any:
+def _loss_cost(info: object) -> Any:
     """Cost of a loss, from one step's info or from many."""
     if isinstance(info, dict):
         return info.get("dropped", 0.0)

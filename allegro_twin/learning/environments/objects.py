@@ -65,9 +65,9 @@ def scenario_of(choice: ObjectChoice, known: dict[str, str]) -> tuple[Scenario, 
                 f"how the hand should grasp {choice.name} is not said: give it like='an object of the catalogue', or "
                 "instead of it a scenario (allegro-twin plan makes one)"
             )
-        scenario, _ = load_scenario(_of(choice.like, known))
+        scenario, _ = load_scenario(_catalogue_scenario(choice.like, known))
         return scenario.model_copy(update={"objects": (choice,)}), Path.cwd()
-    found, path = load_scenario(choice if _is_scenario(choice) else _of(choice, known))
+    found, path = load_scenario(choice if _is_scenario(choice) else _catalogue_scenario(choice, known))
     return found, path.parent
 
 
@@ -85,7 +85,7 @@ def _is_scenario(choice: str) -> bool:
     return Path(choice).suffix in SCENARIOS
 
 
-def _of(name: str, known: dict[str, str]) -> str:
+def _catalogue_scenario(name: str, known: dict[str, str]) -> str:
     if not known:
         raise ConfigError(f"the package has no scenario of this hand for {name}: give a scenario instead "
                           "(allegro-twin plan makes one)")  # fmt: skip

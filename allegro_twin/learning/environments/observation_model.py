@@ -72,7 +72,7 @@ class SignalModel:
             return position, velocity
         joints, xp = position.shape[1], self._xp
         if (delay := self._late.get("sensor_delay")) is not None:
-            both = self._delayed("sensor_delay", delay, xp.concatenate([position, velocity], axis=-1), tick)
+            both = self._delay("sensor_delay", delay, xp.concatenate([position, velocity], axis=-1), tick)
             position, velocity = both[:, :joints], both[:, joints:]
         if (width := self._noise.get("encoder_noise")) is not None:
             position = position + width * jitter(self._key, tick, 0, joints)
@@ -92,12 +92,12 @@ class SignalModel:
         if (late := self._late.get("actuator_delay")) is not None:
             joints = command.shape[1]
             padded = self._xp.concatenate([command, 0.0 * command], axis=-1)
-            command = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
+            command = self._delay("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
             command = self._xp.clip(command, -self._limit, self._limit) * self._strength
         self._worlds.tell(command)
 
-    def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
+    def _delay(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """Values from `late` periods ago, from a ring buffer with one place per period."""
         past, own = self._past[name], self._own
         past[tick % len(past), own] = now

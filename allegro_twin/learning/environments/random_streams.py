@@ -35,7 +35,7 @@ class Draws:
     @classmethod
     def from_counters(cls, key: NDArray[np.uint64], episode: NDArray[np.int64]) -> Draws:
         """Compute from each simulation's key (m,) and the number of its episode (m,), without a loop."""
-        return cls((_even(key, episode, _STREAM, COLUMNS) + 1.0) / 2.0)
+        return cls((_uniform_numbers(key, episode, _STREAM, COLUMNS) + 1.0) / 2.0)
 
     def __len__(self) -> int:
         return len(self._uniform)
@@ -80,43 +80,43 @@ class Draws:
 
 def jitter(key: NDArray[np.uint64], counter: NDArray[np.int64], stream: int, count: int) -> Array:
     """Uniform in [-1, 1), shape (n, count): the numbers of each key (n,) at its own counter (n,)."""
-    found: Array = library(key).asarray(_even(key, counter, stream, count), np.float64)
+    found: Array = library(key).asarray(_uniform_numbers(key, counter, stream, count), np.float64)
     return found
 
 
 _STEP, _FIRST, _SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 
 
-def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     x = x + np.uint64(_STEP)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(_FIRST)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(_SECOND)
     return x ^ (x >> np.uint64(31))
 
 
-def _even(key: Any, counter: Any, stream: int, count: int) -> Any:
+def _uniform_numbers(key: Any, counter: Any, stream: int, count: int) -> Any:
     """The numbers of `jitter` in double precision. PyTorch's integers are signed and overflow in the same way."""
     if isinstance(key, np.ndarray):
         column = np.arange(count, dtype=np.uint64) + np.uint64(stream * 1024)
         seed = key * np.uint64(_STEP) + counter.astype(np.uint64)
-        mixed = _mixed(_mixed(seed)[:, None] + column)
+        mixed = _mix(_mix(seed)[:, None] + column)
         return (mixed >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
     column = library(key).arange(count) + stream * 1024
-    mixed = _mixed_signed(_mixed_signed(key * _signed(_STEP) + counter)[:, None] + column)
-    return _shifted(mixed, 11).double() * 2.0**-52 - 1.0
+    mixed = _mix_signed(_mix_signed(key * _to_signed(_STEP) + counter)[:, None] + column)
+    return _shift_right(mixed, 11).double() * 2.0**-52 - 1.0
 
 
-def _mixed_signed(x: Any) -> Any:
-    x = x + _signed(_STEP)
-    x = (x ^ _shifted(x, 30)) * _signed(_FIRST)
-    x = (x ^ _shifted(x, 27)) * _signed(_SECOND)
-    return x ^ _shifted(x, 31)
+def _mix_signed(x: Any) -> Any:
+    x = x + _to_signed(_STEP)
+    x = (x ^ _shift_right(x, 30)) * _to_signed(_FIRST)
+    x = (x ^ _shift_right(x, 27)) * _to_signed(_SECOND)
+    return x ^ _shift_right(x, 31)
 
 
-def _shifted(x: Any, by: int) -> Any:
+def _shift_right(x: Any, by: int) -> Any:
     """Shift right, with zeros coming in."""
     return (x >> by) & ((1 << (64 - by)) - 1)
 
 
-def _signed(x: int) -> int:
+def _to_signed(x: int) -> int:
     return x - 2**64

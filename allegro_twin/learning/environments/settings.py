@@ -79,14 +79,14 @@ class EnvSettings(Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, values: Any) -> Any:
+    def _parse_randomise(cls, values: Any) -> Any:
         """`default` randomises what applies to the chosen hand."""
         if not isinstance(values, dict) or "randomise" not in values:
             return values
-        return values | {"randomise": parse_randomise(values["randomise"], _spec_of(values))}
+        return values | {"randomise": parse_randomise(values["randomise"], _chosen_hand(values))}
 
 
-def _spec_of(values: dict[str, Any]) -> HandSpec | None:
+def _chosen_hand(values: dict[str, Any]) -> HandSpec | None:
     """The chosen hand, where it is not the usual one; None, too, for an unknown name."""
     hand, side = values.get("hand", HAND), values.get("side", "right")
     return None if hand == HAND or not isinstance(hand, str) or side not in SIDES else load_spec(hand, side)

@@ -78,10 +78,12 @@ def _same(one: Any, other: Any) -> bool:
 def _slots(env: Any, engine: EpisodeEngine) -> Iterator[tuple[str, _Slot]]:
     """Arrays with a row per simulation, and plain numbers, by their paths."""
     modules = (*_OURS, type(engine.task).__module__)
-    yield from _within(env, "", engine.n, modules, set())
+    yield from _nested_slots(env, "", engine.n, modules, set())
 
 
-def _within(owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]) -> Iterator[tuple[str, _Slot]]:
+def _nested_slots(
+    owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[int]
+) -> Iterator[tuple[str, _Slot]]:
     if id(owner) in seen:
         return
     seen.add(id(owner))
@@ -93,8 +95,8 @@ def _within(owner: Any, path: str, n: int, modules: tuple[str, ...], seen: set[i
                 yield here, _Slot(owner, key, value)
         elif isinstance(value, bool | int | float):
             yield here, _Slot(owner, key, value)
-        elif isinstance(value, dict | list | tuple) or _is_ours(value, modules):
-            yield from _within(value, here, n, modules, seen)
+        elif isinstance(value, dict | list | tuple) or _is_environment_part(value, modules):
+            yield from _nested_slots(value, here, n, modules, seen)
 
 
 def _parts(owner: Any) -> list[tuple[Any, Any]]:
@@ -107,7 +109,7 @@ def _parts(owner: Any) -> list[tuple[Any, Any]]:
     return list(vars(owner).items())
 
 
-def _is_ours(value: Any, modules: tuple[str, ...]) -> bool:
+def _is_environment_part(value: Any, modules: tuple[str, ...]) -> bool:
     """Objects of the environments and of a user's own task: not their settings and models."""
     return (
         hasattr(value, "__dict__")

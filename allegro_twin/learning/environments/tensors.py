@@ -38,7 +38,7 @@ class TensorVectorEnv:
     def reset(self) -> Any:
         """Begin new episodes of all simulations. Returns observations (num_envs, k), or a dictionary of such."""
         self._begin(self._all)
-        return self._shared(self.engine.observe())
+        return self._as_tensors(self.engine.observe())
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step, as Gymnasium's vector environments do. `info` has `is_success`, the reward's terms, and the last
@@ -56,12 +56,12 @@ class TensorVectorEnv:
             info["final_obs"] = observation
             self._begin(rows)
             observation = engine.observe()
-        return self._shared((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
+        return self._as_tensors((observation, outcome.reward, outcome.failed, truncated, info))  # type: ignore[no-any-return]
 
     def stagger_episodes(self) -> None:
         """Set the simulations to random times of their episodes, so that they do not all end together."""
         torch = self.xp.torch
-        self._shared(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
+        self._as_tensors(self.engine.count)[:] = torch.randint(0, self.limit, (self.num_envs,), device=self.xp.device)
 
     def state_dict(self) -> dict[str, Any] | None:
         """Everything that decides how the simulations continue, as tensors and numbers. None on a Warp device, whose
@@ -88,14 +88,14 @@ class TensorVectorEnv:
         self._episode[rows] += 1
         self.engine.begin(rows, Draws.from_counters(self._key[rows], self._episode[rows]))
 
-    def _shared(self, tree: Any) -> Any:
+    def _as_tensors(self, tree: Any) -> Any:
         """Arrays as tensors of the same memory; single precision for learning."""
         if self._own is not np:
             return tree
         if isinstance(tree, dict):
-            return {name: self._shared(part) for name, part in tree.items()}
+            return {name: self._as_tensors(part) for name, part in tree.items()}
         if isinstance(tree, tuple):
-            return tuple(self._shared(part) for part in tree)
+            return tuple(self._as_tensors(part) for part in tree)
         return self.xp.torch.from_numpy(tree)
 
 

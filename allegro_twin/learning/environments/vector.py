@@ -70,7 +70,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        rows, options = self._masked(options)
+        rows, options = self._reset_rows(options)
         self._seed(seed, rows)
         info = self._restart(rows, options)
         return self.engine.fetch(self.engine.observe()), info
@@ -94,7 +94,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
             info["diverged"] = diverged
         self._ended = terminated | truncated
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observation, info = self._restarted(observation, info)
+            observation, info = self._same_step_reset(observation, info)
         return observation, reward, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[Any], ...] | None:
@@ -110,7 +110,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         if self._pictures is not None:
             self._pictures.close()
 
-    def _masked(self, options: dict[str, Any] | None) -> tuple[Rows, dict[str, Any]]:
+    def _reset_rows(self, options: dict[str, Any] | None) -> tuple[Rows, dict[str, Any]]:
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if mask is None:
@@ -139,7 +139,7 @@ class HandVectorEnv(VectorEnv[Observation, Floats, NDArray[Any]], EzPickle):
         self._ended[rows] = False
         return self._spread(self.engine.reset(rows, self._generators, options), rows)
 
-    def _restarted(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
+    def _same_step_reset(self, observation: Observation, info: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         """Reset simulations that ended in this step, and return what they saw and reported last."""
         rows = np.flatnonzero(self._ended)
         last = info.copy()

@@ -128,7 +128,7 @@ def read_card(path: Path) -> PolicyCard:
     """Read the card in a policy file. Raises ConfigError without a card or file."""
     if not path.is_file():
         raise ConfigError(f"{path}: no such policy file")
-    text = _of_zip(path) if path.suffix == ".zip" else _of_onnx(path)
+    text = _zip_text(path) if path.suffix == ".zip" else _onnx_text(path)
     if text is None:
         raise ConfigError(f"{path}: no card inside: not a policy of this package, or saved by other means")
     content: Any = json.loads(text)
@@ -153,7 +153,7 @@ def write_card(path: Path, card: PolicyCard) -> None:
     onnx.save(model, str(path))
 
 
-def _of_zip(path: Path) -> str | None:
+def _zip_text(path: Path) -> str | None:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(MEMBER).decode() if MEMBER in archive.namelist() else None
@@ -161,7 +161,7 @@ def _of_zip(path: Path) -> str | None:
         raise ConfigError(f"{path}: not a zip file") from error
 
 
-def _of_onnx(path: Path) -> str | None:
+def _onnx_text(path: Path) -> str | None:
     found: dict[str, str] = onnx_session(path).get_modelmeta().custom_metadata_map
     return found.get(KEY)
 

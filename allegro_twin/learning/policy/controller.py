@@ -64,7 +64,7 @@ class PolicyController:
             raise ConfigError(f"this policy takes a goal of {expected} numbers, not {size}")
 
     def start(self, state: HandState) -> PolicyMemory:
-        return self._decided(state, self.interface.start(state.position, self.script, self.target), 0)
+        return self._decide(state, self.interface.start(state.position, self.script, self.target), 0)
 
     def __call__(self, state: HandState, memory: PolicyMemory) -> tuple[Command, PolicyMemory]:
         inner, age = memory.memory, memory.age + state.tick - memory.tick
@@ -73,11 +73,11 @@ class PolicyController:
         if inner is memory.memory:
             memory = memory._replace(age=age, tick=state.tick)
         else:
-            memory = self._decided(state, inner, age)
+            memory = self._decide(state, inner, age)
         command = self.interface.command(state.position, state.velocity, memory.set_points, age)
         return PositionCommand(command) if self.interface.takes_positions else TorqueCommand(command), memory
 
-    def _decided(self, state: HandState, memory: InterfaceMemory, age: int) -> PolicyMemory:
+    def _decide(self, state: HandState, memory: InterfaceMemory, age: int) -> PolicyMemory:
         observation = self.interface.observe(state.position, state.velocity, memory, self.goal)
         if self.complete is not None:
             observation = self.complete(observation)

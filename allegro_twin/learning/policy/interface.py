@@ -157,12 +157,12 @@ def make_constants(
         scale=place(scale),
         parts=place(np.arange(1, decimation + 1) / decimation),
         periods=place(np.arange(decimation)),
-        scripts=None if scripts is None else _rows_of(scripts, place),
+        scripts=None if scripts is None else _script_rows(scripts, place),
         length=0 if scripts is None else scripts.periods,
     )
 
 
-def _rows_of(scripts: ScriptTable, place: Callable[[Array], Array]) -> tuple[Array, Array]:
+def _script_rows(scripts: ScriptTable, place: Callable[[Array], Array]) -> tuple[Array, Array]:
     joints = scripts.position.shape[-1]
     return place(scripts.position.reshape(-1, joints)), place(scripts.velocity.reshape(-1, joints))
 
@@ -227,7 +227,7 @@ class Interface:
         return self.half if self.scripts is None else self.reach * radian_scale(self.spec)
 
     @cached_property
-    def _own(self) -> ConstantsByRank:
+    def _constants(self) -> ConstantsByRank:
         """Constants on the arrays' device, by number of dimensions."""
         unit = radian_scale(self.spec)
         sizes = self.half, SPEED * unit, self.span, self.step * unit
@@ -256,10 +256,10 @@ class Interface:
     ) -> InterfaceMemory:
         """Memory for the first state; `position` as measured, shape (..., n), rad. `target`: initial set-points; None:
         the script's beginning, or without a script where the joints are."""
-        own, xp, shape = self._own(position.ndim), self.xp, position.shape[:-1]
+        own, xp, shape = self._constants(position.ndim), self.xp, position.shape[:-1]
         base = own.middle if own.scripts is None else own.scripts[0][script * own.length]
         drawn = (position if own.scripts is None else base) if target is None else target
-        offset = xp.zeros(position.shape) + _within(xp, drawn - base, -own.span, own.span)
+        offset = xp.zeros(position.shape) + _clip(xp, drawn - base, -own.span, own.span)
         number = xp.zeros(shape, np.int64) + xp.asarray(script, np.int64)
         past = xp.zeros((*shape, self.frame * (self.history - 1)), np.float32)
         return InterfaceMemory(
@@ -271,8 +271,8 @@ class Interface:
     ) -> InterfaceMemory:
         """Take a decision: returns the memory until the next. `action` is clipped to [-1, 1], shape (..., n). `seen`:
         the observation of this decision, without goals; needed with a history."""
-        xp, own = self.xp, self._own(memory.end.ndim)
-        clipped = _within(xp, xp.asarray(action, np.float64), -1.0, 1.0)
+        xp, own = self.xp, self._constants(memory.end.ndim)
+        clipped = _clip(xp, xp.asarray(action, np.float64), -1.0, 1.0)
         begin, end, push, tick, script, past = memory
         if self.history > 1:
             assert seen is not None
@@ -282,7 +282,7 @@ class Interface:
                 return InterfaceMemory(begin, end, clipped * own.limit, tick, script, past)
             case "delta":
                 return InterfaceMemory(
-                    end, _within(xp, end + own.step * clipped, -own.span, own.span), push, tick, script, past
+                    end, _clip(xp, end + own.step * clipped, -own.span, own.span), push, tick, script, past
                 )
             case _:
                 return InterfaceMemory(end, clipped * own.span, push, tick, script, past)
@@ -292,11 +292,11 @@ class Interface:
         push = memory.push if self.mode == "torque" else None
         if push is not None and self.scripts is None:
             return DecisionSetPoints(None, push)
-        xp, own = self.xp, self._own(memory.end.ndim)
+        xp, own = self.xp, self._constants(memory.end.ndim)
         base, speed = own.bases(xp, memory)
         travel = memory.end - memory.begin
         targets = xp.zeros((self.decimation, 2, *travel.shape))
-        targets[:, 0] = _within(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
+        targets[:, 0] = _clip(xp, own.parts * travel + memory.begin + base, own.lower, own.upper)
         targets[:, 1] = speed + travel / self.seconds
         return DecisionSetPoints(targets, push)
 
@@ -316,7 +316,7 @@ class Interface:
         if targets is None:
             assert push is not None
             return push
-        own = self._own(position.ndim)
+        own = self._constants(position.ndim)
         kp, kd = (own.kp, own.kd) if gains is None else gains
         pull = laws.pd(targets[k, 0] - position, targets[k, 1] - velocity, kp, kd)
         return pull if push is None else pull + push
@@ -349,12 +349,12 @@ class Interface:
     ) -> Observation:
         """Observation from measured joints (..., n), rad and rad/s. With a goal, a dictionary as in goal environments.
         docs/rl.md#observations describes each number."""
-        xp, own = self.xp, self._own(position.ndim)
-        target = _within(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
+        xp, own = self.xp, self._constants(position.ndim)
+        target = _clip(xp, own.base(xp, memory) + memory.end, own.lower, own.upper)
         parts: list[Any] = [position - own.middle, velocity, (target - position) * own.kp, memory.end]
         if self.scripts is not None:
             parts.append(memory.tick[..., None])
-        clipped = _within(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
+        clipped = _clip(xp, xp.concatenate(parts, axis=-1) / own.scale, -BOUND, BOUND)
         joints = xp.asarray(clipped, np.float32)
         if self.history > 1:
             joints = xp.concatenate([joints, memory.past], axis=-1)
@@ -374,7 +374,7 @@ class Interface:
         return hand_kinematics(self.spec).batch_fingertips(self.xp)
 
 
-def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
+def _clip(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:
     """As `clip`, without NumPy's 5 µs per call."""
     found: Array = xp.minimum(xp.maximum(x, low), high)
     return found

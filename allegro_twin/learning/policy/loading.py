@@ -60,7 +60,7 @@ class _Onnx:
         self._inputs = [entry.name for entry in self._session.get_inputs()]
         sizes = {entry.name: entry.shape[-1] for entry in self._session.get_inputs()}
         found = (sizes.get("observation"), self._session.get_outputs()[0].shape[-1])
-        _fitting(path, found, card)
+        _check_sizes(path, found, card)
 
     def __call__(self, observation: Observation) -> Floats:
         parts = observation if isinstance(observation, dict) else {"observation": observation}
@@ -84,14 +84,14 @@ class _Baselines:
         self._model = getattr(stable_baselines3, card.algorithm).load(str(path), device="cpu")
         space = self._model.observation_space
         part = space["observation"] if hasattr(space, "spaces") else space
-        _fitting(path, (part.shape[-1], self._model.action_space.shape[-1]), card)
+        _check_sizes(path, (part.shape[-1], self._model.action_space.shape[-1]), card)
 
     def __call__(self, observation: Observation) -> Floats:
         action: Floats = self._model.predict(observation, deterministic=True)[0]
         return action
 
 
-def _fitting(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
+def _check_sizes(path: Path, sizes: tuple[object, object], card: PolicyCard) -> None:
     """Raise ConfigError unless the file's spaces are its card's. A free axis of an ONNX file is no number."""
     for size, expected, what in zip(sizes, (card.observation, card.action), ("sees", "gives"), strict=True):
         if isinstance(size, int) and size != expected:

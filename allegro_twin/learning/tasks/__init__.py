@@ -25,7 +25,7 @@ NO_BATCH = "ArmPick"
 def task_type(name: str) -> type[Task]:
     """A task of the package, or `module:Class` of your own. Raises ConfigError with the nearest names."""
     if ":" in name:
-        return _foreign(name)
+        return _user_task(name)
     if name == NO_BATCH:
         raise ConfigError(explain_no_batch())
     if name not in TASKS:
@@ -42,7 +42,7 @@ def explain_no_batch() -> str:
     )
 
 
-def _foreign(name: str) -> type[Task]:
+def _user_task(name: str) -> type[Task]:
     module, _, attribute = name.partition(":")
     try:
         found = getattr(import_module(module), attribute, None)

@@ -69,7 +69,7 @@ class HoldDisturbedTask(GraspTask):
         """Number of the push whose force is known; -1 where it is not."""
         self._caught = 0
         self._holds_by_itself: list[int] = []
-        self._catch()
+        self._prepare_starts()
         if not self._holds_by_itself:
             names = ", ".join(map(object_name, self.object_choices()))
             raise ConfigError(f"{self.name}: {self.spec.model} keeps none of {names} even when nothing pushes: choose "
@@ -138,21 +138,21 @@ class HoldDisturbedTask(GraspTask):
 
     def _variant_number(self, choice: ObjectChoice, grasp: str | None) -> int:
         number = super()._variant_number(choice, grasp)
-        self._catch()
+        self._prepare_starts()
         return number
 
-    def _catch(self) -> None:
+    def _prepare_starts(self) -> None:
         """Play the scripted grasp for new scenes, keep the state as their start, and make its squeeze the base of the
         actions."""
         for number in range(self._caught, len(self.scenes)):
-            if self._grasped(number):
+            if self._prepare_start(number):
                 self._holds_by_itself.append(number)
             self._scripts[number] = holding_script(self.scenes[number].grasp, self.periods)
         self._caught = len(self.scenes)
         self.interface = self._interface(scripts=script_table(self._scripts), reach=self.settings.reach)
         self._kept = self.worlds.xp.asarray(np.array(self._holds_by_itself, np.int64))
 
-    def _grasped(self, number: int) -> bool:
+    def _prepare_start(self, number: int) -> bool:
         """Play the scripted grasp for a variant and keep the state as its start. Returns whether the object is still in
         the hand."""
         scene, period = self.scenes[number], self.settings.period

@@ -138,7 +138,7 @@ class InHandTask(Task):
         friction, among = draws.uniform(*_FRICTION)[:, 0], draws.uniform(0.0, 1.0)[:, 0]
         values.setdefault("friction", friction)
         table = self._states()
-        state = _chosen(table.size[variant], values.get("size"), among)
+        state = _choose_state(table.size[variant], values.get("size"), among)
         self._state[rows] = state
         values["size"] = table.size[variant, state]
 
@@ -236,7 +236,7 @@ class InHandTask(Task):
             self.worlds = make_worlds(self.spec, model, n, threads, self.settings)
 
 
-def _chosen(sizes: Array, wanted: Array | None, among: Array) -> Rows:
+def _choose_state(sizes: Array, wanted: Array | None, among: Array) -> Rows:
     """Index of a start state for each row, from sizes in order (m, k), inf where there are no more, and numbers `among`
     in [0, 1), (m,); near the wanted size (m,). Raises ConfigError where there is none."""
     xp = library(sizes)

@@ -83,14 +83,14 @@ class ReachTask(Task):
         # In the precision of observations: without noise `compute_reward` of an observation is the reward to the bit.
         achieved = xp.asarray(self.interface.fingertips(xp.nan_to_num(self.worlds.position)), np.float32)
         distances = self._distances(achieved, self._goal)
-        reward = self._rewarded(distances)
+        reward = self._reward(distances)
         return StepOutcome(reward, xp.zeros(self.n, bool), xp.max(distances, axis=-1) < REACHED, {"distance": -reward})
 
     def reward(self, achieved: ArrayLike, desired: ArrayLike, dropped: Array) -> Array:
         """Minus the mean distance of the fingertips from their goals, in dm; goals (..., 3 * fingers), m."""
-        return self._rewarded(self._distances(achieved, desired))
+        return self._reward(self._distances(achieved, desired))
 
-    def _rewarded(self, distances: Array) -> Array:
+    def _reward(self, distances: Array) -> Array:
         reward: Array = distances.sum(axis=-1) * (-10.0 / distances.shape[-1])
         return reward
 

@@ -56,12 +56,12 @@ class ReorientTask(InHandTask):
     def begin(self, rows: Rows, variant: Rows, draws: Draws, values: dict[str, Array], options: ResetOptions) -> None:
         super().begin(rows, variant, draws, values, options)
         self._key[rows], self.reached[rows], self._renewed[rows] = draws.keys(), 0, False
-        self._renew(rows)
+        self._draw_goals(rows)
 
     def plan_surroundings(self, tick: Ticks) -> None:
         rows = self.worlds.xp.flatnonzero(self._renewed)
         if len(rows):
-            self._renew(rows)
+            self._draw_goals(rows)
             self._renewed[rows] = False
 
     def marks(self, row: int) -> list[Mark]:
@@ -109,7 +109,7 @@ class ReorientTask(InHandTask):
         found: Array = self.interface.seconds * library(angle).exp(-angle / WIDTH)
         return found
 
-    def _renew(self, rows: Rows) -> None:
+    def _draw_goals(self, rows: Rows) -> None:
         """New goals, from the present orientations: each simulation's own numbers, the same in every batch."""
         assert self.thing is not None
         xp = self.worlds.xp

@@ -68,25 +68,27 @@ def presented_scene(
     choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None, scenario: str | None = None
 ) -> TaskScene:
     """An object in a presenter's fingers before a hand that stands still."""
-    found, surroundings, retreat = _found(choice if scenario is None else str(load_scenario(scenario)[1]), spec)
+    found, surroundings, retreat = _find_scenario(choice if scenario is None else str(load_scenario(scenario)[1]), spec)
     position = np.asarray(surroundings.position) - retreat
     surroundings = replace(surroundings, position=position, wrist=False, table=False, stand=None, presented=True)
-    return _built(object_name(choice), surroundings, retreat, spec, settings, grasp or found.grasp)
+    return _build_scene(object_name(choice), surroundings, retreat, spec, settings, grasp or found.grasp)
 
 
 def table_scene(choice: ObjectChoice, spec: HandSpec, settings: EnvSettings, grasp: str | None = None) -> TaskScene:
     """An object on a table under a hand that a slide lowers. Raises ConfigError for an object that is grasped from the
     side."""
-    found, surroundings, retreat = _found(choice, spec)
+    found, surroundings, retreat = _find_scenario(choice, spec)
     if retreat[2] <= 0:
         raise ConfigError(
             f"{object_name(choice)} is grasped from its side; the slide serves "
             f"{', '.join(grasped_from_above(spec.model))}"
         )
-    return _built(object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp)
+    return _build_scene(
+        object_name(choice), replace(surroundings, slide=True), retreat, spec, settings, grasp or found.grasp
+    )
 
 
-def _found(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
+def _find_scenario(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
     settings, folder = scenario_of(choice, known_scenarios(spec.model))
     if settings.model != spec.model:
         raise ConfigError(f"{object_name(choice)}: its scenario is for the hand {settings.model}, and this one is "
@@ -96,7 +98,7 @@ def _found(choice: ObjectChoice, spec: HandSpec) -> tuple[Scenario, Stage, Vecto
     return settings, surroundings, mirror * settings.wrist.retreat
 
 
-def _built(
+def _build_scene(
     name: str, surroundings: Stage, retreat: Vector, spec: HandSpec, settings: EnvSettings, grasp: str
 ) -> TaskScene:
     placed = surroundings.things[0]

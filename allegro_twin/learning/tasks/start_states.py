@@ -89,7 +89,7 @@ class StartStateSearch:
             low = np.minimum(fingers[:, 2], thumb[:, 2])
             place[missing, 2] = low + rng.uniform(*self.below, len(missing))
             apart = fingers[:, 0] - thumb[:, 0]
-            good = (apart > self.apart[0]) & (apart < self.apart[1]) & _inside(place[missing], height[missing])
+            good = (apart > self.apart[0]) & (apart < self.apart[1]) & _in_place(place[missing], height[missing])
             missing = missing[~good]
         target = np.clip(posture + squeeze, spec.lower, spec.upper)
         return StartCandidates(posture, target, place, rng.uniform(-np.pi / 4, np.pi / 4, n))
@@ -128,23 +128,23 @@ def try_candidates(
             body.pose[:, :3], body.pose[:, 3:] = place, turned
             body.velocity[...] = body.spin[...] = 0.0
         if k == _SEEN:
-            going = _apart(body.pose[:, :3], place, _FALLEN)
+            going = _unmoved(body.pose[:, :3], place, _FALLEN)
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
         wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
         worlds.torque[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
         worlds.step(None if k < _SEEN else going, 1)
-    still = np.intersect1d(going, _apart(body.pose[:, :3], watched, _STILL))
-    kept = still[_inside(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]
+    still = np.intersect1d(going, _unmoved(body.pose[:, :3], watched, _STILL))
+    kept = still[_in_place(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]
     return worlds.position[kept], target[kept], body.pose[kept], size[kept]
 
 
-def _apart(place: Array, other: Array, most: float) -> Rows:
+def _unmoved(place: Array, other: Array, most: float) -> Rows:
     """Rows that are at most `most` from where they were."""
     return np.flatnonzero(np.linalg.norm(place - other, axis=-1) < most)
 
 
-def _inside(place: Array, height: Array) -> Flags:
+def _in_place(place: Array, height: Array) -> Flags:
     """Where an object may be: above the palm, and neither high nor aside."""
     low = PALM + height / 2 + _GAP
     inside: Flags = (place[:, 2] > low) & (place[:, 2] < _HIGHEST) & (np.abs(place[:, :2]).max(axis=-1) < _ASIDE)
@@ -182,7 +182,7 @@ def load_start_states(thing: Thing, side: str, search: StartStateSearch = SEARCH
         if not path.is_file():
             write_start_states(thing, path, search)
     found = _read(path)
-    return found if side == "right" else _mirrored(found)
+    return found if side == "right" else _mirror(found)
 
 
 def write_start_states(thing: Thing, path: Path, search: StartStateSearch = SEARCH) -> None:
@@ -219,13 +219,13 @@ def file_name(thing: Thing, search: StartStateSearch = SEARCH) -> str:
         SEED,
         SIZES,
         FRICTION,
-        _hand(),
+        _hand_fingerprint(),
         repr(ScenePhysics()),
     )
     return f"{fingerprint(*whole)}.npz"
 
 
-def _hand() -> str:
+def _hand_fingerprint() -> str:
     """Fingerprint of the searching hand: shapes and masses, limits and motors."""
     spec = load_spec(side="right")
     motors, mjcf = spec.actuation, data_root() / "models" / "mjcf" / f"{spec.name}.xml"
@@ -233,7 +233,7 @@ def _hand() -> str:
     return fingerprint(mjcf, spec.lower, spec.upper, driven)
 
 
-def _mirrored(right: StartStates) -> StartStates:
+def _mirror(right: StartStates) -> StartStates:
     """The same states of the left hand."""
     spec = load_spec(side="right")
     pose = right.pose * (1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0)

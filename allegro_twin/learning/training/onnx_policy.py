@@ -62,7 +62,7 @@ def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
     inputs = [_floats(name, width) for name, width in policy.widths.items()]
     graph = _Graph(names[0])
     if len(names) > 1:
-        missing = _left(graph, policy.turns)
+        missing = _add_goal_difference(graph, policy.turns)
         graph.last = names[0]
         graph.add("Concat", *names[1:], missing, axis=1)
     graph.add("Sub", graph.constant(policy.mean))
@@ -85,7 +85,7 @@ def to_onnx(policy: PolicyNetwork, path: Path, card: PolicyCard) -> None:
         write_card(temporary, card)
 
 
-def _left(graph: _Graph, turns: bool) -> str:
+def _add_goal_difference(graph: _Graph, turns: bool) -> str:
     """Add nodes of the goal difference; returns the name of its output."""
     graph.last = GOAL
     if not turns:

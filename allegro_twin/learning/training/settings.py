@@ -75,13 +75,13 @@ class Recipe(Settings):
 
     @field_validator("task")
     @classmethod
-    def _known(cls, value: str) -> str:
+    def _check_task(cls, value: str) -> str:
         if value not in TASKS and ":" not in value:
             raise ValueError(unknown("task", value, TASKS))
         return value
 
     @model_validator(mode="after")
-    def _served(self) -> Recipe:
+    def _check_learner(self) -> Recipe:
         if (self.learner == "dagger") != (self.teacher is not None):
             raise ValueError("learner dagger and a teacher go together: give both, or neither")
         if self.settle and self.start is None:

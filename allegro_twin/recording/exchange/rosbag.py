@@ -29,7 +29,7 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 _OFF = 0.2  # Share of the period: further off, the config's period is not the bag's.
 
 
-class _Heard(NamedTuple):
+class _JointStates(NamedTuple):
     """The joint_states of a bag."""
 
     topic: str
@@ -49,16 +49,16 @@ def from_bag(path: Path, spec: HandSpec | None, period: float) -> Recording:
     RecordingError for a file that is no bag, ConfigError for a bag of another hand."""
     if not path.exists():
         raise RecordingError(f"no bag at {path}")
-    with _opened(path) as reader:
+    with _open(path) as reader:
         if any(each.topic == META for each in reader.connections):
-            return _ours(path, reader)
+            return _exported(path, reader)
         if spec is None:
             raise ConfigError(f"{path} does not say whose it is; name a config of that hand with --config")
-        return _theirs(path, reader, spec, period)
+        return _foreign(path, reader, spec, period)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[Any]:
     words = v.ros_types()
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.rosbag2 import ReaderError
@@ -73,7 +73,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise RecordingError(f"{path}: not a readable bag: {text}") from error
 
 
-def _ours(path: Path, reader: Any) -> Recording:
+def _exported(path: Path, reader: Any) -> Recording:
     meta: dict[str, Any] = {}
     found: dict[str, list[Array]] = {}
     wanted = [each for each in reader.connections if each.topic == META or each.topic.startswith(COLUMN)]
@@ -93,8 +93,8 @@ def _ours(path: Path, reader: Any) -> Recording:
     return rebuild_recording(path, meta, columns)
 
 
-def _theirs(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording:
-    heard = _heard(path, reader, spec)
+def _foreign(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording:
+    heard = _joint_states(path, reader, spec)
     what = f"{path}: {heard.topic}"
     order = joint_order(spec, heard.messages[0].name, what)
     positions = np.array([joint_values(spec, each.position, order, f"{what} position") for each in heard.messages])
@@ -124,7 +124,7 @@ def _theirs(path: Path, reader: Any, spec: HandSpec, period: float) -> Recording
     return rebuild_recording(path, meta, columns)
 
 
-def _heard(path: Path, reader: Any, spec: HandSpec) -> _Heard:
+def _joint_states(path: Path, reader: Any, spec: HandSpec) -> _JointStates:
     """The joint states of the one topic that belongs to this hand."""
     states = [each for each in reader.connections if each.msgtype == v.JOINT_STATE]
     reasons = []
@@ -144,7 +144,7 @@ def _heard(path: Path, reader: Any, spec: HandSpec) -> _Heard:
         except ConfigError as error:
             reasons.append(str(error))
             continue
-        return _Heard(connection.topic, times, messages)
+        return _JointStates(connection.topic, times, messages)
     there = "; ".join(reasons) or f"it has no {v.JOINT_STATE}"
     raise ConfigError(f"{path} is not of the hand {spec.name}: {there}")
 

@@ -120,7 +120,7 @@ def joint_order(spec: HandSpec, names: Sequence[str], what: str) -> list[int]:
     places: dict[int, int] = {}
     for place, name in enumerate(names):
         try:
-            joint = spec.joint(_ours(spec, name))
+            joint = spec.joint(_joint_name(spec, name))
         except ConfigError:
             raise ConfigError(f"{what}: {unknown('joint', name, spec.joints)}") from None
         if joint in places:
@@ -139,7 +139,7 @@ def joint_values(spec: HandSpec, values: Sequence[float], order: Sequence[int], 
     return spec.vector(np.asarray(values, dtype=np.float64)[list(order)], what)
 
 
-def _ours(spec: HandSpec, name: str) -> str:
+def _joint_name(spec: HandSpec, name: str) -> str:
     """The hand's own name of a joint. ROS 2 allows no dots in names, so packages write `joint_3_0` for `joint_3.0`."""
     return next((joint for joint in spec.joints if joint.replace(".", "_") == name), name)
 

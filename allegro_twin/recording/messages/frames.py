@@ -54,7 +54,7 @@ class LinkFrames:
     def at(self, words: RosTypes, stamp: int, position: Vector) -> Message:
         """TFMessage of all joints at a posture, (n,), rad."""
         half = self._spec.moved(position)[self._index, None] / 2.0
-        turns = _times(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
+        turns = _multiply(self._turn, np.hstack([np.sin(half) * self._axis, np.cos(half)]))
         return _message(words, stamp, self.moving, turns)
 
     def still(self, words: RosTypes, stamp: int) -> Message:
@@ -80,11 +80,11 @@ def _quaternion(rpy: Vector) -> Vector:
     half = rpy / 2.0
     sine, cosine = np.sin(half), np.cos(half)
     single = [np.append(np.eye(3)[k] * sine[k], cosine[k]) for k in range(3)]
-    turned: Vector = _times(_times(single[2][None], single[1][None]), single[0][None])[0]
+    turned: Vector = _multiply(_multiply(single[2][None], single[1][None]), single[0][None])[0]
     return turned
 
 
-def _times(a: Array, b: Array) -> Array:
+def _multiply(a: Array, b: Array) -> Array:
     """Products of quaternions x, y, z, w, (k, 4) each."""
     vector = a[:, 3:] * b[:, :3] + b[:, 3:] * a[:, :3] + np.cross(a[:, :3], b[:, :3])
     return np.hstack([vector, (a[:, 3] * b[:, 3] - (a[:, :3] * b[:, :3]).sum(axis=1))[:, None]])

@@ -40,8 +40,8 @@ def foxglove(spec: HandSpec) -> str:
         },
         "topics": {"/tf": {"visible": True}, "/tf_static": {"visible": True}},
     }  # fmt: skip
-    rows = [_beside([f"Plot!{finger.name}_{field}" for field in _FIELDS], "row") for finger in spec.fingers]
-    layout = {"first": "3D!hand", "second": _beside(rows, "column"), "direction": "row", "splitPercentage": 35}
+    rows = [_split([f"Plot!{finger.name}_{field}" for field in _FIELDS], "row") for finger in spec.fingers]
+    layout = {"first": "3D!hand", "second": _split(rows, "column"), "direction": "row", "splitPercentage": 35}
     whole = {
         "configById": {"3D!hand": scene, **plots},
         "globalVariables": {},
@@ -70,7 +70,7 @@ def plotjuggler(spec: HandSpec) -> str:
     return tostring(root, encoding="unicode") + "\n"
 
 
-def _beside(parts: list[Any], direction: str) -> Any:
+def _split(parts: list[Any], direction: str) -> Any:
     """Panels of equal size in a row or a column: Foxglove splits in two, repeatedly."""
 
     def joined(rest: Any, first: Any) -> Any:

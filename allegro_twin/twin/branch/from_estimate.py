@@ -41,7 +41,7 @@ def branch_from_estimate(
     before = columns["position"][:row]
     alone = _Future(recording, row, driver, Change(), options)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
-    future, reference = _Future(recording, row, other, change, options), _Beside(columns["position"], unchanged)
+    future, reference = _Future(recording, row, other, change, options), _References(columns["position"], unchanged)
     samples = chain(first_samples(recorded_samples(recording), row), future.samples())
     branched = np.array([sample.state.position for sample in stages(reference.counted(samples), reference)])
     notes = [
@@ -108,7 +108,7 @@ class _Future:
             yield f"The guard would {how}have left it limp {self._fault}"
 
 
-class _Beside:
+class _References:
     """Joint positions of the recording, and of the unchanged branch, beside each sample."""
 
     def __init__(self, recorded: Array, unchanged: Array) -> None:

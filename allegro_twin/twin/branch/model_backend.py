@@ -77,7 +77,7 @@ class ModelBackend(ABC):
         if row == len(self._recording):
             raise EndOfRecording(f"{self._recording.path} ends at {columns['t'][-1]:.3f} s")
         at_row = replace(before, t=tick * self.period, tick=tick, gravity=columns["gravity"][row])
-        reading = self._passed(self._told, self._mirror.gravity_in_palm(at_row))
+        reading = self._simulate_period(self._told, self._mirror.gravity_in_palm(at_row))
         position, velocity, torque = (frozen(each) for each in reading)
         self._now = replace(at_row, position=position, velocity=velocity, torque=torque)
         return self._now
@@ -86,7 +86,7 @@ class ModelBackend(ABC):
         self._told = limp_of(self.spec)
 
     @abstractmethod
-    def _passed(self, command: Command, gravity: Vector) -> HostReading:
+    def _simulate_period(self, command: Command, gravity: Vector) -> HostReading:
         """Simulate one period."""
 
 
@@ -111,7 +111,7 @@ class TorqueModelBackend(ModelBackend):
         cutoff = float(backend.get("velocity_cutoff", HostSettings().velocity_cutoff))
         self._filter = VelocityFilter(cutoff, columns["position"][row], columns["velocity"][row])
 
-    def _passed(self, command: Command, gravity: Vector) -> HostReading:
+    def _simulate_period(self, command: Command, gravity: Vector) -> HostReading:
         lanes = self._codec.positions
         _, torque = self._codec.torques.frames(torque_of(command, self.spec), self._limits)
         expected = self._observer.alone(torque / self._constant, gravity).predicted
@@ -129,7 +129,7 @@ class PositionModelBackend(ModelBackend):
         super().__init__(recording, row, mirror, state)
         self._observer = observer
 
-    def _passed(self, command: Command, gravity: Vector) -> HostReading:
+    def _simulate_period(self, command: Command, gravity: Vector) -> HostReading:
         found = self._observer.alone(position_of(command, self.spec), gravity)
         return HostReading(found.predicted, found.velocity, self._observer.torque)
 

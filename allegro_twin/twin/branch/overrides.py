@@ -65,10 +65,10 @@ def recorded_config(recording: Recording) -> RunConfig:
     content = recording.meta.get("config")
     if content is None:
         raise ConfigError(f"{recording.path} does not say with which config it was made")
-    return parse(RunConfig, _given(RunConfig, content), f"{recording.path}: config")
+    return parse(RunConfig, _written_keys(RunConfig, content), f"{recording.path}: config")
 
 
-def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
+def _written_keys(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]:
     """The keys that the user wrote: a recording holds all keys of a config, and those at their defaults are left
     out."""
     found = {}
@@ -78,7 +78,7 @@ def _given(model: type[BaseModel], content: Mapping[str, Any]) -> dict[str, Any]
         if value is None or value == (list(default) if isinstance(default, tuple) else default):
             continue
         inner = _model_of(field, value) if isinstance(value, Mapping) else None
-        found[key] = value if inner is None else _given(inner, value)
+        found[key] = value if inner is None else _written_keys(inner, value)
     return found
 
 

@@ -45,8 +45,10 @@ def find_controller(recording: Recording, spec: HandSpec, row: int, *, open_loop
         return BranchController(RecordedCommands(recording), None, None, "as --open-loop says")
     try:
         config = recorded_config(recording)
-        controller = _made(config, spec)
-        return BranchController(controller, _memory(recording, row, controller, config.controller.kind), config, "")
+        controller = _make(config, spec)
+        return BranchController(
+            controller, _recover_memory(recording, row, controller, config.controller.kind), config, ""
+        )
     except ConfigError as error:
         return BranchController(RecordedCommands(recording), None, None, str(error))
 
@@ -64,7 +66,7 @@ def change_controller(
         )
     config = apply_changes(driver.config, changes)
     state = next(islice(recorded_samples(recording), row, None)).state
-    other = _made(config, spec)
+    other = _make(config, spec)
     return BranchController(*hand_over(driver.controller, driver.memory, other, state), config, "")
 
 
@@ -100,11 +102,11 @@ class RecordedCommands:
         return TorqueCommand(self._torque[after]) if after < len(self._tick) else self._limp, None
 
 
-def _made(config: RunConfig, spec: HandSpec) -> Controller[Any]:
+def _make(config: RunConfig, spec: HandSpec) -> Controller[Any]:
     return make_controller(config, spec, trial_of(config.task, spec, config.period))[0]
 
 
-def _memory(recording: Recording, row: int, controller: Controller[Any], kind: str) -> Any:
+def _recover_memory(recording: Recording, row: int, controller: Controller[Any], kind: str) -> Any:
     """The controller's memory at a row. Raises ConfigError where it is not the controller that drove the hand."""
     memory: Any = None
     found: Any = None

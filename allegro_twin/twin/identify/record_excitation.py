@@ -85,13 +85,13 @@ def record_run(config: RunConfig, job: ExcitationRun, advance: Callable[[float],
     rig = assemble(config)
     with closing(rig.backend):
         motion = rehearse(rig.spec, job.pose, job.seed, job.seconds).excitation
-        samples = _checked(until(job.seconds, run(rig.backend, motion)), job.pose)
+        samples = _check_pose(until(job.seconds, run(rig.backend, motion)), job.pose)
         for sample in record(samples, job.file, rig.spec, config.period, meta=_meta(rig, config, job, motion)):
             advance(sample.state.t)
     return motion
 
 
-def _checked(samples: Iterator[Sample], hand_pose: ExcitationPose) -> Iterator[Sample]:
+def _check_pose(samples: Iterator[Sample], hand_pose: ExcitationPose) -> Iterator[Sample]:
     """Check the hand's pose before anything moves far."""
     for number, sample in enumerate(samples):
         if number == 0:

@@ -94,7 +94,7 @@ class DriftDetector:
         self._heavy_rubbed += carried * side
         self._rows += 1
         if self._rows == BLOCK:
-            self._blocks.append(self._reduced())
+            self._blocks.append(self._reduce())
             self._clear()
 
     def check(self) -> tuple[int, float] | None:
@@ -123,20 +123,20 @@ class DriftDetector:
         """Whether a drift of an encoder of this joint's finger, begun at any time, explains the data better than a
         fault of this name that came at any time, and also a good part of the fault's `gain`, N²m², in the last seconds.
         Blocks contain nothing that friction explains: for friction the gain alone counts."""
-        blocks, n = [*self._blocks, self._reduced()], self._n
+        blocks, n = [*self._blocks, self._reduce()], self._n
         own = next(own for own in self._fingers if joint in own)
         ages = np.arange(len(blocks))
         since = np.maximum(ages[None, :] - ages[:, None] + 0.5, 0.0)  # (begun, b), blocks
         squares = np.array([each.squares[own, own] for each in blocks])  # (b, m)
         along = np.array([each.along[own] for each in blocks])
-        drifts = _explained(since * BLOCK * self._period, squares, along, SLOW[1])
+        drifts = _explained_squares(since * BLOCK * self._period, squares, along, SLOW[1])
         if name == "friction" or drifts < PART * gain:
             return drifts > gain
         came = np.array([each.heavy[:, joint] for each in blocks])
         if name == "weak":
             came = np.array([(each.squares[n + joint, n + joint], each.along[n + joint]) for each in blocks])
         steps = np.concatenate([np.minimum(since, 1.0), np.sign(since)])
-        return drifts > _explained(steps, came[:, :1], came[:, 1:], np.inf)
+        return drifts > _explained_squares(steps, came[:, :1], came[:, 1:], np.inf)
 
     def _ramp(self, squares: Array, along: Array) -> DriftRamp:
         """Fit blocks (b, 2m, 2m) and (b, 2m): o₀ free in all, r in one at a time."""
@@ -154,7 +154,7 @@ class DriftDetector:
         spread = np.sqrt(np.square(scores).sum(axis=0) * b / (b - along.shape[1] / 2.0 - 1.0))
         return DriftRamp(rate, np.square(rate) * size, np.abs(rate) * size / np.maximum(spread, _TINY))
 
-    def _reduced(self) -> DriftBlock:
+    def _reduce(self) -> DriftBlock:
         """The unfinished block, after dry friction is taken out."""
         rub = np.maximum(self._rub, _TINY)
         squares = self._squares - self._rubbed.T @ (self._rubbed / rub[:, None])
@@ -169,7 +169,7 @@ class DriftDetector:
         self._heavy, self._heavy_rubbed = np.zeros((2, n)), np.zeros((n, n))
 
 
-def _explained(course: Array, squares: Array, along: Array, most: float) -> float:
+def _explained_squares(course: Array, squares: Array, along: Array, most: float) -> float:
     """Sum of squares that the best of some time courses (c, b) explains of blocks (b, m), with an amount of at most
     `most`, N²m²."""
     size = np.maximum(np.square(course) @ squares, _TINY)

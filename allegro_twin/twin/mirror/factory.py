@@ -35,7 +35,7 @@ def make_mirror(
     """Mirror of a hand that takes torques, from its file, or of the nominal hand. `used`: calibration with which the
     host converts counts; `gravity`: in the palm frame, (3,), m/s², where the hand does not report it; `stop`: events
     that raise HandFault, of STOPS. Raises ConfigError."""
-    _known(stop)
+    _check_stops(stop)
     wiring = load_wiring(spec.model, hand)
     if wiring.version not in (None, version):
         raise ConfigError(f"{hand} is of a {wiring.version} hand, what it is to mirror of a {version} one")
@@ -59,7 +59,7 @@ def make_loop_mirror(
     simulation. `gravity`: in the palm frame, (3,), m/s², where the hand does not report it. Raises ConfigError."""
     from allegro_twin.sim.observer.loop_observer import LoopObserver
 
-    _known(stop)
+    _check_stops(stop)
     return Mirror(spec, LoopObserver(spec, period), np.ones(spec.n_joints), calm, stop, gravity)
 
 
@@ -122,7 +122,7 @@ def describe_backlash(spec: HandSpec, hand: str) -> str:
     )
 
 
-def _known(stop: Collection[str]) -> None:
+def _check_stops(stop: Collection[str]) -> None:
     for name in stop:
         if name not in STOPS:
             raise ConfigError(f"--stop-on: {unknown('event', name, STOPS)}")

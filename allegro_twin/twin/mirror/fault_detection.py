@@ -187,14 +187,14 @@ class FaultDetector:
         fell = self._falls.add(away, noise.max(axis=0))
         inside = weights.lean is None  # A hand's own loop carries a link that falls.
         if fell is not None and not inside and self._untouched(fell[0], weights.free):
-            self._say(Fault("loose", *fell))
+            self._set_fault(Fault("loose", *fell))
         if slid is not None:
-            self._say(Fault("slip", *slid))
-        self._creep(row, weights)
+            self._set_fault(Fault("slip", *slid))
+        self._check_drift(row, weights)
         if self._count % EVERY == 0 and self._count >= ROWS:
-            self._look()
+            self._evaluate()
 
-    def _say(self, found: Fault | None) -> None:
+    def _set_fault(self, found: Fault | None) -> None:
         """Keep a fault: what is wrong later may follow from it. A slip gives way to the next."""
         if found is not None and (self.fault is None or self.fault.name == "slip"):
             self.fault = found
@@ -204,7 +204,7 @@ class FaultDetector:
         own = next(finger.joints for finger in self._spec.fingers if joint in finger.joints)
         return bool(np.delete(free, list(own)).all()) and not self._last(min(self._count, ROWS)).holds.any()
 
-    def _creep(self, row: Sequence[Vector], weights: LinkWeights) -> None:
+    def _check_drift(self, row: Sequence[Vector], weights: LinkWeights) -> None:
         """Faults that take longer than a window."""
         d, torque, velocity, side, *_ = row
         if weights.lean is None:
@@ -213,7 +213,7 @@ class FaultDetector:
         self._drift.add(d, np.stack([torque, side]), tells, weights.lean, weights.pull)
         if self._count % EVERY == EVERY // 2:
             drifts = self._drift.check()
-            self._say(None if drifts is None else Fault("encoder_drift", *drifts))
+            self._set_fault(None if drifts is None else Fault("encoder_drift", *drifts))
 
     @property
     def row_due(self) -> bool:
@@ -231,10 +231,10 @@ class FaultDetector:
         end = (self._count - 1) % LONGEST + LONGEST + 1
         return MirrorWindow(*(column[end - count : end] for column in self._rows))
 
-    def _look(self) -> None:
+    def _evaluate(self) -> None:
         window = self._last(ROWS)
         self.gains.append(largest_gains(window, self._spec))
-        self._right |= (self.gains[-1] <= self._quiet) & (self._travelled(window) > ROWS / 2)
+        self._right |= (self.gains[-1] <= self._quiet) & (self._moving_rows(window) > ROWS / 2)
         at_once = direct_fault(window, self._spec)
         if at_once is None and not (self.gains[-1] > self._quiet).any():
             self._sign = -1
@@ -242,11 +242,11 @@ class FaultDetector:
         if self._sign < 0:
             self._sign = self._count
         if at_once is None:
-            self._say(self._shaped())
-        elif not _falling(at_once, window):
-            self._say(at_once)
+            self._set_fault(self._signature())
+        elif not _may_be_fall(at_once, window):
+            self._set_fault(at_once)
 
-    def _shaped(self) -> Fault | None:
+    def _signature(self) -> Fault | None:
         """The fault whose shape the rows since the first sign have."""
         waited = self._count - self._sign
         window = self._last(min(max(SOONEST, waited), LONGEST))
@@ -260,12 +260,12 @@ class FaultDetector:
             return None
         return None if self._drift.explains_more(seen.name, seen.joint, seen.gain) else seen
 
-    def _travelled(self, window: MirrorWindow) -> Vector:
+    def _moving_rows(self, window: MirrorWindow) -> Vector:
         """Rows in which each finger's second busiest joint moves, (fingers,)."""
         moved = (np.abs(window.velocity) > MOVING).sum(axis=0)
         return np.array([np.sort(moved[list(finger.joints)])[-2:][0] for finger in self._spec.fingers])
 
 
-def _falling(seen: Fault, window: MirrorWindow) -> bool:
+def _may_be_fall(seen: Fault, window: MirrorWindow) -> bool:
     """Whether an apparent jump may become the fall of a loose link: the next evaluation tells."""
     return seen.name == "encoder_step" and bool(window.jump[-2:, seen.joint].max() > JUMP)

@@ -79,7 +79,7 @@ def signature_fault(window: MirrorWindow, quiet: Vector, spec: HandSpec) -> Faul
 def signature_gains(window: MirrorWindow, spec: HandSpec) -> dict[str, list[SignatureGain]]:
     """Gains of all shapes of all joints, by finger. Of two similar shapes the smaller has the larger gain."""
     moving = _moving(window)
-    side, torque, d = (np.where(moving, each, 0.0) for each in (_late(window.side), _late(window.torque), window[0]))
+    side, torque, d = (np.where(moving, each, 0.0) for each in (_delay(window.side), _delay(window.torque), window[0]))
     known = RUB / (1.0 + RUB * np.square(side).sum(axis=0))
 
     def product(x: Array, y: Array) -> Array:
@@ -131,7 +131,7 @@ def largest_gains(window: MirrorWindow, spec: HandSpec) -> Vector:
     return np.array([max((each.gain for each in found[finger.name]), default=0.0) for finger in spec.fingers])
 
 
-def _late(rows: Array) -> Array:
+def _delay(rows: Array) -> Array:
     """Delay rows by a third, as a disturbance follows its cause."""
     return np.asarray((2.0 * rows + np.concatenate([rows[:1], rows[:-1]])) / 3.0)
 

@@ -139,7 +139,7 @@ class Mirror:
             if blind > DIM:
                 self._clear = max(self._clear, state.t + blind)
             self._since += gone
-            for lost, (estimate, torque) in enumerate(self._passed(state, gone), 1):
+            for lost, (estimate, torque) in enumerate(self._estimates(state, gone), 1):
                 ends = lost == gone
                 known = heard & ends
                 position = np.where(known, state.position, estimate.predicted)
@@ -147,10 +147,10 @@ class Mirror:
                 if state.t > self._begun + SETTLED:
                     self._judge(replace(state, position=position), torque, np.where(known, self._since, 0))
             self._since[heard] = 0
-            self._listen(state, gone)
+            self._measure_noise(state, gone)
         self._told, self._tick = sample.command, state.tick
 
-    def _passed(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
+    def _estimates(self, state: HandState, gone: int) -> Iterator[tuple[Estimate, Vector]]:
         """The periods up to a state, and the model's motor torques in each, (n,), N·m. A host that waits for a report
         sends nothing new, so the torque is that of the whole gap. A log that lost rows has it of the last period alone,
         and the command before the first: between these it is interpolated."""
@@ -169,7 +169,7 @@ class Mirror:
                 yield observer.missed(between, down, np.abs(duty - first)), between * observer.torque_constant
         yield observer.step(duty, down, state.position), duty * observer.torque_constant
 
-    def _listen(self, state: HandState, gone: int) -> None:
+    def _measure_noise(self, state: HandState, gone: int) -> None:
         """Measure the noise of the hand's reports, at first."""
         if self._noise is None:
             return

@@ -47,7 +47,7 @@ def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector |
         recording.spec,
         Thresholds.default(recording.spec) if free is None else free_motion_thresholds(free, hand, gravity),
     )
-    t, disturbance, off, _, each, above, _ = _seen(recording, hand, calm, gravity)
+    t, disturbance, off, _, each, above, _ = _run(recording, hand, calm, gravity)
     touches = tuple(find_contacts(t, disturbance, above, spec))
     return MirrorResult(t, disturbance, off, above, touches, each.fault, each.unchecked_faults)
 
@@ -55,7 +55,7 @@ def mirror_recording(path: Path, hand: str, free: Path | None, gravity: Vector |
 def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None) -> Thresholds:
     """Thresholds from a free motion. Raises HandError."""
     recording = load(free)
-    _, disturbance, _, moving, each, _, spread = _seen(recording, hand, None, gravity)
+    _, disturbance, _, moving, each, _, spread = _run(recording, hand, None, gravity)
     gains = np.array(each.fault_detector.gains).reshape(-1, len(recording.spec.fingers))
     usual = np.median(spread, axis=0)
     disturbance = np.nan_to_num(disturbance) / np.maximum(spread / usual, 1.0)
@@ -64,7 +64,7 @@ def free_motion_thresholds(free: Path, hand: str, gravity: Vector | None = None)
     )
 
 
-def _seen(
+def _run(
     recording: Recording, hand: str, calm: Thresholds | None, gravity: Vector | None
 ) -> tuple[Vector, Array, Array, NDArray[np.bool_], Mirror, Array, Array]:
     """Row by row: times, disturbances, reported minus predicted positions, which joints moved; the mirror; and, row by

@@ -34,7 +34,7 @@ def draw_mirror(samples: Iterable[Sample], mirror: Mirror, viewer: Viewer, healt
     """Draw samples after the mirror observed them (a stage)."""
     last, unnamed = "", mirror.unchecked_faults
     for sample in samples:
-        viewer.draw(sample, _beside(sample.state, mirror, health))
+        viewer.draw(sample, _columns(sample.state, mirror, health))
         if unnamed:
             viewer.happens(sample.state.t, f"not looked for: {', '.join(unnamed)}")
             unnamed = ()
@@ -53,7 +53,7 @@ def event_text(mirror: Mirror) -> str:
     return "; ".join(parts)
 
 
-def _beside(state: HandState, mirror: Mirror, health: Health | None) -> dict[str, Array]:
+def _columns(state: HandState, mirror: Mirror, health: Health | None) -> dict[str, Array]:
     latest = mirror.columns()
     found = {"disturbance": latest["disturbance"], "residual": state.position - latest["predicted"]}
     if np.isfinite(latest["predicted"]).all():

@@ -84,38 +84,38 @@ class SlipDetector:
         """Add a row: disturbances and the motors' torques, N·m, positions, rad, (n,) each; gravity in the palm frame,
         (3,). `jumped`: an encoder may have jumped. Returns the slip that this row ends with, or None."""
         now, self._calm = _Row(d, torque, position, down), self._calm - 1
-        found = self._seen(now) if len(self._rows) == self._rows.maxlen else None
+        found = self._find_slip(now) if len(self._rows) == self._rows.maxlen else None
         self._calm = self._wait if jumped else self._calm
         self._rows.append(now)
-        self.holds = self._holds(list(self._rows)[-self._since :])
+        self.holds = self._holding(list(self._rows)[-self._since :])
         return found if self._calm <= 0 else None
 
-    def _holds(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
+    def _holding(self, rows: Sequence[_Row]) -> NDArray[np.bool_]:
         d, torque, position, _ = (np.array(each) for each in zip(*rows, strict=True))
         still = np.ptp(position, axis=0) < STILL
-        return np.asarray(self._held(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
+        return np.asarray(self._pressing(d.mean(axis=0), torque.mean(axis=0)) & (self._of @ ~still == 0.0))
 
-    def _held(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
+    def _pressing(self, d: Vector, torque: Vector) -> NDArray[np.bool_]:
         """Fingers that motors press on something."""
         square, of = self._of @ np.square(d), self._of
         held = (square > self._pressed) & (of @ np.square(d / self._above) > 1.0) & (of @ (torque * d) < -BACK * square)
         return np.asarray(held & (held & (square > self._grip)).any())
 
-    def _seen(self, now: _Row) -> Slip | None:
+    def _find_slip(self, now: _Row) -> Slip | None:
         d, torque, position, down = (np.array(each) for each in list(zip(*self._rows, strict=True)))
         first = slice(self._before)
         travel = np.ptp(position[first], axis=0)
         if travel.max() > STILL:
             return None
         d0, torque0 = d[first].mean(axis=0), torque[first].mean(axis=0)
-        of, square, held = self._of, self._of @ np.square(d0), self._held(d0, torque0)
+        of, square, held = self._of, self._of @ np.square(d0), self._pressing(d0, torque0)
         if not held.any():
             return None
         square = np.where(held, square, np.inf)
         gone = 1.0 - of @ (now.d * d0) / square
         inward = -(of @ ((now.position - position[first].mean(axis=0)) * d0)) / np.sqrt(square)
         rise = -(of @ ((now.torque - torque0) * d0)) / square
-        if (held & self._told(inward, rise)).any():
+        if (held & self._commanded(inward, rise)).any():
             self._calm = self._wait
         several = np.count_nonzero(held) > 1
         turned = np.linalg.norm(now.down - down[0]) > TURNS * np.linalg.norm(down[0])
@@ -127,7 +127,7 @@ class SlipDetector:
         finger = int(np.where(slipped, gone, -np.inf).argmax())
         return Slip(int(np.abs(of[finger] * d0).argmax()), float(min(gone[finger], 1.0)))
 
-    def _told(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
+    def _commanded(self, inward: Vector, rise: Vector) -> NDArray[np.bool_]:
         """Whether each finger's motors changed by themselves."""
         out, into, before = inward < -MOVED, inward > MOVED, self._starts
         self._starts = (np.abs(inward) < HELD) & (

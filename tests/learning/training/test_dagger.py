@@ -71,8 +71,8 @@ def test_it_comes_to_do_what_the_teacher_does_as_far_as_the_hand_shows_it(tmp_pa
 
     def apart() -> float:
         with torch.inference_mode():
-            mine = pupil._net(pupil._scaled(pupil._mine(pupil._seen))).clamp(-1, 1)
-        return float((mine - pupil._wish(pupil._seen)).pow(2).mean())
+            mine = pupil._net(pupil._scaled(pupil._inputs(pupil._seen))).clamp(-1, 1)
+        return float((mine - pupil._teacher_action(pupil._seen)).pow(2).mean())
 
     pupil.update()
     before = apart()
@@ -95,7 +95,7 @@ def test_the_teacher_drives_at_first_and_not_in_the_end(teacher: Path) -> None:
     pupil = DaggerLearner(recipe(teacher=str(teacher)), env, card, NetworkActor(read_onnx_network(teacher)))
     acted: list[Any] = []
     step = env.step
-    env.step = lambda actions: acted.append((actions.clone(), pupil._wish(pupil._seen))) or step(actions)  # type: ignore[method-assign,func-returns-value]
+    env.step = lambda actions: acted.append((actions.clone(), pupil._teacher_action(pupil._seen))) or step(actions)  # type: ignore[method-assign,func-returns-value]
     for _ in range(4):
         pupil.update()
     (first, wish), (last, other) = acted[0], acted[-1]

@@ -65,7 +65,7 @@ def test_the_exported_policy_acts_as_the_one_that_was_trained(tmp_path: Path) ->
     to_onnx(learner.layers(), tmp_path / "policy.onnx", env.engine.task.card())
     seen = env.reset()
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     ours = load_policy(tmp_path / "policy.onnx").policy(seen["observation"].numpy())
     np.testing.assert_allclose(ours, theirs, atol=1e-5)
 
@@ -154,7 +154,7 @@ def test_a_training_begins_with_next_to_no_action() -> None:
     env = TensorVectorEnv("Rotate", 4, timestep=0.003)
     learner = PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}), env)
     with torch.inference_mode():
-        action = learner.ppo.get_policy()(learner._grouped(env.reset()))
+        action = learner.ppo.get_policy()(learner._observation_groups(env.reset()))
     assert 0.0 < action.abs().max() < 0.02
 
 
@@ -170,7 +170,7 @@ def test_a_start_may_see_less_and_has_the_recipes_layers(tmp_path: Path) -> None
     seen = env.reset()
     learner = PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given)), env)
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     np.testing.assert_allclose(theirs, load_policy(given).policy(seen[:, :64].numpy()), atol=1e-5)
     with pytest.raises(ConfigError, match="its layers are 64-8-16, and this recipe's 77-9-16"):
         PpoLearner(recipe(task="Rotate", environment={"timestep": 0.003}, start=str(given), hidden=[9]), env)
@@ -192,16 +192,16 @@ def test_a_policy_of_rotate_begins_reorient_with_the_goal_left_out_at_first(tmp_
     learner = PpoLearner(recipe(task="Reorient", environment={"timestep": 0.003, "state": True}, start=str(given)), env)
     seen = env.reset()
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
     np.testing.assert_allclose(theirs, load_policy(given).policy(seen["observation"].numpy()), atol=1e-5)
     learner.update()
     to_onnx(learner.layers(), tmp_path / "turned.onnx", env.engine.task.card())
     again = read_onnx_network(tmp_path / "turned.onnx")
     assert again.turns
     assert again.widths == {"observation": 77, "achieved_goal": 4, "desired_goal": 4}
-    flat = learner._grouped(seen)["policy"]
+    flat = learner._observation_groups(seen)["policy"]
     with torch.inference_mode():
-        theirs = learner.ppo.get_policy()(learner._grouped(seen)).clamp(-1.0, 1.0).numpy()
+        theirs = learner.ppo.get_policy()(learner._observation_groups(seen)).clamp(-1.0, 1.0).numpy()
         read = NetworkActor(again)(flat).numpy()
     ours = load_policy(tmp_path / "turned.onnx").policy({name: part.numpy() for name, part in seen.items()})
     np.testing.assert_allclose(ours, theirs, atol=1e-5)

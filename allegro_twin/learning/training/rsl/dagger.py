@@ -59,7 +59,7 @@ class DaggerLearner:
     def update(self) -> dict[str, float]:
         observations, actions = [], []
         for _ in range(self.recipe.rollout):
-            own, teachers = self._mine(self._seen), self._wish(self._seen)
+            own, teachers = self._inputs(self._seen), self._teacher_action(self._seen)
             self._learn_scale(own)
             with torch.no_grad():
                 action = self._net(self._scaled(own)).clamp(-1.0, 1.0)
@@ -104,10 +104,10 @@ class DaggerLearner:
             self._adam.step()
         return float(loss.detach())
 
-    def _mine(self, seen: Any) -> Any:
+    def _inputs(self, seen: Any) -> Any:
         return seen[:, : self.card.observation]
 
-    def _wish(self, seen: Any) -> Any:
+    def _teacher_action(self, seen: Any) -> Any:
         """The teacher's action, from this decision's numbers and what no hand reports."""
         frame = self.card.observation // self.card.history
         inputs = torch.cat([seen[:, :frame], seen[:, self.card.observation :]], dim=-1)

@@ -59,7 +59,7 @@ class PpoLearner:
         self.recipe, self.env, self.device = recipe, env, env.xp.device
         torch.manual_seed(recipe.seed)
         self.widths, self._turns = _widths(env.single_observation_space), env.engine.task.goal_is_orientation
-        self._seen = self._grouped(env.reset())
+        self._seen = self._observation_groups(env.reset())
         groups = {"actor": [SEEN], "critic": [ALL if ALL in self._seen.keys() else SEEN]}  # noqa: SIM118  # TensorDict.
         joints = env.engine.task.spec.n_joints
         shared: dict[str, Any] = {
@@ -121,12 +121,12 @@ class PpoLearner:
             for _ in range(self.recipe.rollout):
                 actions = self.ppo.act(self._seen)
                 seen, reward, failed, truncated, info = env.step(actions)
-                self._seen, ended = self._grouped(seen), failed | truncated
+                self._seen, ended = self._observation_groups(seen), failed | truncated
                 more = {"time_outs": truncated & ~failed}
                 self.ppo.process_env_step(self._seen, (scale * reward).float(), ended.float(), more)
                 self._statistics.add(reward, ended, info["is_success"])
             self.ppo.compute_returns(self._seen)
-        with self._settled():
+        with self._fixed_policy():
             losses = self.ppo.update()
         spread = float(self.ppo.get_policy().output_std.detach().mean())
         return {f"train/{name}_loss" if name != "entropy" else "train/entropy": float(value)
@@ -145,7 +145,7 @@ class PpoLearner:
         return PolicyNetwork(self.widths, mean, scale, None, list(actor.mlp), self._turns)
 
     @contextmanager
-    def _settled(self) -> Iterator[None]:
+    def _fixed_policy(self) -> Iterator[None]:
         """Keep the policy fixed while the value function of a given policy is still random: it would spoil the policy
         in a few updates."""
         if not self._settling:
@@ -166,7 +166,7 @@ class PpoLearner:
         for group in self.ppo.optimizer.param_groups:
             group["lr"] = rate
 
-    def _grouped(self, seen: Any) -> TensorDict:
+    def _observation_groups(self, seen: Any) -> TensorDict:
         """Concatenate parts in the order of exported policies."""
         parts = seen if isinstance(seen, dict) else {"observation": seen}
         flat = [parts[name] for name in self.widths] if isinstance(seen, dict) else [seen]

@@ -120,7 +120,7 @@ def fit_drive(
         player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
-    drive, kind = _roughly(problem, start, slow, friction)
+    drive, kind = _rough_fit(problem, start, slow, friction)
     spreads = []
     for stage in FINE[kind.bristly or kind.loose]:
         whole = problem(kind, stage)
@@ -136,7 +136,7 @@ def fit_drive(
 Problems: TypeAlias = Callable[[ModelKind, FitStage], Problem]
 
 
-class _Tried(NamedTuple):
+class _Candidate(NamedTuple):
     """A model that was fitted on short pieces."""
 
     information: float
@@ -149,7 +149,7 @@ class _Tried(NamedTuple):
         return self.information
 
 
-def _roughly(
+def _rough_fit(
     problem: Problems, start: Parameters, slow: Parameters, friction: Friction
 ) -> tuple[Parameters, ModelKind]:
     """A drive from some of the motion, and the kind of its model. With `auto`, breakaway friction is tried where
@@ -162,25 +162,25 @@ def _roughly(
     begun = [(first.drive, COULOMB)] if friction != "lugre" else []
     if friction == "lugre" or (friction == "auto" and first.left > SUSPICIOUS):
         begun.append((slow, ModelKind(True, False)))
-    tried = [_tried(problem, drive, kind) for drive, kind in begun]
-    best = min(tried, key=_Tried.least)
-    if best.left > PLAIN and (play := _play(problem, best)):
+    tried = [_try(problem, drive, kind) for drive, kind in begun]
+    best = min(tried, key=_Candidate.least)
+    if best.left > PLAIN and (play := _find_backlash(problem, best)):
         row = np.full(len(best.drive.backlash), play)
-        loose = [_tried(problem, replace(o.drive, backlash=row), ModelKind(o.kind.bristly, True)) for o in tried]
-        best = min(best, *loose, key=_Tried.least)
+        loose = [_try(problem, replace(o.drive, backlash=row), ModelKind(o.kind.bristly, True)) for o in tried]
+        best = min(best, *loose, key=_Candidate.least)
     return best.drive, best.kind
 
 
-def _tried(problem: Problems, drive: Parameters, kind: ModelKind) -> _Tried:
+def _try(problem: Problems, drive: Parameters, kind: ModelKind) -> _Candidate:
     stage = ROUGH[True]
     own = problem(kind, stage)
     last = descend(own, drive, stage.rounds, stage.enough)
     n = own.cuts.measured.size // MEAN
     information = 2.0 * n * float(np.log(last.left)) + len(own.active) * float(np.log(n))
-    return _Tried(information, last.left, last.drive, kind)
+    return _Candidate(information, last.left, last.drive, kind)
 
 
-def _play(problem: Problems, best: _Tried) -> float:
+def _find_backlash(problem: Problems, best: _Candidate) -> float:
     """The one of PLAYS, rad, with which a drive that was fitted without backlash fits best; 0 where none fits
     better."""
     stage, costs = ROUGH[True], {}

@@ -39,22 +39,22 @@ class SmoothedMotion(NamedTuple):
 
 
 def smooth_motion(motion: RecordedMotion) -> SmoothedMotion:
-    position = _filtered(motion.position, motion.period, SMOOTH)
+    position = _filter(motion.position, motion.period, SMOOTH)
     velocity = np.gradient(position, motion.period, axis=0)
     return SmoothedMotion(position, velocity, np.gradient(velocity, motion.period, axis=0))
 
 
 def smooth_duty(motion: RecordedMotion) -> Array:
     """Duty around each row, as fractions of full PWM, filtered as `smooth_motion` does, (k, n)."""
-    return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
+    return _filter(_shift(motion.duty, 0.0), motion.period, SMOOTH)
 
 
 def regress(motions: list[RecordedMotion], player: Player, mass_scale: Vector) -> Parameters:
     """The linear fit of every joint, with one delay for all."""
-    parts = [_sides(motion, player, mass_scale) for motion in motions]
+    parts = [_link_torques(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
     for delay in DELAYS:
-        solved, left = _solved(motions, parts, float(delay))
+        solved, left = _solve(motions, parts, float(delay))
         if best is None or left.sum() < best[0]:
             best = (float(left.sum()), float(delay), solved)
     assert best is not None
@@ -81,8 +81,8 @@ def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Para
     """The linear fit with friction that is larger at low speed and grows with the motor's torque, (n,) each: F sgn(v)
     (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
-    parts = [_sides(motion, player, start.mass_scale) for motion in motions]
-    tried = [_solved(motions, parts, delay, speed) for speed in STRIBECK]
+    parts = [_link_torques(motion, player, start.mass_scale) for motion in motions]
+    tried = [_solve(motions, parts, delay, speed) for speed in STRIBECK]
     best = np.argmin([left for _, left in tried], axis=0)
     x = np.stack([tried[which][0][joint] for joint, which in enumerate(best)])
     constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
@@ -99,7 +99,7 @@ def regress_breakaway(motions: list[RecordedMotion], player: Player, start: Para
     )
 
 
-def _sides(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
+def _link_torques(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[SmoothedMotion, Array]:
     """The smoothed motion, and the torque that its links take, (k, n), N·m."""
     smooth = smooth_motion(motion)
     player.links_only(mass_scale, motion.weight)
@@ -107,14 +107,14 @@ def _sides(motion: RecordedMotion, player: Player, mass_scale: Vector) -> tuple[
     return smooth, np.array(torque)
 
 
-def _solved(
+def _solve(
     motions: list[RecordedMotion], parts: list[tuple[SmoothedMotion, Array]], delay: float, stribeck: float = 0.0
 ) -> tuple[Array, Vector]:
     """[1/k, A/k, B/k, F/k] of every joint, (n, 4), and the unexplained share, (n,); with a Stribeck speed [1/k, A/k,
     B/k, F/k, (F_s - F)/k, load friction], (n, 6)."""
     n = motions[0].spec.n_joints
     solved, left = np.zeros((n, 6 if stribeck else 4)), np.zeros(n)
-    late = [_filtered(_shifted(m.duty, delay / m.period), m.period, BAND) for m in motions]
+    late = [_filter(_shift(m.duty, delay / m.period), m.period, BAND) for m in motions]
     for joint in range(n):
         rows, right = [], []
         for motion, (smooth, torque), duty in zip(motions, parts, late, strict=True):
@@ -125,7 +125,7 @@ def _solved(
                 terms += [side * np.exp(-np.square(v / stribeck)), side * np.abs(duty[:, joint])]
             columns = np.stack(terms, axis=1)
             kept = (np.abs(v) > STILL) & (motion.good[:, joint] > 0)
-            rows.append(_filtered(columns, motion.period, BAND)[kept][::THIN])
+            rows.append(_filter(columns, motion.period, BAND)[kept][::THIN])
             right.append(duty[kept, joint][::THIN])
         a, b = np.concatenate(rows), np.concatenate(right)
         if len(a) < 8:
@@ -133,13 +133,13 @@ def _solved(
             continue
         found = np.linalg.lstsq(a, b)[0]
         if stribeck:
-            found = _held(a, b, float(np.sqrt(np.square(a @ found - b).mean())))
+            found = _solve_near_likely(a, b, float(np.sqrt(np.square(a @ found - b).mean())))
         solved[joint] = found
         left[joint] = np.square(a @ found - b).sum() / max(np.square(b).sum(), 1e-12)
     return solved, left
 
 
-def _held(a: Array, b: Vector, left: float) -> Vector:
+def _solve_near_likely(a: Array, b: Vector, left: float) -> Vector:
     """Least squares with 1/k and load friction held near likely values: in a distal joint weight, load and friction
     look alike. `left`: root mean square of the unexplained rest."""
     likely, spread, about = np.zeros((2, a.shape[1])), np.array([0.15, LOAD[1]]), np.array([1.0, LOAD[0]])
@@ -149,7 +149,7 @@ def _held(a: Array, b: Vector, left: float) -> Vector:
     return np.asarray(np.linalg.lstsq(rows, np.concatenate([b, about * weight]))[0])
 
 
-def _shifted(duty: Array, periods: float) -> Array:
+def _shift(duty: Array, periods: float) -> Array:
     """Duty around each row, (k, n): the mean of the periods before and after it, `periods` earlier."""
     k = len(duty)
     ahead = np.concatenate([duty[1:], duty[-1:]])
@@ -158,6 +158,6 @@ def _shifted(duty: Array, periods: float) -> Array:
     return np.stack([np.interp(at, np.arange(k), column) for column in middle.T], axis=1)
 
 
-def _filtered(values: Array, period: float, cut: float) -> Array:
+def _filter(values: Array, period: float, cut: float) -> Array:
     b, a = butter(2, cut * 2.0 * period)
     return np.asarray(filtfilt(b, a, values, axis=0))

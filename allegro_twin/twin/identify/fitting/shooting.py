@@ -42,10 +42,10 @@ class Sensitivities:
             self._known[name] = [nudged(joints) for joints in self._places]
         else:
             together = nudged([joint for joints in self._places for joint in joints])
-            self._known[name] = [self._renewed(known, place, together) for place in range(len(known))]
+            self._known[name] = [self._update(known, place, together) for place in range(len(known))]
         yield from self._known[name]
 
-    def _renewed(self, known: list[Array], place: int, together: Array) -> Array:
+    def _update(self, known: list[Array], place: int, together: Array) -> Array:
         """Derivative by one place of all fingers: its own joints' part anew, the others' as it was."""
         own = self._places[place]
         others = sum((known[other][:, :, own] for other in range(len(known)) if other != place), np.float64(0.0))
@@ -205,7 +205,7 @@ class Shooting:
         second, … By `torque_constant`: with armature, damping and friction in proportion. By `load_friction`: with k (1
         − μ) constant. `base`: residuals of the same drive."""
         return self._answers.derivatives(
-            name, lambda joints: (self.residuals(_nudged(drive, name, joints)) - base) / NUDGE[name]
+            name, lambda joints: (self.residuals(_nudge(drive, name, joints)) - base) / NUDGE[name]
         )
 
     def delay_derivative(self, drive: Parameters, base: Array) -> Array:
@@ -236,7 +236,7 @@ class Shooting:
         return np.concatenate([own, off], axis=1)
 
 
-def _nudged(drive: Parameters, name: str, joints: list[int]) -> Parameters:
+def _nudge(drive: Parameters, name: str, joints: list[int]) -> Parameters:
     nudged = drive.changed(name, joints, NUDGE[name])
     if name == "torque_constant":
         by = nudged.torque_constant / drive.torque_constant

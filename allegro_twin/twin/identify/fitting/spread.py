@@ -56,7 +56,7 @@ def spread(problem: Problem, last: DescentResult, rough: Parameters, masses: Mas
     fine = problem.shooting.residuals(drive, problem.player.finer())
     step = -inverse @ (J.T @ (weight * problem.flat(fine - raw)))
     recordings = np.unique(problem.cuts.recording)
-    without = np.array([_without(problem, J, r, information, int(k)) for k in recordings])
+    without = np.array([_without_recording(problem, J, r, information, int(k)) for k in recordings])
     sd = np.sqrt(np.diag(inverse))
     return Spread(
         covariance=by @ (by_noise * np.outer(larger, larger)) @ by.T,
@@ -79,7 +79,7 @@ def _by_piece(problem: Problem, J: Array, r: Vector) -> Array:
     return total
 
 
-def _without(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
+def _without_recording(problem: Problem, J: Array, r: Vector, information: Array, number: int) -> Vector:
     """Change of the parameters when one recording is left out, to first order."""
     w, chosen = len(problem.cuts.recording), problem.cuts.recording == number
     left, gradient = information.copy(), np.zeros(J.shape[1])

@@ -81,7 +81,7 @@ def read_motion(path: Path, weight: Vector | None = None) -> RecordedMotion:
         what = "moves" if np.isfinite(gravity).all() else "does not say where down is"
         raise ConfigError(f"{path}: the palm {what}; record with the palm still and `backend.gravity` or its IMU")
     calibration = recorded_calibration(table)
-    rows, missing = _filled(columns["tick"])
+    rows, missing = _fill_gaps(columns["tick"])
     duty = torque[rows] / np.array(calibration.torque_constant)
     limits = np.array(table["pwm_limit"]) / FULL_SCALE[table["version"]]
     position = columns["position"][rows]
@@ -125,7 +125,7 @@ def noise_floor(position: Array) -> Vector:
     return np.where(moving, np.minimum(spread, np.maximum(robust, 1e-5)), 1e-5)
 
 
-def _filled(tick: Array) -> tuple[Any, Any]:
+def _fill_gaps(tick: Array) -> tuple[Any, Any]:
     """For every period its row, or the one before; and whether the commands around it are unknown."""
     first, last = int(tick[0]), int(tick[-1])
     rows = np.searchsorted(tick, np.arange(first, last + 1), side="right") - 1

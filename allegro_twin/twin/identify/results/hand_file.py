@@ -65,16 +65,16 @@ def write_hand_file(
         made = with_document(text, content | _blocks(path, content, found, values, motions, day), str(path))
         kept = _kept_offsets(path, content, motions[0])
         write_text(path, with_note(made, ("identified",), _NOTE, f", {day}; docs/twin.md"))
-    return " ".join(filter(None, (_weakened(path, content), _apart(path, kept, values, motions))))
+    return " ".join(filter(None, (_strength_note(path, content), _offset_note(path, kept, values, motions))))
 
 
-def _weakened(path: Path, content: Mapping[str, Any]) -> str:
+def _strength_note(path: Path, content: Mapping[str, Any]) -> str:
     if "strength" not in (content.get("drive") or {}):
         return ""
     return f"drive.strength is out of {path}: wire.torque_constant, which was found, holds it."
 
 
-def _apart(
+def _offset_note(
     path: Path, kept: tuple[int, ...] | None, values: Mapping[str, IdentifiedValue], motions: Sequence[RecordedMotion]
 ) -> str:
     """Difference of kept encoder offsets from those by weight, rad, as a sentence; empty where none are kept."""
@@ -127,8 +127,8 @@ def _blocks(
     day: str,
 ) -> dict[str, Any]:
     first = motions[0]
-    spec, drive, kept_values = first.spec, dict(content.get("drive") or {}), _held(values)
-    before, kept = _before(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
+    spec, drive, kept_values = first.spec, dict(content.get("drive") or {}), _unwritten(values)
+    before, kept = _replacements(first, float(drive.get("delay", 0.0)), found), _kept_offsets(path, content, first)
     if kept is not None:
         kept_values = dict(kept_values) | {"offset": np.ones(spec.n_joints, dtype=bool)}
         before = replace(before, offset=offset_shift(first.version, first.calibration, kept))
@@ -151,7 +151,7 @@ def _blocks(
     return blocks | {"identified": _basis(found, values, motions, spec, day)}
 
 
-def _held(values: Mapping[str, IdentifiedValue]) -> KeptValues:
+def _unwritten(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     """Values that are not written: those that are not determined; all three of breakaway friction where one is not; and
     backlash whose interval contains zero."""
     kept_values = {name: ~value.determined for name, value in values.items()}
@@ -163,7 +163,7 @@ def _held(values: Mapping[str, IdentifiedValue]) -> KeptValues:
     return kept_values
 
 
-def _before(first: RecordedMotion, delay: float, found: DriveFit) -> Parameters:
+def _replacements(first: RecordedMotion, delay: float, found: DriveFit) -> Parameters:
     """Values that replace those that are not written."""
     n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
     none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
