@@ -112,7 +112,7 @@ def test_a_name_waits_as_long_as_a_drift_explains_more(spec: HandSpec, monkeypat
     periods = ROW_PERIODS * (ROWS + WAIT + 3 * EVERY)
     found = []
     for grew in (False, True):
-        monkeypatch.setattr(DriftDetector, "grew", lambda self, name, joint, gain, much=grew: much)
+        monkeypatch.setattr(DriftDetector, "explains_more", lambda self, name, joint, gain, much=grew: much)
         each = FaultDetector(spec, Thresholds(np.full((2, N), 0.02), np.full(4, 1e-4)), 0.003)
         for tick in range(periods):
             t = 0.003 * tick
