@@ -43,7 +43,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 def from_bag(path: Path, target: Path, config: str | None) -> int:
     """Make a recording of a bag, ours or of a config's hand. Returns its rows. Raises RecordingError, ConfigError."""
     from allegro_twin.hands.description.hands import load_spec
-    from allegro_twin.recording.exchange.episodes import write
+    from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.rosbag import from_bag as read
 
     if target.suffix != ".arrow":
@@ -53,13 +53,13 @@ def from_bag(path: Path, target: Path, config: str | None) -> int:
     if settings is not None:
         spec = load_spec(settings.hand.model, settings.hand.side, settings.hand.serial)
     recording = read(path, spec, 0.003 if settings is None else settings.period)
-    write(recording, target)
+    write_arrow(recording, target)
     return len(recording)
 
 
 def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool) -> int:
     """Write a data set of `kind`. Returns the number of its rows. Raises ConfigError or RecordingError."""
-    from allegro_twin.recording.exchange.episodes import begin
+    from allegro_twin.recording.exchange.episodes import check_recordings
     from allegro_twin.recording.exchange.lerobot import to_lerobot
     from allegro_twin.recording.exchange.minari import to_minari
     from allegro_twin.recording.exchange.rosbag import to_rosbag2
@@ -71,7 +71,7 @@ def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool
         raise ConfigError(f"{len(recordings)} recordings are as many bags: give one with --format rosbag2")
     loaded = [load(path, partial=partial) for path in recordings]
     if kind == "rosbag2":
-        begin(loaded, folder)
+        check_recordings(loaded, folder)
         to_rosbag2(loaded[0], folder)
     else:
         (to_lerobot if kind == "lerobot" else to_minari)(loaded, folder)
@@ -80,14 +80,14 @@ def to_dataset(recordings: list[Path], folder: Path, kind: str, *, partial: bool
 
 def from_dataset(folder: Path, target: Path, episode: int) -> int:
     """Write one episode of a data set as a recording. Returns its rows. Raises ConfigError or RecordingError."""
-    from allegro_twin.recording.exchange.episodes import write
+    from allegro_twin.recording.exchange.episodes import write_arrow
     from allegro_twin.recording.exchange.lerobot import from_lerobot
     from allegro_twin.recording.exchange.minari import DATA, from_minari
 
     if target.suffix != ".arrow":
         raise ConfigError(f"{target}: an episode becomes a recording again, which ends in .arrow")
     recording = from_minari(folder, episode) if (folder / DATA).exists() else from_lerobot(folder, episode)
-    write(recording, target)
+    write_arrow(recording, target)
     return len(recording)
 
 
@@ -111,7 +111,7 @@ def _csv(recording: Any, target: Path) -> None:
 
 def _rrd(recording: Any, target: Path) -> None:
     from allegro_twin.app.session import rerun_stage
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
     from allegro_twin.surfaces.cli.start.view import add_verdict
 
     viewer_of, shown = rerun_stage()
@@ -122,6 +122,6 @@ def _rrd(recording: Any, target: Path) -> None:
     with whole_file(target) as temporary:
         viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta)).to_file(temporary)
         with closing(viewer):
-            for _ in shown(samples_of(backend), viewer, backend.extras):
+            for _ in shown(replay_samples(backend), viewer, backend.extras):
                 pass
             add_verdict(viewer, recording)

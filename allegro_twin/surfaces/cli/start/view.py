@@ -66,7 +66,7 @@ def show(
     once, `advance` is called for each. Raises RecordingError, and ConfigError without Rerun."""
     from allegro_twin.app.session import rerun_stage
     from allegro_twin.recording.reader import load
-    from allegro_twin.recording.replay import ReplayBackend, samples_of
+    from allegro_twin.recording.replay import ReplayBackend, replay_samples
 
     recording = load(path, partial=partial)
     total(len(recording))
@@ -78,7 +78,7 @@ def show(
     if not web:
         viewer.spawn()
     backend = ReplayBackend(recording)
-    for _ in shown(samples_of(backend), viewer, backend.extras):
+    for _ in shown(replay_samples(backend), viewer, backend.extras):
         advance()
     add_verdict(viewer, recording)
     viewer.flush()
@@ -111,19 +111,19 @@ def show_live(hand: Hand, *, web: bool) -> None:
 def cell_recording(path: Path) -> Path | None:
     """The recording of a cell: the file itself, or the one in the folder of a run. None for anything else."""
     from allegro_twin.cell.journal.pictures import RECORDING
-    from allegro_twin.recording.reader import is_shared
+    from allegro_twin.recording.reader import is_cell_recording
 
     if path.is_dir():
         return path / RECORDING if (path / RECORDING).is_file() else None
-    return path if path.is_file() and is_shared(path) else None
+    return path if path.is_file() and is_cell_recording(path) else None
 
 
 def cell_to_rrd(path: Path, target: Path, *, partial: bool) -> int:
     """Write the recording of a cell as a Rerun file. Returns the number of events in it."""
     from allegro_twin.recording.events import session_events
-    from allegro_twin.recording.reader import load_tracks
+    from allegro_twin.recording.reader import load_cell
 
-    recording = load_tracks(path, partial=partial)
+    recording = load_cell(path, partial=partial)
     found = list(session_events(recording))
     _rerun().write_events(found, _rerun().viewer_of(recording), target)
     return len(found)
@@ -142,9 +142,9 @@ def cell_viewer(room: Room) -> Viewer:
 def _show_cell(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
     """Play the recording of a cell into a Rerun viewer. Returns the viewer and the address of its page."""
     from allegro_twin.recording.events import session_events
-    from allegro_twin.recording.reader import load_tracks
+    from allegro_twin.recording.reader import load_cell
 
-    recording = load_tracks(path, partial=partial)
+    recording = load_cell(path, partial=partial)
     viewer = _rerun().viewer_of(recording)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:

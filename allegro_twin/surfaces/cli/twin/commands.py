@@ -14,7 +14,7 @@ from allegro_twin.surfaces.cli import completion, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.twin.identify.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import KnownWeight
 
 
 class FrictionLaws(StrEnum):
@@ -55,17 +55,17 @@ def excite(
     from allegro_twin.twin.identify import record_excitation
 
     settings = on_hand(load_config(config), other)
-    todo = record_excitation.task_of(settings, pose, seconds, seed, out)
+    todo = record_excitation.remaining_run(settings, pose, seconds, seed, out)
     if todo is None:
         console.console.print(f"{pose} is recorded in {out}/", soft_wrap=True)
         return
-    ready = record_excitation.laid(settings, todo.pose)
-    console.errors.print(f"{pose}: {todo.pose.words}. It will move every finger for {todo.seconds:.0f} s.")
+    ready = record_excitation.pose_config(settings, todo.pose)
+    console.errors.print(f"{pose}: {todo.pose.instruction}. It will move every finger for {todo.seconds:.0f} s.")
     if not yes and sys.stdin.isatty() and sys.stderr.isatty():
         typer.prompt("Press Enter when it lies so and nothing is near", default="", show_default=False, err=True)
     with console.progress() as bar:
         job = bar.add_task(pose, total=todo.seconds)
-        record_excitation.play(ready, todo, lambda t: bar.update(job, completed=t))
+        record_excitation.record_run(ready, todo, lambda t: bar.update(job, completed=t))
     console.console.print(f"{todo.file}: {todo.seconds:.0f} s, {pose}", soft_wrap=True)
 
 
@@ -111,12 +111,12 @@ def identify(
     for line in identification.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
     if report is not None:
-        from allegro_twin.twin.identify.report import page
+        from allegro_twin.twin.identify.report import report_page
 
-        identification.write_page(report, page(found))
+        identification.write_page(report, report_page(found))
         console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
-        console.warn(identification.write_hand_file(path, found))
+        console.warn(identification.store_values(path, found))
         console.console.print(f"Written into {path}; use it with `hand: {{serial: {path}}}`", soft_wrap=True)
     else:
         console.hint("Next: --hand FILE writes these values into the hand's own file")
@@ -134,11 +134,11 @@ def gap(
     from allegro_twin.surfaces.cli.twin import identification
 
     identification.check_scipy()
-    from allegro_twin.twin.identify.pipeline import gaps
-    from allegro_twin.twin.identify.results.hand_file import doubtful
+    from allegro_twin.twin.identify.pipeline import measure_gaps
+    from allegro_twin.twin.identify.results.hand_file import mismatch_warning
 
-    console.warn(doubtful(identification.hand_file(hand)) if hand else "")
-    for each in gaps(recordings, hand or ""):
+    console.warn(mismatch_warning(identification.hand_file(hand)) if hand else "")
+    for each in measure_gaps(recordings, hand or ""):
         console.console.print(identification.gap_table(each))
 
 
@@ -173,27 +173,27 @@ def mirror(
     from allegro_twin.surfaces.cli.twin import identification, mirror_run
 
     identification.check_scipy()
-    from allegro_twin.twin.mirror.for_hand import left_out
+    from allegro_twin.twin.mirror.factory import describe_backlash
 
     down = None if gravity is None else mirror_run.parse_gravity(gravity)
     if Path(target).suffix == ".arrow":
         from allegro_twin.recording.reader import load
-        from allegro_twin.twin.mirror.for_hand import mirrored
+        from allegro_twin.twin.mirror.on_recording import mirror_recording
 
         if stop_on or record is not None or rrd is not None or view or web:
             raise ConfigError(
                 f"{target} is a recording: --stop-on, --record, --rrd, --view and --web are for a hand that runs"
             )
         spec = load(Path(target)).spec
-        console.warn(left_out(spec, hand or ""))
-        found = mirrored(Path(target), hand or "", free, down)
+        console.warn(describe_backlash(spec, hand or ""))
+        found = mirror_recording(Path(target), hand or "", free, down)
     else:
         from allegro_twin.app.config import load_config
         from allegro_twin.app.rig import spec_of
 
         config = load_config(target)
         spec = spec_of(config)
-        console.warn(left_out(spec, hand or ""))
+        console.warn(describe_backlash(spec, hand or ""))
         with console.progress() as bar:
             job = bar.add_task("beside the model", total=config.seconds)
             stop = tuple(part.strip() for part in stop_on.split(",") if part.strip())
@@ -254,10 +254,10 @@ def branch(
     without it; the second shows the model's own error."""
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.twin import branch_run, mirror_run
-    from allegro_twin.twin.branch import Wanted
+    from allegro_twin.twin.branch.result import BranchOptions
 
     down = None if gravity is None else mirror_run.parse_gravity(gravity)
-    wanted = Wanted(hand or "", disturbance.value, open_loop, down)
+    wanted = BranchOptions(hand or "", disturbance.value, open_loop, down)
     found = branch_run.run_branch(recording, at, change or [], branch_run.BranchOutputs(record, rrd), wanted)
     for line in branch_run.warnings(recording, wanted):
         console.warn(line)
@@ -268,15 +268,15 @@ def branch(
         console.console.print(line, highlight=False, soft_wrap=True)
 
 
-def weight_of(text: str) -> Weight:
+def weight_of(text: str) -> KnownWeight:
     """Parse `tip=0.050@REC`. Raises ConfigError."""
-    from allegro_twin.twin.identify.pipeline import Weight
+    from allegro_twin.twin.identify.pipeline import KnownWeight
 
     at, equals, rest = text.partition("=")
     mass, sign, recording = rest.partition("@")
     try:
         if equals and sign and recording and 0.0 < float(mass) < 1.0:
-            return Weight(at, float(mass), Path(recording).name)
+            return KnownWeight(at, float(mass), Path(recording).name)
     except ValueError:
         pass  # The error below names the format.
     raise ConfigError(f"--known-mass {text}: say where, kg below 1, and in which recording: tip=0.050@REC")
