@@ -44,7 +44,7 @@ def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]
     if found and unseen:
         drawn = draws(SEARCHED, unseen, seed=UNSEEN, stream="judge")
         cases = [Case(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
-        row["held"] = round(float(np.mean([v.held for v in Bench(spec).verdicts(cases, hasty=True)])), 3)
+        row["held"] = round(float(np.mean([v.held for v in Bench(spec).verdicts(cases, stop_early=True)])), 3)
     return row
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 
-from allegro_twin.grasping.batch.batched_trials import together
+from allegro_twin.grasping.batch.batched_trials import run_trials
 from allegro_twin.grasping.batch.trials import Bench, Case
 from allegro_twin.grasping.scenario import Protocol, load_protocol, load_scenario
 from allegro_twin.grasping.trial import Trial
@@ -20,7 +20,7 @@ from allegro_twin.grasping.uncertainty import Uncertainty, draws
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
-from allegro_twin.sim.batch.simulations import Rows, Simulations
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.model import wrist
 from allegro_twin.types import Array
 
@@ -63,9 +63,9 @@ def _seconds(work: Callable[[list[Trial], Bench], None], bench: Bench) -> float:
 def _together(bench: Bench) -> tuple[float, float]:
     """All of it, and the physics in it, s."""
     _CALLS.clear()
-    advance, physics = Simulations.advance, 0.0
+    advance, physics = SimBatch.advance, 0.0
 
-    def kept(sims: Simulations, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
+    def kept(sims: SimBatch, rows: Rows, torque: Array, drive: Array, steps: int) -> None:
         nonlocal physics
         _CALLS.append((rows, torque, drive, steps))
         began = time.process_time()
@@ -73,11 +73,11 @@ def _together(bench: Bench) -> tuple[float, float]:
         physics += time.process_time() - began
 
     def work(trials: list[Trial], bench: Bench) -> None:
-        together(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
+        run_trials(trials, [bench.controller(trial) for trial in trials], bench.limits, threads=1)
 
-    Simulations.advance = kept  # type: ignore[assignment, method-assign]
+    SimBatch.advance = kept  # type: ignore[assignment, method-assign]
     whole = _seconds(work, bench)
-    Simulations.advance = advance  # type: ignore[method-assign]
+    SimBatch.advance = advance  # type: ignore[method-assign]
     return whole, physics
 
 

@@ -158,12 +158,12 @@ def relative_motion(palm: Array, thing: Array, start: int) -> tuple[Array, Array
 def moved(palm: Array, thing: Array, palm_then: Array, thing_then: Array) -> tuple[Array, Array]:
     """How far, m, and by what angle, degrees, an object moves in the palm's frame between two moments, (...). Poses in
     the world, (..., 7)."""
-    (first, turn), (then, turned) = _in_palm(palm, thing), _in_palm(palm_then, thing_then)
+    (first, turn), (then, turned) = in_palm(palm, thing), in_palm(palm_then, thing_then)
     return np.linalg.norm(then - first, axis=-1), np.degrees(angle_between(turned, turn))
 
 
-def _in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
-    """Position (..., 3) and rotation (..., 3, 3)."""
+def in_palm(palm: Array, thing: Array) -> tuple[Array, Array]:
+    """Position (..., 3), m, and rotation (..., 3, 3) of an object in the palm's frame. Poses in the world, (..., 7)."""
     turned = matrix_from_quaternion(palm[..., 3:])
     position = np.einsum("...ji,...j->...i", turned, thing[..., :3] - palm[..., :3])
     return position, np.einsum("...ji,...jl->...il", turned, matrix_from_quaternion(thing[..., 3:]))

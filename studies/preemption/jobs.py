@@ -13,7 +13,7 @@ from studies.preemption.draws import block, case, object_of
 from studies.preemption.protocol import Set, Study
 from studies.preemption.registration import EXPLORATORY, contents_of
 from studies.preemption.scenes import Bench, Job
-from studies.preemption.simulate import together
+from studies.preemption.simulate import simulate
 
 UNIT = 32
 """Trials in a unit, at most: what may have to be made again after an interruption."""
@@ -81,7 +81,7 @@ def made(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[
         bench = _bench(study, hand)
         mine = [index for index, item in enumerate(items) if item["hand"] == hand]
         setups = [bench.setup(_job(study, items[index])) for index in mine]
-        rows |= dict(zip(mine, together(bench, setups), strict=True))
+        rows |= dict(zip(mine, simulate(bench, setups), strict=True))
     return [dict(items[index]) | rows[index] for index in range(len(items))]
 
 

@@ -23,7 +23,7 @@ class Measures:
     """When the hand began to close, s."""
     lifted: float = float("nan")
     """When the thing was to be up, s."""
-    why: str = "unfinished"
+    why: str = ""
     """Empty where the thing was held to the end."""
     premature: float = 0.0
     """How long the hand touched the thing before the arm arrived, s."""
@@ -51,7 +51,7 @@ class Measures:
 
     def at_end(self, palm: Array, thing: Array) -> None:
         """The end of the shake."""
-        self.why, self.slip = "", float(moved(palm, thing, *self.marks["hold"])[0])
+        self.slip = float(moved(palm, thing, *self.marks["hold"])[0])
 
     def row(self, setup: Setup, check: Check, closing: float) -> dict[str, Any]:
         """Plain data, in units that are read."""

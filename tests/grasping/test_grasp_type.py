@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.batch.batched_trials import together
+from allegro_twin.grasping.batch.batched_trials import run_trials
 from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
 from allegro_twin.grasping.grasp_type import Bearing, Seen, Shape, observed
 from allegro_twin.grasping.scenario import load_scenario
@@ -171,7 +171,7 @@ def shown(name: str, ghosts: tuple[str, ...] = (), hand: str | None = None) -> t
         part = trial._surfaces.parts.index(finger)
         mine = trial._surfaces._part[model.geom_bodyid] == part
         model.geom_contype[mine] = model.geom_conaffinity[mine] = 0
-    (verdict,) = together([trial], [bench.controller(trial)], bench.limits, threads=1)
+    (verdict,) = run_trials([trial], [bench.controller(trial)], bench.limits, threads=1)
     return verdict.held, None if verdict.report is None else verdict.report.observed
 
 

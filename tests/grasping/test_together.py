@@ -134,7 +134,7 @@ def test_in_haste_the_same_trials_hold_and_what_is_lost_at_a_check_goes_no_furth
     bench = Bench(load_spec(), period=0.004)
     whole = case_of({"scenario": "lemon", "protocol": "quick"}, bench.spec)
     missed = Case(whole.scenario, whole.grasp, Draw(0.03, 0.03, 0.0, 1.0, 1.0, 0.5, 1.0), whole.protocol, whole.folder)
-    patient, hasty = list(bench.verdicts([whole, missed])), list(bench.verdicts([whole, missed], hasty=True))
+    patient, hasty = list(bench.verdicts([whole, missed])), list(bench.verdicts([whole, missed], stop_early=True))
     assert [v.held for v in patient] == [v.held for v in hasty] == [True, False]
     assert hasty[0].report is not None
     assert patient[0].report is not None

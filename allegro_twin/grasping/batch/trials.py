@@ -12,7 +12,7 @@ import numpy as np
 from allegro_twin.control.controllers import PD, Follow, Gravity
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, together
+from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import Timed, performer
 from allegro_twin.grasping.interchange.to_trial import foreign
 from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
@@ -79,14 +79,16 @@ class Bench:
         self.limits = hand_limits(LimitSettings(), spec)
 
     def verdicts(
-        self, cases: Sequence[Case], measure: Measure | None = None, *, hasty: bool = False
+        self, cases: Sequence[Case], measure: Measure | None = None, *, stop_early: bool = False
     ) -> Iterator[Verdict]:
-        """One a case, in order. `hasty`: what is lost has no report. Raises ConfigError for a scene that cannot be
+        """One a case, in order. `stop_early`: what is lost has no report. Raises ConfigError for a scene that cannot be
         built."""
         for first in range(0, len(cases), WIDTH):
             trials = [self.trial(case) for case in cases[first : first + WIDTH]]
             controllers = [self.controller(trial) for trial in trials]
-            yield from together(trials, controllers, self.limits, threads=self._threads, measure=measure, hasty=hasty)
+            yield from run_trials(
+                trials, controllers, self.limits, threads=self._threads, measure=measure, stop_early=stop_early
+            )
 
     def trial(self, case: Case) -> Trial:
         """Its scene, its clock and what it is judged by. Raises ConfigError."""

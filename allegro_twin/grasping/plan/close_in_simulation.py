@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.control.controllers import Gains
+from allegro_twin.grasping.batch.trial_loop import TrialLoop
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.fingers import OVER, Performer, fingers_of
 from allegro_twin.grasping.plan.force_closure import UNBALANCED, gripped, imbalance, torsion_of
 from allegro_twin.grasping.plan.surface import Random
-from allegro_twin.kinematics.orientation import angle_between, matrix_from_quaternion
-from allegro_twin.sim.batch.simulations import Rows, Simulations
+from allegro_twin.grasping.verdict import in_palm
+from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.contact.grasp_scene import Workbench, coordinates
 from allegro_twin.sim.model import wrist
 from allegro_twin.spec import HandSpec
@@ -51,55 +52,54 @@ def tried(
     bench: Workbench, candidates: Sequence[Candidate], performer: Performer, friction: float, random: Random
 ) -> list[Outcome]:
     """All of them, side by side, in order."""
-    run = _Run(bench, list(candidates), performer, friction, random)
+    run = _Closing(bench, list(candidates), performer, friction, random)
     run.close()
     run.squeeze()
     run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
     run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
     return [
-        Outcome(candidate, where == "passed", where, float(reached))
-        for candidate, where, reached in zip(run.candidates, run.where, run.reached, strict=True)
+        Outcome(candidate, not why, why or "passed", float(reached))
+        for candidate, why, reached in zip(run.candidates, run.why, run.reached, strict=True)
     ]
 
 
-class _Run:
+class _Closing(TrialLoop):
     """Candidates in step."""
 
     def __init__(
         self, bench: Workbench, candidates: list[Candidate], performer: Performer, friction: float, random: Random
     ) -> None:
-        self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
-        self.gains, n = performer.gains, len(candidates)
-        self.where, self.reached = ["passed"] * n, np.zeros(n)
-        self.alive: Rows = np.arange(n)
-        self.period = STEPS * float(bench.model.opt.timestep)
+        n, self.timestep = len(candidates), float(bench.model.opt.timestep)
         # A copy, for a hand that closes its own loop has what its motors may give in there.
-        self.sims = Simulations(bench.spec, [copy(bench.model)] * n, period=self.period)
+        models, names = [copy(bench.model)] * n, [bench.name] * n
+        super().__init__(bench.spec, models, names, STEPS * self.timestep)
+        self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
+        self.gains, self.reached = performer.gains, np.zeros(n)
         self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
         self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
         close = np.array([c.close for c in candidates])
         self.fingers = fingers_of(self.sims, performer, self.target, self.closing, close)
-        self.sims.place(self.target)
+        self.sims.place(self.running, self.target)
         for axis, name in enumerate(wrist.JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
-        self._table = wrist.commands([], bench.model.opt.timestep, wrist.load(bench.model))
+        self._still = wrist.commands([], self.timestep, wrist.load(bench.model))
         self.place = np.zeros(6)
-        self.sims.begin(self.base + self._table[0])
-        self.palm = bench.model.body("palm_link").id
+        self.sims.begin(self.base + self._still[0])
 
     def close(self) -> None:
         """The joints that close press, the others stay."""
         for k in range(round(self.fingers.seconds / self.period)):
-            self._step(self.fingers.press(self.alive, (k + 1) * self.period))
-        for row in self.alive.tolist():
-            self.sims.look(row, self.bench.scratch)
-            touch, centre = self.bench.touch(self.bench.scratch), self.bench.scratch.xipos[self.bench.body].copy()
+            self._step(self.fingers.press(self.running, (k + 1) * self.period))
+        reasons = {}
+        for row in self.running.tolist():
+            data = self.sims.look(row)
+            touch, centre = self.bench.touch(data), data.xipos[self.bench.body].copy()
             if not len(touch.points):
-                self.where[row] = "empty"
+                reasons[row] = "empty"
             elif imbalance(gripped(touch, centre, self.friction, torsion_of(self.bench))) > UNBALANCED:
-                self.where[row] = "unbalanced"
-        self._drop()
+                reasons[row] = "unbalanced"
+        self.stop(reasons)
 
     def squeeze(self) -> None:
         """From where they rest, further by what makes the wanted torque."""
@@ -107,65 +107,47 @@ class _Run:
         rest = self.sims.position.copy()
         push = squeezed(self.closing, spec, self.gains, self.random)
         wanted = np.clip(np.where(self.closing != 0.0, rest + push, self.target), spec.lower, spec.upper)
-        for row in self.alive.tolist():
+        for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
         periods = round(SETTLING / self.period)
         for k in range(periods):
             part = min(1.0, 2.0 * (k + 1) / periods)
             self.target = rest + part * (wanted - rest)
-            self._step(self.fingers.go(self.alive, self.target))
-        for row in self.alive.tolist():
+            self._step(self.fingers.go(self.running, self.target))
+        for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
-        self.began = self._in_palm()
+        self.began = in_palm(*self.poses(np.arange(self.n)))
 
     def move(self, segments: list[wrist.Segment], name: str) -> None:
         """The wrist moves; whoever loses the object is out."""
-        timestep = float(self.bench.model.opt.timestep)
-        table = wrist.commands(segments, timestep, wrist.load(self.bench.model))
+        table = wrist.commands(segments, self.timestep, wrist.load(self.bench.model))
         begun = np.ceil(self.reached)
         for k in range(len(table) // STEPS):
-            self.reached[self.alive] = begun[self.alive] + (k + 1) * STEPS / len(table)
-            self._step(self.fingers.go(self.alive, self.target), self.place + table[k * STEPS : (k + 1) * STEPS])
+            self.reached[self.running] = begun[self.running] + (k + 1) * STEPS / len(table)
+            self._step(self.fingers.go(self.running, self.target), table[k * STEPS : (k + 1) * STEPS])
             if k % 25 == 24:
                 self._judge(name)
         self.place = self.place + sum(segment.move for segment in segments)
         self._judge(name, last=True)
 
     def _judge(self, name: str, *, last: bool = False) -> None:
-        position, turn = self._in_palm()
-        drift = np.linalg.norm(position - self.began[0], axis=1)
-        angle = np.degrees(angle_between(turn, self.began[1]))
-        for row in self.alive.tolist():
-            margin = 1.0 - max(drift[row] / DRIFT, angle[row] / ROTATION)
-            if not margin > 0.0:
-                self.where[row] = name
-            elif last:
-                self.candidates[row] = replace(self.candidates[row], score=float(margin))
-        self._drop()
+        rows = self.running
+        position, turn = in_palm(*self.poses(rows))
+        drift = np.linalg.norm(position - self.began[0][rows], axis=1)
+        margins = 1.0 - np.maximum(drift / DRIFT, np.degrees(angle_between(turn, self.began[1][rows])) / ROTATION)
+        self.stop({row: name for row, margin in zip(rows.tolist(), margins, strict=True) if not margin > 0.0})
+        for row, margin in zip(rows.tolist(), margins.tolist(), strict=True):
+            if last and margin > 0.0:
+                self.candidates[row] = replace(self.candidates[row], score=margin)
 
-    def _in_palm(self) -> tuple[Array, Array]:
-        """The object in every palm's frame: (n, 3), m, and (n, 3, 3)."""
-        sims, body = self.sims, self.bench.body
-        palm = matrix_from_quaternion(sims.body_quaternion[:, self.palm])
-        away = sims.body_position[:, body] - sims.body_position[:, self.palm]
-        turn = np.einsum("kji,kjl->kil", palm, matrix_from_quaternion(sims.body_quaternion[:, body]))
-        return np.einsum("kji,kj->ki", palm, away), turn
-
-    def _step(self, told: Array, moved: Array | None = None) -> None:
-        rows, sims = self.alive, self.sims
+    def _step(self, control: Array, moved: Array | None = None) -> None:
+        """Let a period pass, with the wrist at its place, or moved from there by a table, (steps, 6)."""
+        rows = self.running
         if not len(rows):
             return
-        steady = np.repeat((self.place + self._table[0])[None], STEPS, axis=0)
-        drive = self.base[rows][:, None] + (steady if moved is None else moved)
-        sims.advance(rows, told, drive, STEPS)
-        bad = ~np.isfinite(sims.position[rows]).all(axis=1)
-        for row in rows[bad].tolist():
-            self.where[row] = "diverged"
-        if bad.any():
-            self._drop()
-
-    def _drop(self) -> None:
-        self.alive = np.array([row for row in self.alive if self.where[row] == "passed"], dtype=np.int64)
+        self.advance(control, self.base[rows][:, None] + (self.place + (self._still if moved is None else moved)))
+        diverged = rows[~np.isfinite(self.sims.position[rows]).all(axis=1)]
+        self.stop(dict.fromkeys(diverged.tolist(), "diverged"))
 
 
 def squeezed(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains, GravityTorque
 from allegro_twin.grasping.plan.close_in_geometry import units
-from allegro_twin.sim.batch.simulations import Rows, Simulations
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.types import Array
 
 CAP = 0.45
@@ -32,7 +32,7 @@ class Performer:
 
 
 class Fingers(Protocol):
-    """Both ways give what `Simulations.advance` tells the motors of some rows in a period, (rows, n)."""
+    """Both ways give what `SimBatch.advance` tells the motors of some rows in a period, (rows, n)."""
 
     @property
     def seconds(self) -> float:
@@ -48,10 +48,10 @@ class Fingers(Protocol):
         ...
 
 
-def fingers_of(sims: Simulations, performer: Performer, start: Array, closing: Array, close: Array) -> Fingers:
+def fingers_of(sims: SimBatch, performer: Performer, start: Array, closing: Array, close: Array) -> Fingers:
     """`start`: where they begin, `closing`: which way they go, and `close`: where geometry has them meet something,
     (candidates, n)."""
-    if sims.servos is None:
+    if not sims.closes_loop:
         return Torqued(sims, performer, start.copy(), closing)
     return Own(sims, performer, start.copy(), closing, close)
 
@@ -60,7 +60,7 @@ def fingers_of(sims: Simulations, performer: Performer, start: Array, closing: A
 class Torqued:
     """Fingers that take torques: PD, and their weight carried."""
 
-    sims: Simulations
+    sims: SimBatch
     performer: Performer
     start: Array
     closing: Array
@@ -91,7 +91,7 @@ class Own:
     """Fingers whose firmware closes the loop: they are told to go evenly to a little beyond where they should meet the
     object, with a share of their effort where the hand can limit it."""
 
-    sims: Simulations
+    sims: SimBatch
     performer: Performer
     start: Array
     closing: Array
@@ -107,10 +107,10 @@ class Own:
         limited = "limited_position" in self.sims.spec.commands
         effort = np.tile(CAP * limit if limited else limit, (len(rows), 1))
         wanted = self.start[rows] + min(1.0, at / (0.8 * self.seconds)) * (goal - self.start[rows])
-        return self.sims.command(rows, wanted, effort)
+        return self.sims.servo_control(rows, wanted, effort)
 
     def go(self, rows: Rows, target: Array) -> Array:
-        return self.sims.command(rows, target[rows])
+        return self.sims.servo_control(rows, target[rows])
 
     def _goal(self) -> Array:
         spec = self.sims.spec

@@ -157,7 +157,7 @@ class Prover:
             for option in options
             for draw in draws(self.uncertainty, count, self.seed, option.tried, stream="search")
         ]
-        verdicts = bench.verdicts(trials, hasty=True)
+        verdicts = bench.verdicts(trials, stop_early=True)
         for option in options:
             option.held += sum(next(verdicts).held for _ in range(count))
             option.tried += count
@@ -199,7 +199,7 @@ def judge(
         protocol = load_protocol(each.scenario.protocol)
         bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
         split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
-        verdicts = bench.verdicts([case for cases in split for case in cases], hasty=True)
+        verdicts = bench.verdicts([case for cases in split for case in cases], stop_early=True)
         each.judged, each.judged_held = len(split), 0
         for cases in split:
             found = [next(verdicts).held for _ in cases]
@@ -226,7 +226,7 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
     ]
     for ways in (slice(0, 2), slice(2, None)):
         cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
-        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, hasty=True)
+        verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
         for option, each in zip(options, cases, strict=True):
             found = [next(verdicts) for _ in each]
             held = [verdict.report for verdict in found if verdict.held and verdict.report is not None]

@@ -12,7 +12,7 @@ from allegro_twin.kinematics.orientation import turned_by
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
 from allegro_twin.learning.tasks.vectors import turned
-from allegro_twin.sim.batch.worlds import Body, Rows
+from allegro_twin.sim.batch.cpu import FreeBody, Rows
 from allegro_twin.types import Array
 
 
@@ -33,7 +33,7 @@ class Camera:
     """Looks at a body of `n` simulations once a decision. Noise is drawn anew in each picture; a picture is late by
     whole decisions. Speeds come from elsewhere and are late only."""
 
-    def __init__(self, settings: Randomise, body: Body, decimation: int) -> None:
+    def __init__(self, settings: Randomise, body: FreeBody, decimation: int) -> None:
         n, xp = len(body.pose), library(body.pose)
         self._body, self._decimation, self._xp = body, decimation, xp
         self._key, self._own = xp.zeros(n, np.uint64), xp.arange(n)

@@ -20,7 +20,7 @@ from allegro_twin.learning.policy.interface import BOUND, Floats, Observation
 from allegro_twin.learning.policy.memory import Memory
 from allegro_twin.learning.tasks import make_task
 from allegro_twin.learning.tasks.base import Flags, Outcome
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.types import Array
 
@@ -106,7 +106,7 @@ class Engine:
         course = interface.course(memory)
         self.task.plan(memory.tick)
         worlds, sensing, drive, substeps = self.worlds, self._sensing, self.task.drive, self._substeps
-        gains, pull, torque, step = sensing.gains(self._gains), interface.pull, worlds.torque, worlds.step
+        gains, pull, torque, step = sensing.gains(self._gains), interface.pull, worlds.control, worlds.step
         live = worlds.live if sensing.ideal else None
         for k in range(interface.decimation):
             if live is not None:

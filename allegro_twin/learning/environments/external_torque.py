@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import Randomise
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.types import Array
 
 
 class Touch:
     """Of `n` hands; with the dry friction of their joints, which nobody can tell from a contact in one moment."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         self._worlds = worlds
         self._xp, self._limit = worlds.xp, worlds.xp.asarray(worlds.spec.actuation.torque_limit)
         self._range = settings.touch_noise
@@ -31,7 +31,7 @@ class Touch:
     def felt(self, tick: NDArray[np.int64]) -> Array:
         """In parts of the torque limit, (n, joints), at the hands' periods `tick` (n,); before the first one nothing
         has been felt."""
-        torque = self._xp.where(tick[:, None] > 0, self._worlds.external(), 0.0)
+        torque = self._xp.where(tick[:, None] > 0, self._worlds.external_torque, 0.0)
         if self._noise is not None:
             torque = torque + self._noise * jitter(self._key, tick, 10, torque.shape[1])
         share: Array = torque / self._limit

@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from allegro_twin.learning.environments.random_streams import Draws, jitter
 from allegro_twin.learning.environments.randomise import LONGEST_DELAY, Randomise
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.types import Array
 
 
 class Sensing:
     """Noise, quantisation and delays of `n` hands; whatever no range asks for costs nothing."""
 
-    def __init__(self, settings: Randomise, worlds: Worlds) -> None:
+    def __init__(self, settings: Randomise, worlds: SimBatch) -> None:
         n, joints = worlds.position.shape
         self._worlds, self._xp = worlds, worlds.xp
         xp = worlds.xp
@@ -25,8 +25,8 @@ class Sensing:
             if getattr(settings, name) is not None
         }
         # Where the hand closes the loop, both are the motors' own: `randomise` writes them into the models.
-        self._strength = None if settings.strength is None or worlds.leads else xp.ones((n, 1))
-        self._gains = None if settings.gains is None or worlds.leads else xp.ones((n, 2))
+        self._strength = None if settings.strength is None or worlds.closes_loop else xp.ones((n, 1))
+        self._gains = None if settings.gains is None or worlds.closes_loop else xp.ones((n, 2))
         self._late = {
             name: xp.zeros(n, np.int64)
             for name in ("sensor_delay", "actuator_delay")
@@ -53,7 +53,7 @@ class Sensing:
         if "sensor_delay" in self._past:
             here = self._xp.concatenate([self._worlds.position[rows], self._worlds.velocity[rows]], axis=-1)
             self._past["sensor_delay"][:, rows] = here
-        if "actuator_delay" in self._past and self._worlds.leads:
+        if "actuator_delay" in self._past and self._worlds.closes_loop:
             here = self._worlds.position[rows]  # Until the first word arrives it stays where it is.
             self._past["actuator_delay"][:, rows] = self._xp.concatenate([here, 0.0 * here], axis=-1)
 
@@ -86,7 +86,7 @@ class Sensing:
             told = self._delayed("actuator_delay", late, padded, tick)[:, :joints]
         if self._strength is not None:
             told = self._xp.clip(told, -self._limit, self._limit) * self._strength
-        self._worlds.tell(told)
+        self._worlds.command(told)
 
     def _delayed(self, name: str, late: NDArray[np.int64], now: Array, tick: NDArray[np.int64]) -> Array:
         """What was `late` periods ago, from a ring with one place a period."""

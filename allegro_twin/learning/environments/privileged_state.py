@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from allegro_twin.learning.policy.interface import BOUND, SPEED, Floats
 from allegro_twin.learning.tasks.vectors import turned
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 
 FACTORS = ("mass", "size", "friction")
@@ -22,7 +22,7 @@ class State:
     motors and those from outside (by the limit), as they are; and where there is an object, in the world's axes, where
     it is (by 0.1 m), its quaternion, velocity (by 0.5 m/s) and spin (by 5 rad/s), and `FACTORS`."""
 
-    def __init__(self, worlds: Worlds, thing: Body | None) -> None:
+    def __init__(self, worlds: SimBatch, thing: FreeBody | None) -> None:
         self._worlds, self._thing = worlds, thing
         spec, self._xp = worlds.spec, worlds.xp
         place = worlds.xp.asarray
@@ -43,8 +43,8 @@ class State:
         parts = [
             (worlds.position - self._middle) / self._half,
             worlds.velocity / SPEED,
-            xp.where(begun, worlds.given(), 0.0) / self._limit,
-            xp.where(begun, worlds.external(), 0.0) / self._limit,
+            xp.where(begun, worlds.applied_torque, 0.0) / self._limit,
+            xp.where(begun, worlds.external_torque, 0.0) / self._limit,
         ]
         if (thing := self._thing) is not None:
             pose, spin = thing.pose, turned(thing.pose[:, 3:], thing.spin)

@@ -13,7 +13,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import Given
 from allegro_twin.learning.environments.randomise import Randomise, preset
 from allegro_twin.learning.policy.interface import Mode
-from allegro_twin.sim.batch.warp_model import Device
+from allegro_twin.sim.batch.warp import Device
 from allegro_twin.spec import SIDES, HandSpec, Side
 
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")

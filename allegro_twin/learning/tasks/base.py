@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.randomise import applicable
 from allegro_twin.learning.environments.settings import OWN, EnvSettings, Options
 from allegro_twin.learning.policy.card import Card, Closed
 from allegro_twin.learning.policy.interface import Interface, Observation
-from allegro_twin.sim.batch.worlds import Body, Rows, Worlds
+from allegro_twin.sim.batch.cpu import FreeBody, Rows, SimBatch
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
 
@@ -62,7 +62,7 @@ class Task(ABC):
     """Numbers in an observation that no real hand has: the task is privileged when there are any."""
     settings: EnvSettings
     interface: Interface
-    worlds: Worlds
+    worlds: SimBatch
     counted: ClassVar[str] = ""
     """Of what an outcome tells, what an episode has come to besides success; with its unit in `unit`."""
     unit: ClassVar[str] = ""
@@ -72,7 +72,7 @@ class Task(ABC):
     """Its goals are orientations, quaternions w, x, y, z."""
     farthest: float = 0.0
     """How far new goals are at most, rad, where a task has such."""
-    thing: Body | None = None
+    thing: FreeBody | None = None
     """The object, where there is one."""
 
     def __init__(self, settings: EnvSettings, n: int, threads: int) -> None:

@@ -14,7 +14,7 @@ from allegro_twin.learning.tasks.base import Outcome, Ticks
 from allegro_twin.learning.tasks.scenes import Scene, known, presented, some
 from allegro_twin.learning.tasks.scripted_closing import Closing
 from allegro_twin.learning.tasks.vectors import effort_of, length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array, Vector
 
 APPROACH = 0.4  # s in which the object comes from the scenario's retreat to the hand.

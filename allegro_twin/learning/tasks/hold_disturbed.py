@@ -21,7 +21,7 @@ from allegro_twin.learning.tasks.levels import Variation
 from allegro_twin.learning.tasks.played_starts import played
 from allegro_twin.learning.tasks.scenes import THING, Scene, known, some
 from allegro_twin.learning.tasks.vectors import effort_of, length
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.types import Array
 
 EVERY, LASTS = 0.5, 0.3  # s from push to push, and that each lasts.
@@ -141,13 +141,13 @@ class HoldDisturbed(Grasp):
         path = scene.pose[:3] - host(self._left)[:, None] * scene.retreat
         seen: list[Array] = []
 
-        def around(worlds: Worlds, k: int) -> None:
+        def around(worlds: SimBatch, k: int) -> None:
             hand, _, holds = worlds.presenter()
             if k == 0:
-                worlds.free(THING).pose[0, :3] = path[0]
+                worlds.free_body(THING).pose[0, :3] = path[0]
             hand[0], holds[0] = path[min(k, len(path) - 1)], k < release
             if k in (release, last - 1):
-                seen.append(np.array(worlds.free(THING).pose[0, :3]))
+                seen.append(np.array(worlds.free_body(THING).pose[0, :3]))
 
         caught = sampled(closing(scene.grasp, self.wait, self.squeeze), scene.grasp.preshape, last, period)
         self.worlds.keep_start(number, played(self.spec, scene.model, self.gains, caught, self.settings, around))

@@ -20,7 +20,7 @@ from allegro_twin.learning.tasks.palm_clearance import ON_PALM, Shapes, clearanc
 from allegro_twin.learning.tasks.scenes import THING, upturned, worlds
 from allegro_twin.learning.tasks.start_states import Held, held
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.objects import catalogue
 from allegro_twin.types import Array
 
@@ -59,7 +59,7 @@ class InHand(Task):
             self._learn(thing_of(given), n, threads)
         self.interface = self._interface(step=self.step)
         self._lower, self._upper = (self.worlds.xp.asarray(limit) for limit in (self.spec.lower, self.spec.upper))
-        self.thing = self.worlds.free(THING)
+        self.thing = self.worlds.free_body(THING)
         self.camera = Camera(settings.randomise, self.thing, settings.decimation)
         xp = self.worlds.xp
         self.place = xp.zeros((n, 3))

@@ -14,7 +14,7 @@ from allegro_twin.learning.tasks.base import Outcome, Ticks
 from allegro_twin.learning.tasks.scenes import Scene, from_above, known, on_table, some
 from allegro_twin.learning.tasks.scripted_closing import Closing
 from allegro_twin.learning.tasks.vectors import effort_of, length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.model import wrist
 from allegro_twin.types import Array, Vector
 
@@ -40,7 +40,7 @@ class Lift(Closing):
         """Where the object stood, m, world."""
         self._level = xp.asarray(np.array([1.0, 1.0, 0.0]))
         self._periods = xp.arange(settings.decimation)[:, None]
-        _, self._wish = self.worlds.joint("wrist_z")
+        self._wish = self.worlds.set_point("wrist_z")
 
     def things(self) -> tuple[Given, ...]:
         """Those of the demo alone, or all."""

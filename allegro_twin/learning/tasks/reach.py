@@ -15,7 +15,7 @@ from allegro_twin.learning.policy.interface import Floats, Observation
 from allegro_twin.learning.tasks.base import Outcome, Task, Ticks
 from allegro_twin.learning.tasks.scenes import compiled, worlds
 from allegro_twin.learning.tasks.vectors import length
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.contact.probe import free_of_contact
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array

@@ -17,8 +17,8 @@ from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.orientation import quaternion_facing
 from allegro_twin.learning.environments.objects import Given, name_of, scenario_of, scenarios
 from allegro_twin.learning.environments.settings import EnvSettings
-from allegro_twin.sim.batch.warp import WarpWorlds
-from allegro_twin.sim.batch.worlds import Worlds
+from allegro_twin.sim.batch.cpu import SimBatch
+from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import N_SIZES, Placement, Thing
 from allegro_twin.spec import HandSpec
@@ -130,9 +130,9 @@ def compiled(spec: HandSpec, around: Stage, settings: EnvSettings) -> mujoco.MjM
     return model
 
 
-def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> Worlds:
+def worlds(spec: HandSpec, model: mujoco.MjModel, n: int, threads: int, settings: EnvSettings) -> SimBatch:
     """`n` simulations that begin as `model`, on the device that the settings name."""
     if settings.device == "cpu":
-        return Worlds(spec, model, n, threads)
+        return SimBatch(spec, model, n, threads)
     room = {"contacts": settings.contacts, "constraints": settings.constraints}
-    return WarpWorlds(spec, model, n, device=settings.device, **room)
+    return WarpBatch(spec, model, n, device=settings.device, **room)

@@ -21,7 +21,7 @@ from allegro_twin.learning.policy.script import Script, closed_after, closing, s
 from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
 from allegro_twin.learning.tasks.scenes import THING, Scene, worlds
-from allegro_twin.sim.batch.worlds import Rows
+from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.sim.contact.overlap import overlap
 from allegro_twin.types import Array, Vector
 
@@ -60,7 +60,7 @@ class Closing(Task):
             if index == 0:
                 self.worlds = worlds(self.spec, scene.model, n, threads, settings)
             self._learn(scene, given, None)
-        self.thing = self.worlds.free(THING)
+        self.thing = self.worlds.free_body(THING)
         xp = self.worlds.xp
         self.offset = xp.zeros((n, 3))
         """By how much each object is off, m, world."""

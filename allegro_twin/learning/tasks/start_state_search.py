@@ -17,7 +17,7 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.learning.tasks.base import Flags
 from allegro_twin.learning.tasks.scenes import PALM, THING, upturned
 from allegro_twin.learning.tasks.vectors import tilt
-from allegro_twin.sim.batch.worlds import Rows, Worlds
+from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.objects.catalogue import Thing
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -98,9 +98,9 @@ def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array
     spec = load_spec(side="right")
     gains = load_gains("default", spec)
     model = upturned(spec, thing, (0.0, 0.0, 0.2), EnvSettings(timestep=PERIOD), FRICTION)
-    worlds, rows = Worlds(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
+    worlds, rows = SimBatch(spec, model, AT_ONCE, 0), np.arange(AT_ONCE)
     worlds.choose(rows, np.zeros(AT_ONCE, np.int64))
-    body = worlds.free(THING)
+    body = worlds.free_body(THING)
     physics = Physics(worlds, body)
     size = physics.sizes(worlds.variant, rng.uniform(*SIZES, AT_ONCE))
     height = 2.0 * size * thing.half_extents()[2]
@@ -118,7 +118,7 @@ def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array
         if k == _WATCHED:
             watched = np.array(body.pose[:, :3])
         wish = posture + (target - posture) * min(k / _CLOSING, 1.0)
-        worlds.torque[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
+        worlds.control[...] = laws.pd(wish - worlds.position, -worlds.velocity, gains.kp, gains.kd)
         worlds.step(None if k < _SEEN else going, 1)
     still = np.intersect1d(going, _apart(body.pose[:, :3], watched, _STILL))
     kept = still[_inside(body.pose[still, :3], height[still]) & (tilt(body.pose[still, 3:]) < _UPRIGHT)]

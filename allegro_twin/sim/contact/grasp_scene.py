@@ -40,8 +40,7 @@ class Workbench:
         around = replace(around, position=np.zeros(3), quaternion=np.array([1.0, 0.0, 0.0, 0.0]))
         self.spec, self.thing = spec, around.things[0]
         self.model = model = compile_scene(spec, around)
-        self.data, self.scratch = mujoco.MjData(model), mujoco.MjData(model)
-        """What is placed here, and room for a state from elsewhere."""
+        self.data = mujoco.MjData(model)
         self.name = self.thing.thing.name
         self.body = int(model.body(self.name).id)
         self._posed = Posed(spec, model)

@@ -105,7 +105,7 @@ def test_doing_nothing_is_the_scripted_player(hand: str) -> None:
     scene = task.scenes[0]
     path = Follow(closing(scene.grasp, task.wait, task.squeeze)).reference.begin(scene.grasp.preshape)
     told: list[Any] = []
-    task.worlds.tell = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
+    task.worlds.command = lambda values: told.append(np.array(values[0]))  # type: ignore[method-assign]  # To listen.
     for _ in range(60):
         env.step(np.zeros(MOTORS[hand], np.float32))
     wanted = [path(k * env.engine.settings.period).position for k in range(len(told))]
