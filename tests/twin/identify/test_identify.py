@@ -19,8 +19,8 @@ from allegro_twin.sim.open_loop.windows import Player
 from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twins.identifying import lines, table
 from allegro_twin.surfaces.cli.twins.twin import weight_of
+from allegro_twin.twin.identify.html_report import html_report
 from allegro_twin.twin.identify.motions.motion import Motion, noise_floor, read_motion
-from allegro_twin.twin.identify.page.page import page
 from allegro_twin.twin.identify.results import hand_file, pipeline
 from allegro_twin.twin.identify.results.pipeline import gaps, identify
 from allegro_twin.twin.identify.results.uncertainty import SOLVED, Value, seen, values
@@ -131,7 +131,7 @@ def test_a_hand_without_backlash_is_told_that_none_is_seen() -> None:
     assert not result.fit.loose
     assert "backlash" not in result.values
     assert "backlash: none seen" in str(table(result).caption)
-    assert "backlash none seen" in page(result)
+    assert "backlash none seen" in html_report(result)
 
 
 @pytest.mark.slow
@@ -343,12 +343,12 @@ def test_offsets_by_weight_stand_beside_those_by_end_stops(tmp_path: Path) -> No
     with_stops = replace(found, stops=stops)
     off = found.values["offset"]
     first = int(np.flatnonzero(off.determined)[0])
-    row = page(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
+    row = html_report(with_stops).split(f"<tr><td>{nominal.aliases[first]}</td>")[1].split("</tr>")[0]
     assert f"{1e3 * (off.value[first] - shift[first]):+.1f}</td>" in row
     apart = np.abs(off.value - shift)[off.determined]
     said = next(line for line in lines(with_stops) if "end stops" in line)
     assert f"{1e3 * np.median(apart):.1f} mrad apart in the median, {1e3 * apart.max():.1f} at most" in said
-    assert "end stops" not in page(replace(found, stops=np.full(16, np.nan)))
+    assert "end stops" not in html_report(replace(found, stops=np.full(16, np.nan)))
 
 
 @pytest.mark.slow

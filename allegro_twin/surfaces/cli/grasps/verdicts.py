@@ -105,7 +105,7 @@ def told(
 
 def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
     from allegro_twin.app.portraits import worth_showing
-    from allegro_twin.grasping.evaluation.page.write import write_page
+    from allegro_twin.grasping.evaluation.html_report import write_html_report
 
     chosen = worth_showing(rows)
     with console.progress() as bar:
@@ -114,7 +114,9 @@ def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep,
             _pictured(targets[number], rows[number], out / "pictures" / f"{number}_{targets[number].name}.png")
             bar.advance(task)
     stamps = sweep.stamped()
-    write_page(out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")})
+    write_html_report(
+        out / "report.html", rows, about={k: stamps[k] for k in stamps if k not in ("function", "shared")}
+    )
 
 
 def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:

@@ -106,9 +106,9 @@ def identify(
     for line in identifying.lines(found):
         console.console.print(line, soft_wrap=True, highlight=False)
     if report is not None:
-        from allegro_twin.twin.identify.page.page import page
+        from allegro_twin.twin.identify.html_report import html_report
 
-        identifying.write_page(report, page(found))
+        identifying.write_page(report, html_report(found))
         console.console.print(f"Report: {report}", soft_wrap=True)
     if path is not None:
         console.warn(identifying.keep(path, found))

@@ -1,4 +1,4 @@
-"""The page: values and their doubts, what the model makes of the motion, friction, and what is missing."""
+"""The report of an identification as one HTML file: values with their intervals, motions, friction, what is missing."""
 
 from __future__ import annotations
 
@@ -7,21 +7,16 @@ from html import escape
 
 import numpy as np
 
-from allegro_twin.grasping.evaluation.page.style import STYLE
 from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.twin.identify.fitting.parameterisation import NAMES
 from allegro_twin.twin.identify.fitting.regress import smoothed
 from allegro_twin.twin.identify.fitting.shooting import cut
-from allegro_twin.twin.identify.page.lines import Line, card, chart
 from allegro_twin.twin.identify.results.hand_file import SCALE
 from allegro_twin.twin.identify.results.pipeline import Identified
 from allegro_twin.twin.identify.results.uncertainty import PER_PWM, VALUES
 from allegro_twin.types import Array
+from allegro_twin.viewing.report import Line, html_page, line_chart
 
-_STYLE = (
-    ".line { fill: none; stroke-width: 1.6; } .line.ink { stroke: var(--ink); } .line.good { stroke: var(--good); }"
-    ".line.bad { stroke: var(--bad); } .line.soft { stroke: var(--soft); } .no { white-space: normal; }"
-)
 _UNITS = {
     "torque_constant": ("torque constant, N·m", 1.0), "armature": ("armature / k, g·m²", 1e3),
     "damping": ("damping / k, mN·m·s/rad", 1e3), "frictionloss": ("friction / k, mN·m", 1e3),
@@ -32,7 +27,7 @@ _UNITS = {
 _SHOWN = 1.0  # s of motion in a picture.
 
 
-def page(found: Identified) -> str:
+def html_report(found: Identified) -> str:
     """The text of the file."""
     first = found.motions[0]
     title = f"The drive of {first.spec.name} {first.spec.serial}".strip()
@@ -41,13 +36,7 @@ def page(found: Identified) -> str:
         f"{sum(motion.seconds for motion in found.motions):.0f} s · N·m from {SCALE[found.fit.masses]}"
     )
     parts = (values(found), missing(found), motions(found), spectra(found), friction(found), spread(found))
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}{_STYLE}</style></head><body><main>"
-        f"<header><h1>{escape(title)}</h1><p class='soft'>{escape(about)}</p></header>{''.join(parts)}</main></body>"
-        "</html>\n"
-    )
+    return html_page(title, about, parts)
 
 
 def values(found: Identified) -> str:
@@ -106,7 +95,7 @@ def motions(found: Identified) -> str:
             Line(t, simulated[:, joint], "bad", "simulated"),
         ]
         said = f"{_joints(found)[joint]}: black measured, red simulated from one start, grey after the regression alone"
-        cards.append(card(f"The {name} joint", said, chart(lines, "s", "rad")))
+        cards.append(_card(f"The {name} joint", said, line_chart(lines, "s", "rad")))
     return f"<h2>Measured and simulated</h2><div class='cards'>{''.join(cards)}</div>"
 
 
@@ -126,7 +115,7 @@ def spectra(found: Identified) -> str:
             Line(hertz[1:], floor, "ink", "noise"),
         ]
         cards.append(
-            card(_joints(found)[joint], "red left over, black the encoder's noise", chart(lines, "Hz", "µrad"))
+            _card(_joints(found)[joint], "red left over, black the encoder's noise", line_chart(lines, "Hz", "µrad"))
         )
     return (
         "<h2>What is left over</h2><p class='soft'>Simulated minus measured, from smoothed starts; below 10 Hz these "
@@ -147,7 +136,9 @@ def friction(found: Identified) -> str:
             Line((edges[1:] + edges[:-1]) / 2.0, height, "soft", "how often"),
             Line(v, torque, "good", "friction and damping"),
         ]
-        cards.append(card(alias, "blue torque, grey how often each speed was seen", chart(lines, "rad/s", "mN·m")))
+        cards.append(
+            _card(alias, "blue torque, grey how often each speed was seen", line_chart(lines, "rad/s", "mN·m"))
+        )
     return f"<h2>Friction</h2><div class='cards'>{''.join(cards)}</div>"
 
 
@@ -207,3 +198,7 @@ def _play(found: Identified) -> str:
 def _joints(found: Identified) -> tuple[str, ...]:
     spec = found.motions[0].spec
     return spec.readable
+
+
+def _card(title: str, caption: str, chart: str) -> str:
+    return f"<figure><h3>{escape(title)}</h3><figcaption class='soft'>{escape(caption)}</figcaption>{chart}</figure>"

@@ -1,9 +1,37 @@
-"""How the page looks, and the few lines that sort its table."""
+"""The page of a report and its tables, and how they look in light and dark."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from html import escape
+
+
+def html_page(title: str, about: str, parts: Iterable[str]) -> str:
+    """A whole page. `title` and `about`, a line below it, are text; `parts` are pieces of HTML. Columns of tables of
+    the class `sortable` sort by a click."""
+    body = "".join(parts)
+    script = f"<script>{_SORT}</script>" if "class='sortable'" in body else ""
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body><main>"
+        f"<header><h1>{escape(title)}</h1><p class='soft'>{escape(about)}</p></header>{body}</main>{script}</body>"
+        "</html>\n"
+    )
+
+
+def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]], caption: str = "") -> str:
+    """A table that scrolls by itself where it is wide; heads, cells and caption are text."""
+    head = "".join(f'<th scope="col" style="padding:6px 10px">{escape(each)}</th>' for each in heads)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    said = escape(caption)
+    name = f" tabindex='0' role='region' aria-label='{said}'" if caption else ""
+    above = f"<caption class='soft'>{said}</caption>" if caption else ""
+    return f"<div class='wide'{name}><table>{above}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+
+
 # Blue and vermilion of Okabe and Ito's palette, which the colour-blind tell apart; lighter ones on dark.
-STYLE = """
+_STYLE = """
 :root { color-scheme: light dark; --paper: #ffffff; --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --card: #f6f8fa;
   --good: #005f9e; --bad: #b34700; --link: #0050a0; }
 @media (prefers-color-scheme: dark) { :root { --paper: #0f1419; --ink: #e6edf3; --soft: #9aa4af; --line: #343d47;
@@ -33,9 +61,10 @@ thead button { all: unset; cursor: pointer; padding: 6px 10px; font-weight: 600;
 button:focus-visible, a:focus-visible, .wide:focus-visible { outline: 3px solid var(--good); outline-offset: -3px; }
 th[aria-sort=ascending] button::after { content: " ▲"; } th[aria-sort=descending] button::after { content: " ▼"; }
 .yes { color: var(--good); } .no { color: var(--bad); font-weight: 600; }
+.line { fill: none; stroke-width: 1.6; } .line.ink { stroke: var(--ink); } .line.good { stroke: var(--good); }
+.line.bad { stroke: var(--bad); } .line.soft { stroke: var(--soft); }
 """
-
-SCRIPT = """
+_SORT = """
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells], body = table.tBodies[0];
   const value = (row, k) => row.cells[k].dataset.v ?? row.cells[k].textContent;

@@ -71,10 +71,10 @@ def results(folder: Path, count: int = 60, seed: int = 3) -> list[dict[str, Any]
 if __name__ == "__main__":
     import sys
 
-    from allegro_twin.grasping.evaluation.page.write import write_page
+    from allegro_twin.grasping.evaluation.html_report import write_html_report
 
     place = Path(sys.argv[1])
     place.mkdir(parents=True, exist_ok=True)
-    write_page(
+    write_html_report(
         place / "page.html", results(place), about={"engine": "mujoco 4.0.0", "protocol": "fc 1", "seeds": "0–49"}
     )
