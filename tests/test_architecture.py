@@ -83,7 +83,8 @@ FLOORS: dict[str, list[str | set[str]]] = {
     "hands": ["description", "generate", "library", "settings", "limits"],
     "learning": ["policy", {"tasks", "environments"}, "training"],
     "sim": [
-        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop", "observer",
+        "settings", "drivetrain", "objects", "mjcf_import", "model", "engine", "contact", "batch", "open_loop",
+        "observer",
     ],
     "surfaces": ["hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch"],
