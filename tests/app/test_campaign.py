@@ -12,8 +12,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import Bench, judged
 from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
 from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
-from allegro_twin.grasping.interchange.to_trial import foreign
-from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.interchange.read import foreign
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, metrics_of
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings

@@ -19,7 +19,7 @@ from allegro_twin.grasping.batch.batched_trials import run_trials
 from allegro_twin.grasping.batch.trials import Bench, Case, case_of, judged
 from allegro_twin.grasping.evaluation.campaign import Asked, targets_of
 from allegro_twin.grasping.evaluation.outcomes import rates
-from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, metrics_of
 from allegro_twin.grasping.scenario import Protocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw

@@ -11,8 +11,7 @@ import pytest
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import Bench, case_of, hand_of
 from allegro_twin.grasping.plan.close_in_geometry import FINE, closed, units
-from allegro_twin.grasping.plan.close_in_simulation import tried
-from allegro_twin.grasping.plan.fingers import Performer
+from allegro_twin.grasping.plan.close_in_simulation import Performer, tried
 from allegro_twin.grasping.plan.parallel import searched
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.save import written

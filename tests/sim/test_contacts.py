@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.metrics.carrying import least_effort
-from allegro_twin.grasping.metrics.measure import measured, of_touch
+from allegro_twin.grasping.metrics.trial_metrics import measured, of_touch
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
 from allegro_twin.sim.model.parts import part_names

@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import Timed, performer
-from allegro_twin.grasping.interchange.to_trial import foreign
-from allegro_twin.grasping.metrics.moment import NAMES, metrics_of
+from allegro_twin.grasping.interchange.read import foreign
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, metrics_of
 from allegro_twin.grasping.scenario import Protocol, Scenario, in_direction, load_protocol, load_scenario, object_of
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Draw

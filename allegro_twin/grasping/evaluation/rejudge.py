@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.grasping.verdict import Observations, Report, Rule, Window, judge
+from allegro_twin.sim.engine.backend import ENGINE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
+from allegro_twin.version import __version__
 
 
 def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> Report | None:
@@ -53,3 +59,14 @@ def stalled(report: Report, share: float = 0.5) -> str:
     """The joints that push at their limit for more than a share of the time."""
     found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part > share]
     return f"at its limit for most of the time: {', '.join(found)}" if found else "no joint stays at its limit"
+
+
+def write_reports(path: Path, reports: dict[str, Report]) -> None:
+    """All verdicts with their margins as one JSON file."""
+    content = {
+        "allegro_twin": __version__,
+        "engine": ENGINE,
+        "trials": {name: asdict(report) for name, report in reports.items()},
+    }
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, default=dict))

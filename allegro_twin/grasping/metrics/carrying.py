@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, forces, wrenches
-from allegro_twin.grasping.metrics.needs import scipy_part
+from allegro_twin.grasping.metrics.quality import scipy_part
 from allegro_twin.types import Array, Vector
 
 

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from allegro_twin.control.controllers import Gains
+from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.scenario import Scenario, Wrist
+from allegro_twin.grasping.trial import Trial
+from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.drivetrain.transmission import Lengths
+from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
@@ -62,3 +73,96 @@ def different(
         if far < metres and turned < np.radians(degrees):
             return False
     return True
+
+
+ROUND = 36
+"""Turns that stand for any turn of something round: every 10°, half of what makes grasps different."""
+
+
+def symmetry(placed: Placement) -> Array:
+    """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
+    cylinder or a sphere, of a box, and no other than none of a mesh."""
+    thing = placed.thing
+    _w, x, y, _z = placed.quaternion
+    upright = abs(x) < 1e-6 and abs(y) < 1e-6
+    match thing.shape:
+        case "sphere":
+            count = ROUND
+        case "cylinder":
+            count = ROUND if upright else 2
+        case "ellipsoid":
+            count = 2
+        case "box":
+            half = thing.half_extents()
+            square = np.isclose(*sorted(half)[:2]) if not upright else np.isclose(half[0], half[1])
+            count = 4 if square and (upright or np.allclose(half, half[0])) else 2
+        case _:
+            count = 1
+    angles = 2.0 * np.pi * np.arange(count) / count
+    c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros(count), np.ones(count)
+    turns: Array = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+    return turns
+
+
+DIGITS = 4
+"""Of angles in rad and of lengths in m, as files have them: what is proven is what is written."""
+
+
+def scenario_of(candidate: Candidate, bench: Workbench, scenario: Scenario) -> Scenario:
+    """The scenario with the candidate's palm."""
+    away = candidate.position - np.array(bench.placed.position)
+    wrist = Wrist.model_validate(
+        {
+            "position": row(away), "facing": row(candidate.rotation[:, 0]),
+            "fingers": row(candidate.rotation[:, 2]), "retreat": row(candidate.retreat),
+        }
+    )  # fmt: skip
+    return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.called})
+
+
+def grasp_of(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
+    """The candidate's postures as a grasp, of its template's type. `squeeze`: factor on how far the fingers are told to
+    go beyond where they touch."""
+    told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
+    preshape, close, told = (rounded(each, spec) for each in (candidate.preshape, candidate.close, told))
+    return replace(template, preshape=preshape, close=close, squeeze=told, grip=None, observed=None)
+
+
+def rounded(posture: Vector, spec: HandSpec) -> Vector:
+    """A posture as files have it, inside the joint limits, (n,), rad."""
+    fine = 10.0**DIGITS
+    inside: Vector = np.clip(
+        np.round(posture, DIGITS), np.ceil(spec.lower * fine) / fine, np.floor(spec.upper * fine) / fine
+    )
+    return inside
+
+
+def row(vector: Array) -> tuple[float, float, float]:
+    """Three lengths as files have them, m."""
+    x, y, z = np.round(vector, DIGITS).tolist()
+    return x, y, z
+
+
+SHARE = 0.9
+"""Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
+
+
+def check_loop(spec: HandSpec) -> None:
+    """Raises ConfigError for a hand that closes its own loop where nobody says how stiff that is: no squeeze could be
+    reckoned with."""
+    if "torque" not in spec.commands and spec.actuation.stiffness is None:
+        raise ConfigError(f"{spec.name}: its card says no `stiffness` of what is driven; `hand new` writes it")
+
+
+def resting(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Positions of what is driven by name, rad: what a batch of trials measures for `eased`."""
+    spec, lengths = trial.backend.spec, Lengths(trial.backend.spec, trial.backend.model)
+    at = lengths.position(data.qpos) if lengths.sums else lengths.look(trial.backend.model, data)[0]
+    return dict(zip(spec.joints, at.tolist(), strict=True))
+
+
+def eased(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
+    """The grasp with its squeeze no further from where its joints come to `rest` (n,), rad, than what `share` of their
+    torque limits makes: kp |squeeze - rest| ≤ share · limit."""
+    reach = share * spec.actuation.torque_limit / gains.kp
+    return replace(grasp, squeeze=rounded(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))

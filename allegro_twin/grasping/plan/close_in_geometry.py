@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from allegro_twin.grasping.metrics.contacts import Contacts, contacts
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.sim.contact.grasp_scene import Indices, Meetings, Workbench
 from allegro_twin.spec import HandSpec
-from allegro_twin.types import Vector
+from allegro_twin.types import Array, Vector
 
 COARSE, FINE = 0.17, 0.04
 """rad, of a step: where physics closes the fingers again afterwards, and where nothing does."""
@@ -51,3 +52,19 @@ def _last(candidate: Candidate, of: Indices, at: Vector) -> Vector:
         mine = at[of == motor]
         close[motor] = mine[np.argmax(candidate.closing[motor] * mine)]
     return close
+
+
+LEVER = 0.04
+"""m: what makes a moment a force, about the radius of what a hand holds."""
+UNBALANCED = 0.25
+"""More of every newton than this is left over: the fingers would push the object away."""
+
+
+def gripped(touch: Meetings, centre: Array, friction: float, torsion: float = 0.0) -> Contacts:
+    """What a workbench has found, as contacts of which metrics are taken; `torsion`: of each, m."""
+    return contacts(touch.points, touch.normals, friction, torsion, centre=centre, length=LEVER)
+
+
+def torsion_of(bench: Workbench) -> float:
+    """Counted for a hand of two fingers alone, m: about the line between them nothing else resists."""
+    return float(bench.model.geom_friction[:, 1].max()) if len(bench.spec.fingers) == 2 else 0.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gains
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.as_scenario import grasp_of, scenario_of
-from allegro_twin.grasping.plan.fingers import OVER
+from allegro_twin.grasping.plan.candidate import grasp_of, scenario_of
+from allegro_twin.grasping.plan.close_in_simulation import OVER
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.scenario import Scenario, load_protocol

@@ -9,12 +9,11 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_normal_force
+from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.close_in_geometry import COARSE, closed, units
-from allegro_twin.grasping.plan.force_closure import UNBALANCED, gripped, imbalance, torsion_of
-from allegro_twin.grasping.plan.poses import NOISE, Guesses, guesses
+from allegro_twin.grasping.plan.close_in_geometry import COARSE, UNBALANCED, closed, gripped, torsion_of, units
+from allegro_twin.grasping.plan.poses import NOISE, Guesses, Random, Surface, guesses, placed_surface
 from allegro_twin.grasping.plan.region import SHARE, Region, in_frame_of
-from allegro_twin.grasping.plan.surface import Random, Surface, placed_surface
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
 from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench

@@ -11,14 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from allegro_twin.grasping.plan.candidate import Candidate, different
+from allegro_twin.grasping.plan.candidate import Candidate, different, symmetry
 from allegro_twin.grasping.plan.close_in_geometry import COARSE, FINE
-from allegro_twin.grasping.plan.close_in_simulation import Outcome, squeezed, tried
-from allegro_twin.grasping.plan.fingers import Performer
+from allegro_twin.grasping.plan.close_in_simulation import Outcome, Performer, squeezed, tried
+from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.region import Region
-from allegro_twin.grasping.plan.surface import Random
-from allegro_twin.grasping.plan.symmetry import symmetry
 from allegro_twin.grasping.plan.validate import SEARCHED, Planned, Prover, pushed
 from allegro_twin.grasping.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
 from allegro_twin.grasping.timeline import stage

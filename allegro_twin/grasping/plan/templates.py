@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.grasping.plan.candidate import check_loop
 from allegro_twin.grasping.plan.poses import closing_of
-from allegro_twin.grasping.plan.reduce_squeeze import check_loop
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.taxonomy import claim

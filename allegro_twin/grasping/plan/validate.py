@@ -11,9 +11,7 @@ from typing import NamedTuple
 
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict
 from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
-from allegro_twin.grasping.plan.as_scenario import grasp_of, scenario_of
-from allegro_twin.grasping.plan.candidate import Candidate, different
-from allegro_twin.grasping.plan.reduce_squeeze import SHARE, eased
+from allegro_twin.grasping.plan.candidate import SHARE, Candidate, different, eased, grasp_of, scenario_of
 from allegro_twin.grasping.plan.region import Region, there
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, draws

@@ -10,8 +10,8 @@ from qpsolvers import solve_qp
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.metrics.carrying import least_effort, least_normal_force, weight
-from allegro_twin.grasping.metrics.closure import PUSH, residual
 from allegro_twin.grasping.metrics.contacts import Contacts, contacts, forces, wrenches
+from allegro_twin.grasping.metrics.quality import PUSH, residual
 from allegro_twin.types import Array
 from tests.grasping.metrics.test_quality import HALF, TETRAHEDRON, on_sphere, opposed
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.grasping.metrics.nearest import nearest
+from allegro_twin.grasping.metrics.nearest_point import nearest
 from allegro_twin.types import Array, Vector
 
 

@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.metrics.closure import margin, residual
 from allegro_twin.grasping.metrics.contacts import Contacts, contacts, forces, wrenches
-from allegro_twin.grasping.metrics.quality import of_wrenches, quality
+from allegro_twin.grasping.metrics.quality import margin, of_wrenches, quality, residual
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.types import Array
 

@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.plan.candidate import Candidate, apart, different
-from allegro_twin.grasping.plan.close_in_geometry import closed
-from allegro_twin.grasping.plan.force_closure import gripped, imbalance
-from allegro_twin.grasping.plan.poses import guesses
+from allegro_twin.grasping.metrics.quality import imbalance
+from allegro_twin.grasping.plan.candidate import Candidate, apart, different, symmetry
+from allegro_twin.grasping.plan.close_in_geometry import closed, gripped
+from allegro_twin.grasping.plan.poses import guesses, placed_surface, surface
 from allegro_twin.grasping.plan.propose import loads
-from allegro_twin.grasping.plan.surface import placed_surface, surface
-from allegro_twin.grasping.plan.symmetry import symmetry
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import stage

@@ -13,15 +13,13 @@ from hypothesis import strategies as st
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.trials import Bench, Case, case_of
 from allegro_twin.grasping.evaluation.outcomes import rate
-from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.improve import Improvement, varied
+from allegro_twin.grasping.plan.candidate import Candidate, eased
+from allegro_twin.grasping.plan.improve import Improvement, Version, varied
 from allegro_twin.grasping.plan.initial_guess import first_guess
-from allegro_twin.grasping.plan.reduce_squeeze import eased
 from allegro_twin.grasping.plan.save import in_words, stored, written
 from allegro_twin.grasping.plan.search import Budget, Effort, Search
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import FIRST, JUDGED, MORE, SEARCHED, Planned, best_of, judge
-from allegro_twin.grasping.plan.variants import Version
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.timeline import stage

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import HandError
-from allegro_twin.grasping.plan.variants import Try, Version, Where, plain, score, tries, version_of
+from allegro_twin.grasping.plan.improve import Try, Version, Where, plain, score, tries, version_of
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.uncertainty import Uncertainty, draws
 from allegro_twin.hands.description.hands import load_spec

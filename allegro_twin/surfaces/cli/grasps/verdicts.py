@@ -179,7 +179,7 @@ def _number(value: float | None, head: str) -> str:
 
 
 def _scipy() -> bool:
-    from allegro_twin.grasping.metrics.needs import scipy_part
+    from allegro_twin.grasping.metrics.quality import scipy_part
 
     try:
         scipy_part("optimize")

@@ -120,7 +120,7 @@ def firmware(
     from allegro_twin.drivers.can.virtual.serve import serve
     from allegro_twin.drivers.dynamixel.config import DynamixelSettings
     from allegro_twin.drivers.polled.config import PolledSettings
-    from allegro_twin.grasping.evaluation.report_file import write_reports
+    from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.hand.servos import be_servos
     from allegro_twin.surfaces.cli.performers import on_hand

@@ -204,7 +204,7 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> Non
 
 def _written(reports: dict[tuple[str, str], Report], folder: Path) -> bool:
     """Write the verdicts and an overview of the pictures; whether there are any."""
-    from allegro_twin.grasping.evaluation.report_file import write_reports
+    from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.viewing.stills import picture_all
 
     if not reports:
