@@ -15,8 +15,7 @@ import yaml
 from allegro_twin.app.config import RunConfig
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Parameters, Player
 from allegro_twin.twin.identify.excitation import laid, play, task_of
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.motions.motion import Motion, read_motion

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 from allegro_twin.viewing.gl_context import Screen

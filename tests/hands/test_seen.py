@@ -8,7 +8,7 @@ import pytest
 
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.recording.messages.frames import Frames
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
 

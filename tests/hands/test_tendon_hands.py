@@ -12,7 +12,7 @@ from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.mjcf_import.explore import explored
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import BEFORE, Parameters, Pieces, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.types import Array, TorqueCommand

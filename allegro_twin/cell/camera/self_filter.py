@@ -10,7 +10,7 @@ from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.camera.robot_mask import Alone
 from allegro_twin.cell.camera.settings import CameraSettings
 from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.types import Array, Vector
 

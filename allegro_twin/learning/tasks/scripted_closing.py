@@ -22,7 +22,7 @@ from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
 from allegro_twin.learning.tasks.scenes import THING, Scene, worlds
 from allegro_twin.sim.batch.cpu import Rows
-from allegro_twin.sim.contact.overlap import overlap
+from allegro_twin.sim.contact.contacts import overlap
 from allegro_twin.types import Array, Vector
 
 MARGIN = 0.1  # s, for the last action.

@@ -22,7 +22,7 @@ from allegro_twin.sim.batch.motors import BatchMotors
 from allegro_twin.sim.drivetrain.servos import Rows as Rows
 from allegro_twin.sim.drivetrain.servos import Servos
 from allegro_twin.sim.model import wrist
-from allegro_twin.sim.objects.presenter import NAME as PRESENTER
+from allegro_twin.sim.model.scene import PRESENTER
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

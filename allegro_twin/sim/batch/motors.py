@@ -12,7 +12,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import control_map
 from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.model.postures import Posed, moved_by, span
+from allegro_twin.sim.model.joints import Posed, moved_by, span
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 

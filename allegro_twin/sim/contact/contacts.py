@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.parts import Indices, parts_of
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -91,3 +93,28 @@ def _radius(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> float:
     )
     reach = np.linalg.norm(data.geom_xpos[geoms] - data.subtree_com[body], axis=1) + model.geom_rbound[geoms]
     return float(reach.max(initial=0.0))
+
+
+def overlap(model: mujoco.MjModel, spec: HandSpec, posture: Vector, thing: str, pose: Vector, scale: float) -> float:
+    """The deepest contact between a free body and the hand, m; 0 where they are apart.
+
+    The fingers are at `posture` (n,), rad, the body at `pose` (7,), m, and `scale` times its size.
+    """
+    model = copy.copy(model)
+    body = model.body(thing)
+    first, count = int(body.geomadr[0]), int(body.geomnum[0])
+    model.geom_size[first : first + count] *= scale
+    model.geom_rbound[first : first + count] *= scale
+    model.geom_aabb[first : first + count] *= scale
+    boxes = slice(int(model.body_bvhadr[body.id]), int(model.body_bvhadr[body.id] + model.body_bvhnum[body.id]))
+    model.bvh_aabb[boxes] *= scale
+    data = mujoco.MjData(model)
+    Posed(spec, model)(posture, data.qpos)
+    data.joint(thing).qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    deepest = 0.0
+    for contact in data.contact:
+        bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom]
+        if body.id in bodies and 0 not in bodies:
+            deepest = max(deepest, -float(contact.dist))
+    return deepest

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.parts import parts_of
-from allegro_twin.sim.model.postures import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import Placement
 from allegro_twin.spec import HandSpec

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.model.postures import Posed
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import Placement, Thing, orientation
 from allegro_twin.spec.arm import ArmSpec

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from allegro_twin.sim.model.joints import Posed
 from allegro_twin.sim.model.parts import part_names, parts_of
-from allegro_twin.sim.model.postures import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, frozen
 

@@ -17,7 +17,7 @@ from allegro_twin.sim.mjcf_import.adapt import adopt, located, mounted, read
 from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.arm_with_hand import Mounted, hang, pedestal, tell
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.objects import catalogue, presenter
+from allegro_twin.sim.objects import catalogue
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import Array
@@ -97,7 +97,7 @@ def compile_scene(spec: HandSpec, stage: Stage, mounted: Mounted | None = None) 
     for placement in stage.things:
         catalogue.add(scene, placement, friction, every_shape=stage.every_shape)
     if stage.presented:
-        presenter.add(scene, stage.things[0])
+        _add_presenter(scene, stage.things[0])
     stage.physics.contacts(scene)
     try:
         with catch_warnings():
@@ -141,3 +141,26 @@ def _surroundings(scene: mujoco.MjSpec, stage: Stage, side: float) -> None:
             name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.45, 0.45, 0.02], pos=[0, 0, -0.02],
             friction=stage.physics.friction(stage.friction), rgba=[*TABLE, 1.0],
         )  # fmt: skip
+
+
+PRESENTER = "presenter"
+"""The body of a person who presents an object by a soft hold that is moved, and lets go."""
+# Chosen so that a 50 g object yields by some 3 mm a newton and sags by 1.5 mm, like one in two fingertips: the hold
+# pulls with k = 1600 /s² and is critically damped; the impedance 0.8 is how much of that it may enforce.
+_STIFFNESS, _IMPEDANCE = 1600.0, 0.8
+
+
+def _add_presenter(spec: mujoco.MjSpec, placement: catalogue.Placement) -> None:
+    """Hold a thing of the scene where it is, from a body without mass that somebody moves."""
+    spec.worldbody.add_body(name=PRESENTER, mocap=True, pos=placement.position, quat=placement.quaternion)
+    spec.add_equality(
+        name=PRESENTER,
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=PRESENTER,
+        name2=placement.thing.name,
+        # Anchor at the object's middle, pose as placed (zeros: from the model), and the weight of the rotation, m.
+        data=[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.05, 0],
+        solref=[-_STIFFNESS, -2 * _STIFFNESS**0.5],
+        solimp=[_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2],
+    )

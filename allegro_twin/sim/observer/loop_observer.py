@@ -19,9 +19,8 @@ from scipy.linalg import expm  # type: ignore[import-untyped]  # Its types are a
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
 from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.model.friction_changes import Change, lose
+from allegro_twin.sim.model.joints import Change, Posed, lose, moved_by
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.model.postures import Posed, moved_by
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.observer.kalman import Kalman
 from allegro_twin.sim.observer.observer import Estimate

@@ -24,10 +24,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import Change
 from allegro_twin.sim.observer.kalman import Kalman
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import BEFORE, Parameters, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

@@ -15,7 +15,7 @@ from allegro_twin.app.rig import guarded
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import Change
 from allegro_twin.twin.branch.assumptions import knowledge, meetings
 from allegro_twin.twin.branch.futures import Branched, Through, Wanted, rows_before
 from allegro_twin.twin.branch.model import model_at

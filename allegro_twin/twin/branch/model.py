@@ -19,7 +19,7 @@ from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import Change
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec

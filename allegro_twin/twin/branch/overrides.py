@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import parse_yaml
-from allegro_twin.sim.model.friction_changes import Change
+from allegro_twin.sim.model.joints import Change
 from allegro_twin.spec import HandSpec
 
 Changes: TypeAlias = Mapping[str, Any]

@@ -15,7 +15,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Player
 from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twins.identifying import lines, table
 from allegro_twin.surfaces.cli.twins.twin import weight_of

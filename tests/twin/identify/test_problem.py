@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Parameters, Player
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, unscaled
 from allegro_twin.twin.identify.fitting.problem import Problem, at_model
 from allegro_twin.twin.identify.fitting.regress import breaking, regress

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Player
 from allegro_twin.twin.identify.fitting.regress import breaking, regress
 from allegro_twin.twin.identify.motions.motion import read_motion
 from tests.twin.identify import hidden

@@ -8,8 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import STEP, Player
+from allegro_twin.sim.open_loop import STEP, Parameters, Player
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, at_model

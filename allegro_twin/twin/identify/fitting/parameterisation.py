@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import Parameters
 from allegro_twin.types import Array, Vector
 
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")

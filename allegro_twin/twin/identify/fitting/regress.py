@@ -16,8 +16,7 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop.segments import Parameters
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Parameters, Player
 from allegro_twin.twin.identify.motions.motion import Motion
 from allegro_twin.types import Array, Vector
 

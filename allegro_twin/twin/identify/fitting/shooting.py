@@ -13,8 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import BEFORE, Parameters, Pieces
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import BEFORE, Parameters, Pieces, Player
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.twin.identify.fitting.sensitivities import Answers

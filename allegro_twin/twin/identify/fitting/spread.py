@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import Parameters
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import Descended
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance

@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.description.calibration import FULL_SCALE, Calibration, Version
 from allegro_twin.recording.reader import load
-from allegro_twin.sim.open_loop.segments import BEFORE
+from allegro_twin.sim.open_loop import BEFORE
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 

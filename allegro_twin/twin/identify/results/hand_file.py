@@ -18,7 +18,7 @@ from allegro_twin.hands.description.calibration import Calibration, Version
 from allegro_twin.hands.description.hands import load_actuation
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import Parameters
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.segments import Parameters
+from allegro_twin.sim.open_loop import Parameters
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import index, least, scaled, slope, unscaled
 

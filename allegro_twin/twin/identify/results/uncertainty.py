@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop.windows import Player
+from allegro_twin.sim.open_loop import Player
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.fitting.regress import smoothed
