@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from allegro_twin.files.assets import data_root
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case, case_of
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner, load_case
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.gains import ruled
@@ -24,17 +24,17 @@ _PLAIN = re.compile(r"[A-Za-z][\w %.;-]*")
 
 def shown(listed: list[Listed]) -> Iterator[tuple[Listed, bool, Observed | None]]:
     """Each grasp that has evidence, whether it holds there, and as what."""
-    groups: dict[tuple[str, str, float], list[tuple[Listed, Case]]] = {}
+    groups: dict[tuple[str, str, float], list[tuple[Listed, TrialCase]]] = {}
     for each in listed:
         entry = each.entry
         assert isinstance(entry, GraspFile)
         if entry.evidence and not entry.evidence.startswith("posture: "):
             spec = load_spec(entry.hand)
-            case = case_of({"scenario": entry.evidence, "grasp": each.name}, spec)
+            case = load_case({"scenario": entry.evidence, "grasp": each.name}, spec)
             key = entry.hand, ruled(case.ruled.gains, spec), case.ruled.period or PERIOD
             groups.setdefault(key, []).append((each, case))
     for (hand, gains, period), rows in groups.items():
-        verdicts = Bench(load_spec(hand), gains, period, 1).verdicts([case for _, case in rows])
+        verdicts = TrialRunner(load_spec(hand), gains, period, 1).verdicts([case for _, case in rows])
         for (each, _), verdict in zip(rows, verdicts, strict=True):
             yield each, verdict.held, None if verdict.report is None else verdict.report.observed
 

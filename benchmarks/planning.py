@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.files.assets import data_root, read_yaml
-from allegro_twin.grasping.batch.trials import Bench, Case
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
 from allegro_twin.grasping.plan.search import Budget, Search
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import SEARCHED
-from allegro_twin.grasping.uncertainty import draws
+from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
@@ -42,9 +42,9 @@ def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]
         "margins": [round(each.margin, 2) for each in found],
     }  # fmt: skip
     if found and unseen:
-        drawn = draws(SEARCHED, unseen, seed=UNSEEN, stream="judge")
-        cases = [Case(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
-        row["held"] = round(float(np.mean([v.held for v in Bench(spec).verdicts(cases, stop_early=True)])), 3)
+        drawn = sample_perturbations(SEARCHED, unseen, seed=UNSEEN, stream="judge")
+        cases = [TrialCase(each.scenario, each.grasp, draw, None, Path()) for each in found for draw in drawn]
+        row["held"] = round(float(np.mean([v.held for v in TrialRunner(spec).verdicts(cases, stop_early=True)])), 3)
     return row
 
 

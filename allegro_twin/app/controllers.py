@@ -26,7 +26,7 @@ from allegro_twin.types import frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.controllers import Gains, Gravity
-    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.grasping.trial import Trial
     from allegro_twin.hands.library.grasps import Grasp
 
@@ -131,9 +131,11 @@ def _position(settings: PositionSettings, context: ControllerContext) -> MadeCon
     return MadeController(PID(wanted.reference, gains, spec.actuation.torque_limit, gravity), wanted.seconds)
 
 
-def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: HandSpec, gains: Gains) -> Controller[Any]:
+def _gripping(
+    settings: PositionSettings, grasp: Grasp, timed: TimedGrasp, spec: HandSpec, gains: Gains
+) -> Controller[Any]:
     """The controller of a grasp that controls force; it always carries the hand's weight."""
-    from allegro_twin.grasping.controller import performer
+    from allegro_twin.grasping.controller import make_grasp_controller
     from allegro_twin.sim.model.statics import hand_model
 
     if settings.kind != "pd" or not settings.compensate:
@@ -141,7 +143,7 @@ def _gripping(settings: PositionSettings, grasp: Grasp, timed: Timed, spec: Hand
         raise ConfigError(
             f"grasp {grasp.name} controls force, under PD and with the hand's weight carried; leave out {key}"
         )
-    return performer(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_model(spec))
+    return make_grasp_controller(grasp, timed, spec, gains, _gravity(spec, settings.gravity), hand_model(spec))
 
 
 def _gravity(spec: HandSpec, vector: tuple[float, float, float] | None) -> Gravity:

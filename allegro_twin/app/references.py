@@ -14,7 +14,7 @@ from allegro_twin.types import Vector, frozen
 
 if TYPE_CHECKING:
     from allegro_twin.control.trajectory import Reference
-    from allegro_twin.grasping.controller import Timed
+    from allegro_twin.grasping.controller import TimedGrasp
     from allegro_twin.hands.library.grasps import Grasp
 
 SQUEEZE, STAY = 0.5, 1.0
@@ -34,13 +34,13 @@ class Wanted:
     squeeze_at: float = 0.0
     """When they squeeze, s."""
 
-    def timed(self) -> Timed:
+    def timed(self) -> TimedGrasp:
         """The motion of its grasp."""
         from allegro_twin.control.trajectory import Moves
-        from allegro_twin.grasping.controller import Timed
+        from allegro_twin.grasping.controller import TimedGrasp
 
         assert isinstance(self.reference, Moves)
-        return Timed(self.reference, self.close_at, self.squeeze_at)
+        return TimedGrasp(self.reference, self.close_at, self.squeeze_at)
 
 
 def wanted_of(settings: PositionSettings | FollowSettings, context: ControllerContext) -> Wanted:

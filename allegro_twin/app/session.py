@@ -23,7 +23,7 @@ from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.version import __version__
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 
 REACHED = 0.03
@@ -54,7 +54,7 @@ class Outcome:
     """How a run ended."""
 
     last: HandState
-    report: Report | None
+    report: TrialReport | None
     notes: tuple[str, ...]
     """What was asked for and could not be had, and warnings."""
     motion: float = 0.0
@@ -224,7 +224,7 @@ def _drawn(
     return samples
 
 
-def _concluded(viewers: list[Any], report: Report | None) -> None:
+def _concluded(viewers: list[Any], report: TrialReport | None) -> None:
     if viewers and report is not None:
         from allegro_twin.grasping.evaluation.rejudge import checks, in_words
 

@@ -49,7 +49,7 @@ FLAT, LONG, EQUAL, ROUND = 0.5, 2.0, 1.3, 0.65
 it is as wide as thick, and how much of its box it fills as a ball (π/6 = 0.52; a cylinder π/4 = 0.79)."""
 
 
-class Shape(NamedTuple):
+class ObjectShape(NamedTuple):
     """An object: the edges of its bounding box, m, sorted, and how much of the box it fills."""
 
     short: float
@@ -74,7 +74,7 @@ class Shape(NamedTuple):
         return self.long >= LONG * self.middle and not self.flat
 
 
-class Bearing(NamedTuple):
+class SurfaceLoad(NamedTuple):
     """What one surface of one part of the hand bears."""
 
     part: str
@@ -88,13 +88,13 @@ class Bearing(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class GraspObservation:
     """What is known of a grasp while it holds."""
 
-    bearings: Sequence[Bearing]
+    bearings: Sequence[SurfaceLoad]
     fingers: tuple[str, ...]
     """All of the hand's but the thumb, from its side outward: index first."""
-    shape: Shape
+    shape: ObjectShape
     thumb: str | None = "thumb"
     """None: a hand whose digits are alike; then the one that all others press against is."""
     elevation: float = 90.0
@@ -105,15 +105,15 @@ class Seen:
     """Length of the longest finger, m."""
 
 
-def observed(seen: Seen) -> Observed:
+def classify_grasp(seen: GraspObservation) -> Observed:
     """The type; `Observed.number` is None for none of the 33."""
-    return _Grasp(seen).type()
+    return _Classifier(seen).type()
 
 
-class _Grasp:
+class _Classifier:
     """The contacts that carry, sorted by what they do."""
 
-    def __init__(self, seen: Seen) -> None:
+    def __init__(self, seen: GraspObservation) -> None:
         self.seen, self.shape = seen, seen.shape
         total = sum(b.force for b in seen.bearings)
         parts = {b.part: sum(c.force for c in seen.bearings if c.part == b.part) for b in seen.bearings}

@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.scenario import ObjectSettings, Phase, Protocol, Scenario
-from allegro_twin.grasping.verdict import Window
+from allegro_twin.grasping.scenario import Phase, Scenario, ScenarioObject, TrialProtocol
+from allegro_twin.grasping.verdict import PhaseWindow
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import facing, mirrored, quaternion_from_matrix
 from allegro_twin.sim.model import wrist
@@ -26,10 +26,10 @@ _MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class TrialTimeline:
     """One trial on the clock: hand and wrist act by the same timeline."""
 
-    windows: tuple[Window, ...]
+    windows: tuple[PhaseWindow, ...]
     reference: Moves
     """What the fingers follow."""
     segments: list[wrist.Segment]
@@ -42,7 +42,9 @@ class Plan:
         return self.windows[-1].end
 
 
-def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float) -> Plan:
+def make_timeline(
+    protocol: TrialProtocol, grasp: Grasp, scenario: Scenario, start: Vector, side: Side, period: float
+) -> TrialTimeline:
     """Time every phase in whole control periods, beginning with the hand at `start` (n,), rad."""
     windows, waypoints, segments, pushes = [], [], [], []
     posture, t = start, 0.0
@@ -54,13 +56,13 @@ def plan(protocol: Protocol, grasp: Grasp, scenario: Scenario, start: Vector, si
         posture = waypoint.posture
         waypoints.append(replace(waypoint, seconds=seconds, profile=grasp.profile))
         segments.append(_segment(phase, seconds, scenario, side))
-        windows.append(Window(phase.name, t, t + seconds, phase.check))
+        windows.append(PhaseWindow(phase.name, t, t + seconds, phase.check))
         pushes.append(np.tile(_on_side(phase.push, side), (round(seconds / period), 1)))
         t += seconds
-    return Plan(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
+    return TrialTimeline(tuple(windows), Moves(waypoints), segments, np.concatenate(pushes))
 
 
-def stage(scenario: Scenario, protocol: Protocol, side: Side, folder: Path) -> Stage:
+def make_stage(scenario: Scenario, protocol: TrialProtocol, side: Side, folder: Path) -> Stage:
     """The table, the objects on it, and the hand where its approach begins."""
     things = [_placed(settings, folder) for settings in scenario.objects]
     offset = np.array(scenario.wrist.position)
@@ -108,7 +110,7 @@ def _segment(phase: Phase, seconds: float, scenario: Scenario, side: Side) -> wr
     return wrist.Segment(seconds, move, shake, phase.shake.frequency)
 
 
-def _placed(settings: ObjectSettings, folder: Path) -> catalogue.Placement:
+def _placed(settings: ScenarioObject, folder: Path) -> catalogue.Placement:
     if settings.shape is None:
         thing = catalogue.named(settings.name)
     else:
@@ -123,12 +125,12 @@ def _placed(settings: ObjectSettings, folder: Path) -> catalogue.Placement:
     return catalogue.Placement(thing, position, tuple(turned))
 
 
-def _half_height(settings: ObjectSettings, thing: catalogue.Thing) -> float:
+def _half_height(settings: ScenarioObject, thing: catalogue.Thing) -> float:
     """From the table to the middle of an object as it stands, m."""
     return float(thing.half_extents()["xyz".index(settings.up)])
 
 
-def _own(settings: ObjectSettings, folder: Path) -> catalogue.Thing:
+def _own(settings: ScenarioObject, folder: Path) -> catalogue.Thing:
     """An object described in the scenario itself. Raises ConfigError for what its shape needs and does not have."""
     name, shape = settings.name, settings.shape
     assert shape is not None

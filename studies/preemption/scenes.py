@@ -10,8 +10,8 @@ import numpy as np
 
 from allegro_twin.control.controllers import Gravity
 from allegro_twin.grasping import scenario as rules
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
@@ -75,7 +75,7 @@ class Bench:
         model.geom_friction[:, 0] = job.case.friction
         if job.control is not None and job.control.frozen:
             grasp = replace(grasp, close=grasp.preshape, squeeze=grasp.preshape)
-        placed = Draw(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
+        placed = Perturbation(job.case.x, job.case.y, job.case.yaw).on(scene).things[0]
         goal = scene.position - np.array(scenario.wrist.retreat)
         down = -physics.physics().gravity[2]
         load = wrist.load(model)
@@ -111,8 +111,8 @@ class Bench:
             name = self.study.hands[self.hand].format(object=thing)
             scenario, path = rules.load_scenario(name)
             approach = rules.Phase(name="approach", seconds=1.0, wrist="approach")
-            protocol = rules.Protocol(version=1, physics=physics, phases=(approach,), reference="approach")
-            scene = stage(scenario, protocol, self.spec.side, path.parent)
+            protocol = rules.TrialProtocol(version=1, physics=physics, phases=(approach,), reference="approach")
+            scene = make_stage(scenario, protocol, self.spec.side, path.parent)
             model = compile_scene(self.spec, scene)
             wrist.soften(model, servo_of(self.study.arm, wrist.load(model)))
             self._made[key] = model, scene, scenario, load_grasp(scenario.grasp, self.spec)

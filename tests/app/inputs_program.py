@@ -26,7 +26,7 @@ def keys(targets: list[str]) -> list[str]:
 
 def tried(targets: list[str]) -> None:
     """A trial of each, with what it opens noted."""
-    from allegro_twin.grasping.batch.trials import judged
+    from allegro_twin.grasping.batch.trials import run_cases
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(arguments[0], str | Path):
@@ -39,7 +39,7 @@ def tried(targets: list[str]) -> None:
             if target.endswith(".npy")
             else {"scenario": target}
         )
-        judged({"threads": 1}, [item])
+        run_cases({"threads": 1}, [item])
 
 
 def main() -> None:

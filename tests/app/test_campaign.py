@@ -9,7 +9,7 @@ import pytest
 
 from allegro_twin.app.portraits import ends_of_objects, staged, worth_showing
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, judged
+from allegro_twin.grasping.batch.trials import TrialRunner, run_cases
 from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, Target, campaign_of, targets_of
 from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rates
 from allegro_twin.grasping.interchange.read import foreign
@@ -108,8 +108,8 @@ def test_metrics_are_those_of_the_contacts_at_the_end_of_the_first_check(tmp_pat
     pytest.importorskip("scipy", reason="metrics of contacts need SciPy: extra objects")
     (target,) = targets_of([scenario(tmp_path)], Asked(str(short(tmp_path))))
     draw = {"x": 0.001}
-    row, drawn = judged({"metrics": True}, [target.item, target.item | {"draw": draw}])
-    bench = Bench(load_spec())
+    row, drawn = run_cases({"metrics": True}, [target.item, target.item | {"draw": draw}])
+    bench = TrialRunner(load_spec())
     trial = bench.trial(target.case)
     hand = Guard(trial.backend, hand_limits(LimitSettings(), bench.spec))
     for _ in until(trial.seconds, run(hand, bench.controller(trial))):
@@ -118,7 +118,7 @@ def test_metrics_are_those_of_the_contacts_at_the_end_of_the_first_check(tmp_pat
     assert alone["fingers"] >= 3
     assert {name: row[name] for name in NAMES} == pytest.approx(alone, rel=1e-6)
     assert all(np.isnan(drawn[name]) for name in NAMES)
-    assert not set(NAMES) & judged({}, [target.item])[0].keys()
+    assert not set(NAMES) & run_cases({}, [target.item])[0].keys()
 
 
 def test_a_trial_that_could_not_be_made_is_no_success_and_a_draw_that_could_not_be_is_not_counted(

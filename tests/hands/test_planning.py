@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, case_of, hand_of
+from allegro_twin.grasping.batch.trials import TrialRunner, hand_name, load_case
 from allegro_twin.grasping.plan.close_in_geometry import FINE, closed, units
 from allegro_twin.grasping.plan.close_in_simulation import Performer, tried
 from allegro_twin.grasping.plan.parallel import searched
@@ -19,7 +19,7 @@ from allegro_twin.grasping.plan.search import Budget, Effort, Search
 from allegro_twin.grasping.plan.templates import gathering, templates
 from allegro_twin.grasping.plan.validate import AS_IT_IS, Planned, Prover
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
@@ -41,7 +41,7 @@ def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: Effort = LITTL
 
 def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> Workbench:
     scenario = scenario_of(thing, "z", 1.0, None, 0.8)
-    return Workbench(spec, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return Workbench(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def test_a_step_is_as_far_as_the_fastest_joint_of_a_motor_turns() -> None:
@@ -84,7 +84,7 @@ def test_a_model_o_finds_a_grasp_that_is_written_for_it_and_judged_the_same(tmp_
     assert planned.margin > 0.0
     (path,) = written([planned], "ball", tmp_path, spec)
     assert load_scenario(path)[0].hand == "model_o"
-    (verdict,) = Bench(spec).verdicts([case_of({"scenario": path}, spec)])
+    (verdict,) = TrialRunner(spec).verdicts([load_case({"scenario": path}, spec)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
 
@@ -141,7 +141,7 @@ def test_a_gripper_by_its_card_is_proposed_grasps_that_physics_lets_pass_and_its
     prover = Prover(bench, search.scenario, spec, search.templates, Path(), 0, Uncertainty(), None)
     (path,) = written([Planned(passed[0], *prover.as_files(passed[0], AS_IT_IS))], "lemon", tmp_path / "plans", spec)
     assert "hand: ../mine/gripper.yaml" in path.read_text()
-    assert Path(hand_of({"scenario": path})).resolve() == card.resolve()
+    assert Path(hand_name({"scenario": path})).resolve() == card.resolve()
 
 
 @pytest.mark.long
@@ -153,8 +153,8 @@ def test_a_gripper_by_its_card_plans_and_what_is_written_is_judged_the_same(
     spec = load_spec("mine/gripper.yaml")
     (planned,) = search_of(spec, "lemon", Effort(guessed=8, closed=4, drawn=1)).run(1, Budget(400))
     (path,) = written([planned], "lemon", tmp_path / "plans", spec)
-    again = load_spec(hand_of({"scenario": path}))
-    (verdict,) = Bench(again).verdicts([case_of({"scenario": path}, again)])
+    again = load_spec(hand_name({"scenario": path}))
+    (verdict,) = TrialRunner(again).verdicts([load_case({"scenario": path}, again)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
 

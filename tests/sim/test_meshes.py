@@ -13,8 +13,8 @@ import pytest
 from allegro_twin.app import assemble
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import load_protocol
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Perturbation
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.model.parts import parts_of
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -143,7 +143,7 @@ def test_a_larger_one_is_cut_as_the_mesh_itself_and_not_anew(tmp_path: Path, mon
     thing = Thing("ring", "mesh", (), 0.1, written(tmp_path / "ring.obj", *ring()))
     pieces = thing.pieces()
     monkeypatch.setattr("coacd.run_coacd", None)
-    case = Draw(size=1.05, mass=1.2)
+    case = Perturbation(size=1.05, mass=1.2)
     around = Stage(np.zeros(3), np.array([1.0, 0, 0, 0]), (Placement(thing, (0, 0, HALF), (1, 0, 0, 0)),), table=True)
     (larger,) = case.on(around).things
     for piece, one in zip(larger.thing.pieces(), pieces, strict=True):
@@ -191,12 +191,12 @@ def test_a_mesh_that_is_no_solid_of_a_hands_size_says_why(tmp_path: Path) -> Non
 def test_a_mesh_stands_on_the_table_and_weighs_by_its_volume_where_nobody_says(tmp_path: Path) -> None:
     file = written(tmp_path / "ring.obj", *ring())
     own = {"name": "ring", "shape": "mesh", "file": str(file)}
-    (placed,) = stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
+    (placed,) = make_stage(scenario(objects=[own]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.position[2] == pytest.approx(HALF, abs=2e-4)
     volume = 2 * HALF * 4 * (OUTER**2 - INNER**2)
     assert placed.thing.mass == pytest.approx(500.0 * volume, rel=1e-6)
     hole = {**own, "collision": "hull"}
-    (placed,) = stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
+    (placed,) = make_stage(scenario(objects=[hole]), load_protocol("table_pick"), "right", tmp_path).things
     assert placed.thing.mesh().volume == pytest.approx(2 * HALF * 4 * OUTER**2, rel=1e-6)
 
 

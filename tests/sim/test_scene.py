@@ -12,7 +12,7 @@ import pytest
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.timeline import plan, stage
+from allegro_twin.grasping.timeline import make_stage, make_timeline
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.sim.contact.probe import Probe
@@ -35,7 +35,7 @@ def scenario(**changes: Any) -> Scenario:
 
 def backend_at(settings: Scenario, folder: Path = Path(), side: Side = "right") -> SimBackend:
     spec = load_spec(side=side)
-    return SimBackend(spec, compile_scene(spec, stage(settings, load_protocol(settings.protocol), side, folder)))
+    return SimBackend(spec, compile_scene(spec, make_stage(settings, load_protocol(settings.protocol), side, folder)))
 
 
 def test_the_catalogue_has_the_22_ycb_objects() -> None:
@@ -61,7 +61,7 @@ def test_every_object_weighs_what_it_should_and_rests_where_it_stands(name: str)
 
 @pytest.mark.parametrize(("up", "height"), [("x", 0.035), ("y", 0.110), ("z", 0.089)])
 def test_up_says_which_axis_of_the_object_points_at_the_sky(up: str, height: float) -> None:
-    placed = stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
+    placed = make_stage(scenario(objects=[{"name": "pudding_box", "up": up}]), PROTOCOL, "right", Path()).things[0]
     assert placed.position[2] == pytest.approx(height / 2, abs=2e-4)
     turned = np.empty(3)
     mujoco.mju_rotVecQuat(turned, np.eye(3)["xyz".index(up)], np.array(placed.quaternion))
@@ -106,7 +106,7 @@ def test_a_mesh_and_an_mjcf_of_the_users_own_become_objects(tmp_path: Path) -> N
 )
 def test_an_own_object_says_what_it_lacks(own: dict[str, Any], message: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=message):
-        stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
+        make_stage(scenario(objects=[own]), PROTOCOL, "right", tmp_path)
 
 
 def test_an_unreadable_mjcf_is_one_line_with_its_file(tmp_path: Path) -> None:
@@ -121,8 +121,8 @@ def wrist_run(protocol: str, side: Side) -> tuple[SimBackend, Any]:
     spec = load_spec(side=side)
     settings = scenario()
     grasp = load_grasp("quadpod", spec)
-    timeline = plan(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
-    model = compile_scene(spec, stage(settings, PROTOCOL, side, Path()))
+    timeline = make_timeline(load_protocol(protocol), grasp, settings, grasp.preshape, side, 0.003)
+    model = compile_scene(spec, make_stage(settings, PROTOCOL, side, Path()))
     drive = wrist.commands(timeline.segments, Physics().timestep, wrist.load(model))
     return SimBackend(spec, model, posture=grasp.preshape, drive=drive), timeline
 

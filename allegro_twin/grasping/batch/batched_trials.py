@@ -12,7 +12,7 @@ from allegro_twin.controller import Controller
 from allegro_twin.grasping.batch.batched_control import BatchedControllers
 from allegro_twin.grasping.batch.trial_loop import TrialLoop, in_layouts, stacked
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.grasping.verdict import Observations, Report, moved
+from allegro_twin.grasping.verdict import Observations, TrialReport, relative_displacement
 from allegro_twin.safety import Limits, violation
 from allegro_twin.sim.batch.cpu import Rows
 from allegro_twin.types import Array, HandState, frozen
@@ -25,7 +25,7 @@ LOOK = 10
 class Verdict:
     """How a trial ended."""
 
-    report: Report | None
+    report: TrialReport | None
     """None where it could not go on."""
     stopped: str = ""
     """Why."""
@@ -155,7 +155,9 @@ class _JudgedTrials(TrialLoop):
         """Why each of some trials cannot be held any more; empty where it may be."""
         rules, (palm, body) = [self.trials[row].rule for row in rows], self._poses
         start = self._begin[rows]
-        drift, rotation = moved(palm[rows, start], body[rows, start], palm[rows, self.tick], body[rows, self.tick])
+        drift, rotation = relative_displacement(
+            palm[rows, start], body[rows, start], palm[rows, self.tick], body[rows, self.tick]
+        )
         return [
             f"moved {d * 1000:.1f} mm and {r:.1f}° in the hand" if d > rule.drift or r > rule.rotation else ""
             for d, r, rule in zip(drift, rotation, rules, strict=True)

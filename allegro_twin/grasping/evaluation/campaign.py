@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import read_yaml
 from allegro_twin.files.fingerprint import fingerprint
-from allegro_twin.grasping.batch.trials import Case, case_of, hand_of
+from allegro_twin.grasping.batch.trials import TrialCase, hand_name, load_case
 from allegro_twin.grasping.interchange.read import grasps_in
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
@@ -36,7 +36,7 @@ class InputsOf:
     def __init__(self) -> None:
         self._scenes: dict[str, str] = {}
 
-    def __call__(self, case: Case, spec: HandSpec, name: str, file: Path | None = None) -> Inputs:
+    def __call__(self, case: TrialCase, spec: HandSpec, name: str, file: Path | None = None) -> Inputs:
         """Of the trial of that name. `file`: of many grasps, of which its grasp and the palm's place are; those of one
         file share their scene. Raises ConfigError for a scene that cannot be built."""
         scenario, protocol = case.scenario, case.ruled
@@ -58,10 +58,10 @@ class InputsOf:
         alike = {key: digest for key, digest in found.items() if file is None or not key.startswith("grasps")}
         return found | {f"{SCENE} {spec.name} at {where}": self._scene(case, spec, fingerprint(alike, file))}
 
-    def _scene(self, case: Case, spec: HandSpec, parts: str) -> str:
+    def _scene(self, case: TrialCase, spec: HandSpec, parts: str) -> str:
         """The compiled model: the net under the list above, for what a description includes."""
         if parts not in self._scenes:
-            scene = stage(case.scenario, case.ruled, spec.side, case.folder)
+            scene = make_stage(case.scenario, case.ruled, spec.side, case.folder)
             self._scenes[parts] = model_fingerprint(compile_scene(spec, scene))
         return self._scenes[parts]
 
@@ -73,14 +73,14 @@ def scenario_fingerprint(scenario: Scenario) -> str:
     return fingerprint(scenario.model_copy(update=named_by | {"description": ""}))
 
 
-def object_fingerprint(settings: ObjectSettings, folder: Path) -> str:
+def object_fingerprint(settings: ScenarioObject, folder: Path) -> str:
     """Of one object: its file, or what the catalogue says of that name. Raises ConfigError."""
     if settings.file is not None:
         return fingerprint(folder / settings.file, settings.model_copy(update={"file": None}))
     return fingerprint(settings, named(settings.name) if settings.shape is None else None)
 
 
-JUDGE = "allegro_twin.grasping.batch.trials:judged"
+JUDGE = "allegro_twin.grasping.batch.trials:run_cases"
 FLOATING = "fc"
 """What grasps of a file are tried under unless something else is said: they know of no table."""
 _NAMED = 30
@@ -113,7 +113,7 @@ class Target:
     name: str
     item: dict[str, Any]
     """Of `build.trials.judged`, without a draw."""
-    case: Case
+    case: TrialCase
     spec: HandSpec
 
     @property
@@ -157,7 +157,7 @@ def campaign_of(targets: Sequence[Target], noise: Noise, *, metrics: bool = Fals
     """A trial without a draw of every target and one for each draw, in that order. Other targets, another protocol,
     seed or uncertainty make another sweep; more draws go on with the same one; changed inputs are tried again. Raises
     ConfigError."""
-    each = [None, *(asdict(draw) for draw in draws(noise.uncertainty, noise.n, noise.seed))]
+    each = [None, *(asdict(draw) for draw in sample_perturbations(noise.uncertainty, noise.n, noise.seed))]
     items = [target.item | {"draw": draw} for target in targets for draw in each]
     inputs_of, inputs = InputsOf(), list[Mapping[str, str]]()
     for target in targets:
@@ -174,8 +174,8 @@ def _targets(path: Path, asked: Asked) -> Iterator[Target]:
     named = {"protocol": asked.protocol, "grasp": asked.grasp, "object": asked.object}
     for side in asked.sides or (scenario.side,):
         item = {"scenario": str(path), "side": side, **{k: v for k, v in named.items() if v is not None}}
-        spec = load_spec(hand_of(item), side)
-        yield Target(path.stem, item, case_of(item, spec), spec)
+        spec = load_spec(hand_name(item), side)
+        yield Target(path.stem, item, load_case(item, spec), spec)
 
 
 def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
@@ -191,7 +191,7 @@ def _of_file(path: Path, asked: Asked) -> Iterator[Target]:
     for row in range(len(grasps_in(path, spec))):
         item = {"file": str(path), "row": row, "side": side, "protocol": protocol}
         item |= {} if asked.object is None else {"object": asked.object}
-        yield Target(f"{path.stem}_{row}", item, case_of(item, spec), spec)
+        yield Target(f"{path.stem}_{row}", item, load_case(item, spec), spec)
 
 
 def _stamps(targets: Sequence[Target], noise: Noise) -> dict[str, str]:

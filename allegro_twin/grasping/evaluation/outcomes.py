@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.evaluation.campaign import Target
-from allegro_twin.grasping.statistics import Paired, paired, wilson
-from allegro_twin.grasping.uncertainty import Draw
+from allegro_twin.grasping.statistics import PairedCounts, count_pairs, wilson
+from allegro_twin.grasping.uncertainty import Perturbation
 
 Row = Mapping[str, Any]
 _OWN = ("key", "error")
@@ -72,7 +72,7 @@ def rates(rows: Sequence[Row], column: str) -> list[Rate]:
     return [rate(name, held, n) for name, (held, n) in found.items()]
 
 
-def pairs(trials: Sequence[Row]) -> Paired:
+def pairs(trials: Sequence[Row]) -> PairedCounts:
     """The first target against the second, draw by draw, of two whose trials were made together. Raises ConfigError
     for a trial that could not be made."""
     for row in trials:
@@ -80,7 +80,7 @@ def pairs(trials: Sequence[Row]) -> Paired:
             raise ConfigError(str(row["error"]))
     half = len(trials) // 2
     first, second = ([bool(row["held"]) for row in part[1:]] for part in (trials[:half], trials[half:]))
-    return paired(first, second)
+    return count_pairs(first, second)
 
 
 def with_draws(targets: Sequence[Target], items: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
@@ -90,6 +90,6 @@ def with_draws(targets: Sequence[Target], items: Sequence[Mapping[str, Any]]) ->
         "target": [target.name for target in targets for _ in range(each)],
         "draw": [number - 1 if number else None for _ in targets for number in range(each)],
     }
-    for name in Draw.__dataclass_fields__:
+    for name in Perturbation.__dataclass_fields__:
         columns[f"draw_{name}"] = [None if item["draw"] is None else item["draw"][name] for item in items]
     return columns

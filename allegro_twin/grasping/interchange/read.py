@@ -15,7 +15,7 @@ from allegro_twin.grasping.interchange.dexgraspnet import from_entries
 from allegro_twin.grasping.interchange.grasps import FRAMES, Grasps
 from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, object_of
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_object
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import Taxonomy
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
@@ -93,13 +93,13 @@ def grasps_in(path: Path, spec: HandSpec) -> Grasps:
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
 
 
-def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> ObjectSettings:
+def _object(grasps: Grasps, row: int, thing: str | None, path: Path) -> ScenarioObject:
     name = grasps.object if thing is None else thing
     if thing is not None and Path(name).suffix.lower() not in SUFFIXES:
-        return object_of(name)
+        return parse_object(name)
     places = [Path(name), path.parent / name]
     file = next((place for place in places if place.is_file() and place.suffix.lower() in SUFFIXES), None)
     if file is None:
         raise ConfigError(f"{path}: its object {name!r} is no mesh here: say --object FILE")
     scale = float(grasps.scale[row])
-    return object_of(str(file)).model_copy(update={"scale": scale})
+    return parse_object(str(file)).model_copy(update={"scale": scale})

@@ -16,7 +16,7 @@ from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
 from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, gripped, torsion_of, units
 from allegro_twin.grasping.plan.poses import Random
-from allegro_twin.grasping.verdict import in_palm
+from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
 from allegro_twin.sim.contact.grasp_scene import Workbench, coordinates
@@ -117,7 +117,7 @@ class _Closing(TrialLoop):
             self._step(self.fingers.go(self.running, self.target))
         for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
-        self.began = in_palm(*self.poses(np.arange(self.n)))
+        self.began = pose_in_palm(*self.poses(np.arange(self.n)))
 
     def move(self, segments: list[wrist.Segment], name: str) -> None:
         """The wrist moves; whoever loses the object is out."""
@@ -133,7 +133,7 @@ class _Closing(TrialLoop):
 
     def _judge(self, name: str, *, last: bool = False) -> None:
         rows = self.running
-        position, turn = in_palm(*self.poses(rows))
+        position, turn = pose_in_palm(*self.poses(rows))
         drift = np.linalg.norm(position - self.began[0][rows], axis=1)
         margins = 1.0 - np.maximum(drift / DRIFT, np.degrees(angle_between(turn, self.began[1][rows])) / ROTATION)
         self.stop({row: name for row, margin in zip(rows.tolist(), margins, strict=True) if not margin > 0.0})

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import HandError
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import check_loop, eased, resting, rounded, row
 from allegro_twin.grasping.plan.poses import closing_of
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.statistics import Paired, paired
-from allegro_twin.grasping.uncertainty import Draw, Stream, Uncertainty, draws
+from allegro_twin.grasping.statistics import PairedCounts, count_pairs
+from allegro_twin.grasping.uncertainty import Perturbation, SampleStream, Uncertainty, sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.grasps import Grasp, build_grasp, entry_of
@@ -60,21 +60,27 @@ class Where:
 
 
 def tries(
-    versions: Sequence[Version], spec: HandSpec, protocol: str, draws: Sequence[Draw], where: Where
+    versions: Sequence[Version],
+    spec: HandSpec,
+    protocol: str,
+    samples: Sequence[Perturbation],
+    where: Where,
 ) -> list[list[Try]]:
     """A row for each version, an element for each draw. Raises HandError."""
-    items = [{"version": plain(version, spec), "draw": asdict(draw)} for version in versions for draw in draws]
+    items = [
+        {"version": plain(version, spec), "draw": asdict(draw)} for version in versions for draw in samples
+    ]
     shared = {"hand": spec.called, "side": spec.side, "serial": spec.serial, "protocol": protocol,
               "folder": str(where.folder.resolve()), "threads": int(where.at_once > 1)}  # fmt: skip
     unit = len(items) if where.at_once == 1 else max(1, min(UNIT, len(items) // where.at_once))
     rows = iter(run(Sweep(TRIED, items, shared, unit), engine=where.engine).to_pylist())
-    return [[_checked(next(rows)) for _ in draws] for _ in versions]
+    return [[_checked(next(rows)) for _ in samples] for _ in versions]
 
 
 def tried(shared: Mapping[str, Any], items: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Units of the sweep: a row with the fields of `Try` for each item's version under its draw."""
     spec, rules = load_spec(shared["hand"], shared["side"], shared["serial"]), load_protocol(shared["protocol"])
-    bench = Bench(spec, period=rules.period or PERIOD, threads=shared["threads"])
+    bench = TrialRunner(spec, period=rules.period or PERIOD, threads=shared["threads"])
     return [each._asdict() for each in _made(bench, items, rules, Path(shared["folder"]))]
 
 
@@ -90,11 +96,11 @@ def version_of(data: Mapping[str, Any], spec: HandSpec) -> Version:
     return Version(Scenario.model_validate(data["scenario"]), grasp)
 
 
-def _made(bench: Bench, items: Sequence[Mapping[str, Any]], rules: Any, folder: Path) -> Iterator[Try]:
+def _made(bench: TrialRunner, items: Sequence[Mapping[str, Any]], rules: Any, folder: Path) -> Iterator[Try]:
     cases = []
     for item in items:
         version = version_of(item["version"], bench.spec)
-        cases.append(Case(version.scenario, version.grasp, Draw(**item["draw"]), rules, folder))
+        cases.append(TrialCase(version.scenario, version.grasp, Perturbation(**item["draw"]), rules, folder))
     for verdict in bench.verdicts(cases):
         report = verdict.report
         stall = 1.0 if report is None else max(report.at_limit.values())
@@ -129,7 +135,7 @@ class Improved:
 
     before: Version
     after: Version
-    comparison: Paired
+    comparison: PairedCounts
     """The first is the version before."""
 
 
@@ -167,13 +173,13 @@ class Improvement:
             scale *= NARROWER
         best = elite[0][1]
         before, after = self._tried([first, best], "table_pick", self.unseen, "judge")
-        comparison = paired([each.held for each in before], [each.held for each in after])
+        comparison = count_pairs([each.held for each in before], [each.held for each in after])
         return Improved(first, self._seen(best), comparison)
 
     def _seen(self, version: Version) -> Version:
         """With the type that its contacts show in the whole trial without a draw."""
-        case = Case(version.scenario, version.grasp, folder=self.folder)
-        (verdict,) = Bench(self.spec).verdicts([case])
+        case = TrialCase(version.scenario, version.grasp, folder=self.folder)
+        (verdict,) = TrialRunner(self.spec).verdicts([case])
         shown = None if verdict.report is None else verdict.report.observed
         if shown is None:
             return version
@@ -182,8 +188,8 @@ class Improvement:
     def _eased(self, versions: list[Version]) -> list[Version]:
         """The same grasps with no more squeeze than they need where nothing is amiss."""
         rules = load_protocol("quick")
-        bench = Bench(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
-        cases = [Case(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
+        bench = TrialRunner(self.spec, period=rules.period or PERIOD, threads=0 if self.at_once == 1 else 1)
+        cases = [TrialCase(v.scenario, v.grasp, None, rules, self.folder) for v in versions]
         found = []
         for version, verdict in zip(versions, bench.verdicts(cases, resting), strict=True):
             if verdict.measured:
@@ -194,10 +200,16 @@ class Improvement:
     def _score(self, versions: list[Version]) -> Array:
         return np.array([score(row) for row in self._tried(versions, "quick", self.draws, "search")])
 
-    def _tried(self, versions: list[Version], protocol: str, count: int, stream: Stream) -> list[list[Try]]:
+    def _tried(self, versions: list[Version], protocol: str, count: int, stream: SampleStream) -> list[list[Try]]:
         """The first draws of a stream, a row for each version."""
         where = Where(self.engine, self.at_once, self.folder)
-        return tries(versions, self.spec, protocol, draws(self.uncertainty, count, self.seed, stream=stream), where)
+        return tries(
+            versions,
+            self.spec,
+            protocol,
+            sample_perturbations(self.uncertainty, count, self.seed, stream=stream),
+            where,
+        )
 
 
 def varied(version: Version, spec: HandSpec, scale: float, random: np.random.Generator) -> Version:

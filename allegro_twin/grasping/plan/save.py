@@ -10,7 +10,7 @@ from typing import Any
 from allegro_twin.files import yaml_edit
 from allegro_twin.grasping.evaluation.outcomes import rate
 from allegro_twin.grasping.plan.validate import SEARCHED, Planned
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, load_protocol
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.entries import Proof
@@ -97,7 +97,7 @@ def _plain(scenario: Scenario, grasp: str, folder: Path, description: str) -> di
     return {key: content[key] for key in ("description", "objects", *content) if key in content}
 
 
-def _object(thing: ObjectSettings, folder: Path) -> dict[str, Any]:
+def _object(thing: ScenarioObject, folder: Path) -> dict[str, Any]:
     content = thing.model_dump(mode="json", exclude_defaults=True)
     if thing.file is not None:
         content["file"] = os.path.relpath(thing.file, folder)

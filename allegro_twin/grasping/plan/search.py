@@ -18,8 +18,8 @@ from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.plan.propose import Proposer
 from allegro_twin.grasping.plan.region import Region
 from allegro_twin.grasping.plan.validate import SEARCHED, Planned, Prover, pushed
-from allegro_twin.grasping.scenario import PhysicsSettings, Protocol, Scenario, load_protocol
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.scenario import PhysicsSettings, Scenario, TrialProtocol, load_protocol
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
@@ -133,7 +133,7 @@ class Search:
             symmetry_of(self), self.region, self.kind, self.threads, ends=self.ends,
         )  # fmt: skip
 
-    def _squeezed(self, candidates: list[Candidate], protocol: Protocol, random: Random) -> list[Candidate]:
+    def _squeezed(self, candidates: list[Candidate], protocol: TrialProtocol, random: Random) -> list[Candidate]:
         """In the air nothing holds the object while fingers close: they are told to meet it all at once."""
         gains = load_gains(ruled(protocol.gains, self.spec), self.spec)
         further = squeezed(np.array([c.closing for c in candidates]), self.spec, gains, random)
@@ -142,12 +142,12 @@ class Search:
             for c, more in zip(candidates, further, strict=True)
         ]
 
-    def _bench(self, protocol: Protocol) -> Workbench:
+    def _bench(self, protocol: TrialProtocol) -> Workbench:
         physics = protocol.physics if protocol.floating else PhysicsSettings()
         coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
-        return Workbench(self.spec, stage(self.scenario, coarse, self.spec.side, self.folder))
+        return Workbench(self.spec, make_stage(self.scenario, coarse, self.spec.side, self.folder))
 
-    def _performer(self, protocol: Protocol) -> Performer:
+    def _performer(self, protocol: TrialProtocol) -> Performer:
         return Performer(load_gains(ruled(protocol.gains, self.spec), self.spec), hand_model(self.spec).gravity_torque)
 
     def _apart(self, passed: list[Candidate], prover: Prover) -> list[Candidate]:
@@ -165,7 +165,7 @@ def symmetry_of(search: Search) -> Array | None:
     protocol = load_protocol(search.scenario.protocol)
     if protocol.floating:
         return None
-    return symmetry(stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
+    return symmetry(make_stage(search.scenario, protocol, search.spec.side, search.folder).things[0])
 
 
 def _furthest(outcomes: list[Outcome]) -> list[Candidate]:
@@ -174,7 +174,7 @@ def _furthest(outcomes: list[Outcome]) -> list[Candidate]:
     return [outcome.candidate for outcome in order]
 
 
-def _turns(protocol: Protocol) -> list[float]:
+def _turns(protocol: TrialProtocol) -> list[float]:
     """Palm's angles about its z, rad, through which the protocol turns it: before, half and all of it."""
     most = sum(phase.turn[2] for phase in protocol.phases)
     return [0.0, np.radians(most) / 2, np.radians(most)] if most else [0.0]

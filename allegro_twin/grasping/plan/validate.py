@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict
-from allegro_twin.grasping.batch.trials import PERIOD, Bench, Case
+from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
 from allegro_twin.grasping.plan.candidate import SHARE, Candidate, different, eased, grasp_of, scenario_of
 from allegro_twin.grasping.plan.region import Region, there
 from allegro_twin.grasping.scenario import Scenario, load_protocol
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.select import is_of_type
@@ -149,11 +149,11 @@ class Prover:
     def _draw(self, options: Sequence[Planned], count: int) -> None:
         """Try each under the next draws that it has not seen."""
         protocol = load_protocol("quick")
-        bench = Bench(self.spec, period=protocol.period or PERIOD, threads=self.threads)
+        bench = TrialRunner(self.spec, period=protocol.period or PERIOD, threads=self.threads)
         trials = [
-            Case(option.scenario, option.grasp, draw, protocol, self.folder)
+            TrialCase(option.scenario, option.grasp, draw, protocol, self.folder)
             for option in options
-            for draw in draws(self.uncertainty, count, self.seed, option.tried, stream="search")
+            for draw in sample_perturbations(self.uncertainty, count, self.seed, option.tried, stream="search")
         ]
         verdicts = bench.verdicts(trials, stop_early=True)
         for option in options:
@@ -167,8 +167,8 @@ class Prover:
 
     def _confirm(self, options: Sequence[Planned]) -> None:
         """Try each in the whole trial."""
-        cases = [Case(option.scenario, option.grasp, folder=self.folder) for option in options]
-        verdicts = Bench(self.spec, threads=self.threads).verdicts(cases, self.measure)
+        cases = [TrialCase(option.scenario, option.grasp, folder=self.folder) for option in options]
+        verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure)
         for option, verdict in zip(options, verdicts, strict=True):
             where = "whole trial" if not verdict.held else self.amiss([verdict]) or "held"
             option.confirmed = where == "held"
@@ -192,11 +192,11 @@ def judge(
     count: int = JUDGED,
 ) -> None:  # fmt: skip
     """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
-    drawn = draws(uncertainty, count, seed, stream="judge")
+    drawn = sample_perturbations(uncertainty, count, seed, stream="judge")
     for each in planned:
         protocol = load_protocol(each.scenario.protocol)
-        bench = Bench(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
-        split = [Case(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
+        bench = TrialRunner(spec, ruled(protocol.gains, spec), protocol.period or PERIOD, threads)
+        split = [TrialCase(each.scenario, each.grasp, draw, folder=folder).directions() for draw in drawn]
         verdicts = bench.verdicts([case for cases in split for case in cases], stop_early=True)
         each.judged, each.judged_held = len(split), 0
         for cases in split:
@@ -218,12 +218,12 @@ def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
     gains = ruled(protocol.gains, prover.spec)
-    runner = Bench(prover.spec, gains, protocol.period or PERIOD, prover.threads)
+    runner = TrialRunner(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
         Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
     ]
     for ways in (slice(0, 2), slice(2, None)):
-        cases = [Case(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
+        cases = [TrialCase(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]
         verdicts = runner.verdicts([case for each in cases for case in each], prover.measure, stop_early=True)
         for option, each in zip(options, cases, strict=True):
             found = [next(verdicts) for _ in each]

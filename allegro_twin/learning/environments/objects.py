@@ -10,8 +10,8 @@ from pydantic import BeforeValidator
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import parse
-from allegro_twin.grasping.scenario import ObjectSettings, Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol, load_scenario
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.objects import catalogue as objects
 from allegro_twin.sim.objects.catalogue import Thing
@@ -21,7 +21,7 @@ FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
 SCENARIOS, MESHES = (".yaml", ".yml"), (".obj", ".stl")
 
 
-class OwnObject(ObjectSettings):
+class OwnObject(ScenarioObject):
     """An object as a scenario has it, and what it is grasped like. A relative path is the current folder's."""
 
     like: str | None = None
@@ -78,7 +78,7 @@ def thing_of(given: Given) -> Thing:
     if isinstance(given, OwnObject) and given.like is None:
         given = given.model_copy(update={"like": "rubiks_cube"})
     scenario, folder = scenario_of(given, scenarios())
-    return stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
+    return make_stage(scenario, load_protocol(scenario.protocol), "right", folder).things[0].thing
 
 
 def _is_scenario(given: str) -> bool:

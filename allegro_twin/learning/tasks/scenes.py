@@ -10,7 +10,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, load_protocol, load_scenario
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
@@ -90,7 +90,7 @@ def _found(given: Given, spec: HandSpec) -> tuple[Scenario, Stage, Vector]:
         raise ConfigError(f"{name_of(given)}: its scenario is for the hand {settings.model}, and this one is "
                           f"{spec.model}: allegro-twin plan OBJECT --hand {spec.called} makes one")  # fmt: skip
     mirror = np.array([1.0, -1.0 if spec.side == "left" else 1.0, 1.0])
-    around = stage(settings, load_protocol(settings.protocol), spec.side, folder)
+    around = make_stage(settings, load_protocol(settings.protocol), spec.side, folder)
     return settings, around, mirror * settings.wrist.retreat
 
 

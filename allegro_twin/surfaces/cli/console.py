@@ -15,7 +15,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from allegro_twin.grasping.plan.search import Search
     from allegro_twin.grasping.plan.validate import Planned
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.training.evaluation import Evaluation
     from allegro_twin.learning.training.report import Compared
     from allegro_twin.learning.training.settings import Recipe
@@ -43,7 +43,7 @@ def progress() -> Iterator[Progress]:
         yield bar
 
 
-def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str], engine: str) -> Table:
+def summary(reports: Mapping[tuple[str, str], TrialReport], grasps: Mapping[str, str], engine: str) -> Table:
     """One row a trial: the verdict and its margins."""
     held = sum(report.held for report in reports.values())
     table = Table(title=f"{held} of {len(reports)} held ({engine})", title_style="bold")
@@ -72,7 +72,7 @@ def summary(reports: Mapping[tuple[str, str], Report], grasps: Mapping[str, str]
     return table
 
 
-def _counted(reports: Mapping[tuple[str, str], Report]) -> str:
+def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
     """How much so many trials say: a mirror image is no trial of its own."""
     from allegro_twin.grasping.statistics import wilson
 
@@ -117,13 +117,13 @@ def searched(search: Search, seeds: int) -> str:
     )
 
 
-def _stalls(report: Report) -> str:
+def _stalls(report: TrialReport) -> str:
     """How much of the time the most loaded joint spends at its torque limit."""
     share = max(report.at_limit.values(), default=0.0)
     return f"{share:.0%}" if share >= 0.005 else ""
 
 
-def phases(title: str, report: Report) -> Table:
+def phases(title: str, report: TrialReport) -> Table:
     """One row a phase of one trial."""
     table = Table(title=f"{title}: {'[green]held[/]' if report.held else '[red]not held[/] ' + report.reason}")
     parts = list(report.phases[0].contact_force) if report.phases else []

@@ -12,7 +12,7 @@ from allegro_twin.control.controllers import Follow
 from allegro_twin.control.trajectory import Moves, Waypoint, travel_time
 from allegro_twin.controller import Controller
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.controller import Timed, Touched, performer
+from allegro_twin.grasping.controller import ContactSource, TimedGrasp, make_grasp_controller
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.model import HandModel
@@ -51,7 +51,7 @@ def begin(
     spec: HandSpec,
     limits: tuple[Vector, Vector],
     force: float | None,
-    touched: Touched | None = None,
+    touched: ContactSource | None = None,
 ) -> None:
     """Hand over to the grasp, by a way inside joint limits on which no finger meets another before it closes. Raises
     ConfigError before anything moves."""
@@ -61,7 +61,7 @@ def begin(
     motion = timed(grasp, state.position, approach)
     controller: Controller[Any]
     if "torque" in spec.commands:
-        controller = performer(
+        controller = make_grasp_controller(
             grasp, motion, spec, mover.gains, mover.gravity, mover.model, force=force, touched=touched
         )
     elif grasp.grip is not None or force is not None or touched is not None:
@@ -74,12 +74,12 @@ def begin(
     mover.drive(what, controller, Goal(path, state.t, path.seconds, what, motion.close_at))
 
 
-def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> Timed:
+def timed(grasp: Grasp, start: Vector, approach: Sequence[Waypoint]) -> TimedGrasp:
     """The grasp's motion from a posture: to its pre-shape, closed at its own speed, then the squeeze."""
     close = grasp.waypoint("close")
     to_preshape = Moves(approach).begin(start).seconds
     to_close = to_preshape + travel_time(grasp.preshape, close)
-    return Timed(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
+    return TimedGrasp(Moves([*approach, close, grasp.waypoint("squeeze", SQUEEZE)]), to_preshape, to_close)
 
 
 def for_width(grasp: Grasp, width: float, model: HandModel, spec: HandSpec) -> Grasp:

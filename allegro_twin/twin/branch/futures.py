@@ -10,7 +10,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 Beside: TypeAlias = Callable[[], dict[str, Array]]
 """What is known beside a sample: where the recording's joints were (`target`), and what a trial sees."""
@@ -41,7 +41,7 @@ class Branched:
     branched: Array
     """As they would have been; fewer rows where the guard would have stopped the hand."""
     spec: HandSpec
-    report: Report | None = None
+    report: TrialReport | None = None
     """The verdict on the branch, where the recording is of a scenario."""
     unchanged: Array | None = None
     """As the model of a hand on a wire has it without any change: off by its own error. None: there is none."""

@@ -20,7 +20,7 @@ from allegro_twin.drivers.can.codec import messages as m
 from allegro_twin.drivers.can.codec.codec import Codec
 from allegro_twin.drivers.can.codec.versions import make_codec
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
-from allegro_twin.grasping.verdict import Report
+from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.calibration import FULL_SCALE as FULL
 from allegro_twin.hands.description.calibration import Version, geared
 from allegro_twin.hands.description.hands import load_spec
@@ -158,7 +158,7 @@ def performed(rig: Rig) -> Iterator[HandState]:
         yield sample.state
 
 
-def verdict(rig: Rig) -> Report:
+def verdict(rig: Rig) -> TrialReport:
     for _ in performed(rig):
         pass
     assert rig.trial is not None

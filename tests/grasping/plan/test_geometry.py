@@ -19,7 +19,7 @@ from allegro_twin.grasping.plan.poses import guesses, placed_surface, surface
 from allegro_twin.grasping.plan.propose import loads
 from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.scenario import load_protocol
-from allegro_twin.grasping.timeline import stage
+from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
 from allegro_twin.sim.objects.catalogue import Placement, Thing, named
@@ -44,7 +44,7 @@ def bench() -> Workbench:
 
 def bench_of(name: str) -> Workbench:
     scenario = scenario_of(name, "z", 1.0, None, 0.8)
-    return Workbench(SPEC, stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return Workbench(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: float = 0.0) -> Candidate:

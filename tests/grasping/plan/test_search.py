@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.batch.trials import Bench, Case, case_of
+from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case
 from allegro_twin.grasping.evaluation.outcomes import rate
 from allegro_twin.grasping.plan.candidate import Candidate, eased
 from allegro_twin.grasping.plan.improve import Improvement, Version, varied
@@ -22,8 +22,8 @@ from allegro_twin.grasping.plan.templates import templates
 from allegro_twin.grasping.plan.validate import FIRST, JUDGED, MORE, SEARCHED, Planned, best_of, judge
 from allegro_twin.grasping.scenario import load_protocol, load_scenario
 from allegro_twin.grasping.statistics import wilson
-from allegro_twin.grasping.timeline import stage
-from allegro_twin.grasping.uncertainty import draws
+from allegro_twin.grasping.timeline import make_stage
+from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.gains import load_gains
@@ -66,7 +66,7 @@ def test_what_was_written_is_what_was_proven(found: tuple[Search, list[Planned],
     _, (planned,), _ = found
     (path,) = written([planned], "ball", tmp_path, SPEC)
     assert path == tmp_path / "ball_1.yaml"
-    (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
+    (verdict,) = TrialRunner(SPEC).verdicts([load_case({"scenario": path}, SPEC)])
     assert verdict.report is not None
     assert verdict.report.margin == planned.margin
     text = path.read_text()
@@ -143,9 +143,9 @@ def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
     few = 3
     judge([planned], SPEC, search.uncertainty, SEED, Path(), count=few)
     assert JUDGED >= 20
-    drawn = draws(search.uncertainty, few, SEED, stream="judge")
-    cases = [Case(planned.scenario, planned.grasp, draw) for draw in drawn]
-    held = sum(verdict.held for verdict in Bench(SPEC).verdicts(cases))
+    drawn = sample_perturbations(search.uncertainty, few, SEED, stream="judge")
+    cases = [TrialCase(planned.scenario, planned.grasp, draw) for draw in drawn]
+    held = sum(verdict.held for verdict in TrialRunner(SPEC).verdicts(cases))
     assert (planned.judged, planned.judged_held) == (few, held)
     (path,) = written([planned], "ball", tmp_path, SPEC, search.uncertainty)
     proof = grasp_beside(path).planned
@@ -155,7 +155,7 @@ def test_what_is_written_was_judged_after_it_was_chosen_on_draws_of_its_own(
     assert (proof.low, proof.high) == (round(low, 4), round(high, 4))
     assert (proof.seed, proof.candidates) == (SEED, search.closed)
     assert f"held in {rate('', held, few)} draws that it was not chosen on" in path.read_text()
-    assert not set(drawn) & {draw for seed in range(6) for draw in draws(search.uncertainty, 50, seed)}
+    assert not set(drawn) & {draw for seed in range(6) for draw in sample_perturbations(search.uncertainty, 50, seed)}
 
 
 @pytest.mark.slow
@@ -165,7 +165,7 @@ def test_what_is_written_claims_the_type_that_its_contacts_show(
     """And not that of the grasp that it began as."""
     _, (planned,), _ = found
     (path,) = written([planned], "ball", tmp_path, SPEC)
-    (verdict,) = Bench(SPEC).verdicts([case_of({"scenario": path}, SPEC)])
+    (verdict,) = TrialRunner(SPEC).verdicts([load_case({"scenario": path}, SPEC)])
     assert verdict.report is not None
     stored = grasp_beside(path)
     assert stored.observed == verdict.report.observed
@@ -254,7 +254,7 @@ def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
 
 def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
     scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
-    around = stage(scenario, load_protocol("table_pick"), "right", Path())
+    around = make_stage(scenario, load_protocol("table_pick"), "right", Path())
     bench = Workbench(SPEC, around)
     rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
     position = around.position - np.array(scenario.wrist.retreat)

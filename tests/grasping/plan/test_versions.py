@@ -12,7 +12,7 @@ import pytest
 from allegro_twin.errors import HandError
 from allegro_twin.grasping.plan.improve import Try, Version, Where, plain, score, tries, version_of
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.uncertainty import Uncertainty, draws
+from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.spec import Side
@@ -49,7 +49,7 @@ def test_more_held_draws_count_more_than_anything_else_and_ease_decides_among_eq
 def test_tries_are_the_same_in_this_process_and_in_two_others() -> None:
     version, folder = lemon()
     loose = Version(version.scenario, replace(version.grasp, squeeze=version.grasp.preshape))
-    drawn = draws(Uncertainty(), 2, 5, 0)
+    drawn = sample_perturbations(Uncertainty(), 2, 5, 0)
     here = tries([version, loose], SPEC, "quick", drawn, Where(Local(0), 1, folder))
     assert here == tries([version, loose], SPEC, "quick", drawn, Where(Local(2), 2, folder))
     assert [each.held for row in here for each in row] == [True, True, False, False]
@@ -61,4 +61,10 @@ def test_a_trial_that_cannot_be_made_is_one_error_and_not_a_grasp_that_fails() -
     gone = version.scenario.model_copy(update={"objects": (
         version.scenario.objects[0].model_validate({"name": "gone"}),)})  # fmt: skip
     with pytest.raises(HandError, match="no object named 'gone'"):
-        tries([Version(gone, version.grasp)], SPEC, "quick", draws(Uncertainty(), 1, 0, 0), Where(Local(0), 1, folder))
+        tries(
+            [Version(gone, version.grasp)],
+            SPEC,
+            "quick",
+            sample_perturbations(Uncertainty(), 1, 0, 0),
+            Where(Local(0), 1, folder),
+        )

@@ -72,7 +72,7 @@ def test_under_uncertainty_it_is_a_rate_with_its_interval_and_a_folder_keeps_all
 def test_what_is_in_the_folder_is_not_tried_again_and_more_draws_go_on(
     command: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tried, judged = list[Any](), trials.judged
+    tried, judged = list[Any](), trials.run_cases
 
     def counted(shared: Any, items: Any) -> Any:
         tried.extend(items)

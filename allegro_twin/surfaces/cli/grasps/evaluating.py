@@ -141,7 +141,7 @@ def compare(
     """Say which of two grasps is better: in the same draws, by the exact McNemar test."""
     from allegro_twin.grasping.evaluation.campaign import Asked, one_protocol
     from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rate_of
-    from allegro_twin.grasping.statistics import in_words
+    from allegro_twin.grasping.statistics import comparison_text
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import verdicts
 
@@ -159,7 +159,7 @@ def compare(
     names = _names(both)
     for name, row in zip(names, outcomes(both, trials), strict=True):
         console.console.print(f"{name}: held in {rate_of(row)}", highlight=False)
-    console.console.print(in_words(pairs(trials), names[0], names[1]), soft_wrap=True, highlight=False)
+    console.console.print(comparison_text(pairs(trials), names[0], names[1]), soft_wrap=True, highlight=False)
 
 
 def _noise(n: int | None, vary: str | None, seed: int) -> Noise:

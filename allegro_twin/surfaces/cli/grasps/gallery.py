@@ -17,7 +17,7 @@ from allegro_twin.files.schema import load
 from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
 from allegro_twin.grasping.evaluation.outcomes import outcomes, rate_of
 from allegro_twin.grasping.scenario import load_scenario
-from allegro_twin.grasping.verdict import Report
+from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.entries import GraspFile
 from allegro_twin.hands.library.named import grasp_names, load_grasp
@@ -75,7 +75,7 @@ def _shown(draws: int) -> Iterator[tuple[Shown, Picture]]:
             yield Shown(name, stored, f"posture only: {reason}"), _posed(name)
 
 
-def _held(scenario: str, grasp: str) -> tuple[Report, Picture]:
+def _held(scenario: str, grasp: str) -> tuple[TrialReport, Picture]:
     """The verdict of a grasp's own trial, and what it looks like while the object is held up."""
     rig = assemble(scenario_config(scenario, "right", grasp))
     assert rig.trial is not None

@@ -61,14 +61,14 @@ def improve(
 
 def _begun(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenario, Grasp, HandSpec, Path]:
     """What there is, and its file. Raises ConfigError."""
-    from allegro_twin.grasping.scenario import load_scenario, object_of
+    from allegro_twin.grasping.scenario import load_scenario, parse_object
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.hands.library.named import load_grasp
 
     settings, path = load_scenario(scenario)
     spec = load_spec(settings.hand)
     if thing is not None:
-        settings = settings.model_copy(update={"objects": (object_of(thing), *settings.objects[1:])})
+        settings = settings.model_copy(update={"objects": (parse_object(thing), *settings.objects[1:])})
     begun = load_grasp(grasp or settings.grasp, spec)
     if begun.grip is not None:
         raise ConfigError(f"grasp {begun.name} controls force; improve takes grasps that control position")
@@ -85,7 +85,7 @@ def _searched(search: Improvement, name: str) -> Improved:
 
 def _told(better: Improved, unseen: int, name: str, begun: str) -> str:
     """Show before and after; in a sentence, for the file."""
-    from allegro_twin.grasping.statistics import in_words, wilson
+    from allegro_twin.grasping.statistics import comparison_text, wilson
     from allegro_twin.surfaces.cli import console
 
     pair = better.comparison
@@ -93,5 +93,5 @@ def _told(better: Improved, unseen: int, name: str, begun: str) -> str:
     for which, held in (("before", before), ("after", after)):
         low, high = wilson(held, unseen)
         console.console.print(f"{which:6s} held {held} of {unseen} draws ({low:.0%} to {high:.0%})")
-    console.console.print(in_words(pair, "before", "after"), soft_wrap=True)
+    console.console.print(comparison_text(pair, "before", "after"), soft_wrap=True)
     return f"{name}, improved: held in {after} of {unseen} draws, {begun} in {before}"

@@ -198,11 +198,11 @@ def scenario_of(
     hull: bool = False,
 ) -> Scenario:
     """An object on the table before a hand that is still anywhere. Raises ConfigError."""
-    from allegro_twin.grasping.scenario import Scenario, object_of
+    from allegro_twin.grasping.scenario import Scenario, parse_object
 
     if not friction <= 1.0:
         raise ConfigError(f"--friction is at most 1, not {friction}")
-    placed = object_of(thing)
+    placed = parse_object(thing)
     changed: dict[str, object] = {"up": up}
     if placed.file is not None:
         changed |= {"scale": scale} | ({} if mass is None else {"mass": mass})

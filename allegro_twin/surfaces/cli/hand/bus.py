@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from allegro_twin.app.rig import Scene
     from allegro_twin.drivers.can.virtual.serve import Served
     from allegro_twin.drivers.can.virtual.shared_bus import VirtualHands
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
 
 
 def register(app: typer.Typer) -> None:
@@ -156,12 +156,12 @@ def firmware(
 
 def _be(
     serving: Iterator[Served], hands: VirtualHands, scenes: list[Scene], seconds: float | None
-) -> tuple[Served | None, dict[str, Report]]:
+) -> tuple[Served | None, dict[str, TrialReport]]:
     """Serve until the time is over or Ctrl-C; what happened, and the verdicts on scenarios."""
     from allegro_twin.app.serve_can import judged
     from allegro_twin.surfaces.cli import console
 
-    served, verdicts = None, dict[str, "Report"]()
+    served, verdicts = None, dict[str, "TrialReport"]()
     with suppress(KeyboardInterrupt):
         for served in serving:
             for scene, hand in zip(scenes, hands.firmwares, strict=True):

@@ -16,7 +16,7 @@ from allegro_twin.surfaces.cli.run import looking
 
 if TYPE_CHECKING:
     from allegro_twin.app.session import Outputs
-    from allegro_twin.grasping.verdict import Report
+    from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.surfaces.cli.run.runs import Options
 
 
@@ -154,14 +154,14 @@ def _reports(targets: list[str], chosen: Options, outputs: Outputs, out: Path | 
     return done
 
 
-def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, str], Report], bool]:
+def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, str], TrialReport], bool]:
     """The verdicts, and whether every run did what it was for."""
     from rich.markup import escape
 
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.run.several import run_all
 
-    reports: dict[tuple[str, str], Report] = {}
+    reports: dict[tuple[str, str], TrialReport] = {}
     grasps: dict[str, str] = {}
     told: set[str] = set()
     done = True
@@ -189,7 +189,7 @@ def _run_all(jobs: list[Any], wanted: Any, count: int) -> tuple[dict[tuple[str, 
     return reports, done and all(report.held for report in reports.values())
 
 
-def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> None:
+def _tell(reports: dict[tuple[str, str], TrialReport], grasps: dict[str, str]) -> None:
     """The table at the end."""
     from allegro_twin.surfaces.cli import console
 
@@ -202,7 +202,7 @@ def _tell(reports: dict[tuple[str, str], Report], grasps: dict[str, str]) -> Non
         console.console.print(console.summary(reports, grasps, ENGINE))
 
 
-def _written(reports: dict[tuple[str, str], Report], folder: Path) -> bool:
+def _written(reports: dict[tuple[str, str], TrialReport], folder: Path) -> bool:
     """Write the verdicts and an overview of the pictures; whether there are any."""
     from allegro_twin.grasping.evaluation.rejudge import write_reports
     from allegro_twin.viewing.stills import picture_all
@@ -214,7 +214,7 @@ def _written(reports: dict[tuple[str, str], Report], folder: Path) -> bool:
     return picture_all(folder, names) is not None
 
 
-def _tell_folder(reports: dict[tuple[str, str], Report], out: Path, *, shown: bool) -> None:
+def _tell_folder(reports: dict[tuple[str, str], TrialReport], out: Path, *, shown: bool) -> None:
     from allegro_twin.surfaces.cli import console
 
     if not reports:

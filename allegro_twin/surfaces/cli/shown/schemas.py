@@ -52,14 +52,14 @@ def models() -> dict[str, type[Settings]]:
     """What each kind of file is read into."""
     from allegro_twin.app.config import RunConfig
     from allegro_twin.cell.settings import LabSettings
-    from allegro_twin.grasping.scenario import Protocol, Scenario
+    from allegro_twin.grasping.scenario import Scenario, TrialProtocol
     from allegro_twin.hands.library.entries import GraspFile, PostureFile, TrajectoryFile
     from allegro_twin.learning.training.settings import Recipe
 
     return {
         "config": RunConfig,
         "scenario": Scenario,
-        "protocol": Protocol,
+        "protocol": TrialProtocol,
         "posture": PostureFile,
         "grasp": GraspFile,
         "trajectory": TrajectoryFile,
