@@ -19,8 +19,8 @@ import numpy as np
 
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner
-from allegro_twin.grasping.plan.search import Budget, Search
-from allegro_twin.grasping.plan.templates import templates
+from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.plan.validate import SEARCHED
 from allegro_twin.grasping.uncertainty import sample_perturbations
 from allegro_twin.hands.description.hands import load_spec
@@ -33,9 +33,9 @@ UNSEEN = 999  # The seed of the draws that nobody has chosen on.
 def planned(name: str, seed: int, seconds: float, unseen: int) -> dict[str, Any]:
     """One object: how many were found in what time, and what share of unseen draws they hold."""
     spec = load_spec()
-    search = Search(scenario_of(name, "z", 1.0, None, 0.8), spec, templates(spec), seed=seed)
+    search = GraspSearch(scenario_of(name, "z", 1.0, None, 0.8), spec, grasp_templates(spec), seed=seed)
     wall, cpu = time.monotonic(), time.process_time()
-    found = search.run(WANTED, Budget(cpu=seconds))
+    found = search.run(WANTED, SearchBudget(cpu=seconds))
     row: dict[str, Any] = {
         "object": name, "found": len(found), "seconds": round(time.monotonic() - wall, 1),
         "cpu_seconds": round(time.process_time() - cpu, 1), "candidates": search.closed, "ends": dict(search.ends),

@@ -10,7 +10,7 @@ from typing import Any
 
 from allegro_twin.app.rig import Rig
 from allegro_twin.grasping.batch.trials import AXES, PERIOD, TrialRunner
-from allegro_twin.grasping.evaluation.campaign import Target
+from allegro_twin.grasping.evaluation.campaign import EvaluationTarget
 from allegro_twin.hands.library.gains import ruled
 from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
@@ -38,7 +38,7 @@ def ends_of_objects(rows: Sequence[Row]) -> list[int]:
     return sorted({order[end] for order in ordered for end in (0, -1)})
 
 
-def staged(target: Target, row: Row | None = None) -> Rig:
+def staged(target: EvaluationTarget, row: Row | None = None) -> Rig:
     """The trial without a draw, ready to be performed: where it has six directions the one with the least margin in
     the target's row of results, without one the first. Raises ConfigError."""
     case = target.case.directions()[0 if row is None else _hardest(row)]
@@ -49,7 +49,7 @@ def staged(target: Target, row: Row | None = None) -> Rig:
     return Rig(spec, hand, bench.controller(trial), trial.seconds, trial, trial.backend)
 
 
-def portrait(target: Target, path: Path) -> None:
+def portrait(target: EvaluationTarget, path: Path) -> None:
     """Perform the trial without a draw up to the end of its first check, along the first direction, and keep a PNG.
     Raises ConfigError where pictures cannot be rendered, ImportError without the extra for them, HandFault where the
     guard stops the hand."""

@@ -226,10 +226,10 @@ def _drawn(
 
 def _concluded(viewers: list[Any], report: TrialReport | None) -> None:
     if viewers and report is not None:
-        from allegro_twin.grasping.evaluation.rejudge import checks, in_words
+        from allegro_twin.grasping.evaluation.rejudge import phase_results, report_markdown
 
         for viewer in viewers:
-            viewer.conclude(checks(report), in_words(report))
+            viewer.conclude(phase_results(report), report_markdown(report))
 
 
 def _look(rig: Rig) -> dict[str, Any]:

@@ -13,13 +13,19 @@ READ: set[str] = set()
 
 def keys(targets: list[str]) -> list[str]:
     """The first key of each target as the files are now."""
-    from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
+    from allegro_twin.grasping.evaluation.campaign import (
+        JUDGE,
+        SamplingSettings,
+        TargetOptions,
+        find_targets,
+        make_campaign,
+    )
     from allegro_twin.sweep.jobs import Sweep
 
     found = []
     for target in targets:
-        asked = Asked(protocol="fc", object="mug") if target.endswith(".npy") else Asked()
-        items, shared, stamps, inputs = campaign_of(targets_of([Path(target)], asked), Noise())
+        asked = TargetOptions(protocol="fc", object="mug") if target.endswith(".npy") else TargetOptions()
+        items, shared, stamps, inputs = make_campaign(find_targets([Path(target)], asked), SamplingSettings())
         found.append(Sweep(JUDGE, items, shared, 1, stamps, inputs).keys()[0])
     return found
 

@@ -17,9 +17,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.batch.batched_trials import run_trials
 from allegro_twin.grasping.batch.trials import TrialCase, TrialRunner, load_case, run_cases
-from allegro_twin.grasping.evaluation.campaign import Asked, targets_of
+from allegro_twin.grasping.evaluation.campaign import TargetOptions, find_targets
 from allegro_twin.grasping.evaluation.outcomes import rates
-from allegro_twin.grasping.metrics.trial_metrics import NAMES, metrics_of
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
 from allegro_twin.grasping.scenario import TrialProtocol
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.grasping.uncertainty import Perturbation
@@ -177,7 +177,7 @@ def test_a_table_of_several_hands_has_a_rate_for_each(tmp_path: Path) -> None:
     rules = tmp_path / "brief.yaml"
     rules.write_text(BRIEF.model_dump_json())
     paths = [data_root() / f"scenarios/{name}/{OTHERS[name]}.yaml" for name in ("leap", "model_o")]
-    targets = targets_of(paths, Asked(str(rules)))
+    targets = find_targets(paths, TargetOptions(str(rules)))
     assert [target.spec.model for target in targets] == ["leap", "model_o"]
     rows = run_cases({"metrics": True}, [target.item for target in targets])
     assert [row["hand"] for row in rows] == ["leap", "model_o"]
@@ -190,7 +190,7 @@ def test_metrics_of_a_tendon_hands_contacts_leave_out_what_depends_on_springs() 
     bench = TrialRunner(load_spec("model_o"), period=0.004)
     trial = bench.trial(brief(bench, OTHERS["model_o"]))
     alone(trial, bench.controller(trial))
-    found = metrics_of(trial, trial.backend.data)
+    found = trial_metrics(trial, trial.backend.data)
     assert set(found) == set(NAMES)
     assert found["fingers"] >= 2
     assert np.isnan(found["least_torque"])
@@ -199,4 +199,4 @@ def test_metrics_of_a_tendon_hands_contacts_leave_out_what_depends_on_springs() 
 def test_a_right_hand_alone_has_no_left_one_to_evaluate() -> None:
     path = data_root() / "scenarios/model_o/model_o_lemon.yaml"
     with pytest.raises(ConfigError, match=r"model_o.yaml is a right hand; hand.side is left"):
-        targets_of([path], Asked(sides=("left",)))
+        find_targets([path], TargetOptions(sides=("left",)))

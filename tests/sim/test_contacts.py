@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.grasping.metrics.carrying import least_effort
-from allegro_twin.grasping.metrics.trial_metrics import measured, of_touch
+from allegro_twin.grasping.metrics.trial_metrics import contact_metrics, contacts_in_scene
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
 from allegro_twin.sim.model.parts import part_names
@@ -98,7 +98,7 @@ def test_contacts_that_are_only_near_are_seen_when_asked_for(spec: HandSpec) -> 
 def test_the_row_of_a_report_has_every_figure(spec: HandSpec) -> None:
     """A cube that lies on a palm is carried and not held: no ball of wrenches, its weight without any torque."""
     model, data, touch = seen(spec)
-    row = measured(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
+    row = contact_metrics(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
     assert row["contacts"] == len(touch.points)
     assert row["fingers"] == 1
     assert row["epsilon"] == 0.0
@@ -106,7 +106,10 @@ def test_the_row_of_a_report_has_every_figure(spec: HandSpec) -> None:
     assert row["qp"] > 0.5
     assert row["carry"] == pytest.approx(MASS * 9.81, rel=1e-3)
     assert row["torque_share"] == pytest.approx(0.0, abs=1e-9)
-    assert least_effort(of_touch(touch), np.zeros((len(touch.points), 6, 16)), np.ones(16), np.zeros(6)).share == 0.0
+    assert (
+        least_effort(contacts_in_scene(touch), np.zeros((len(touch.points), 6, 16)), np.ones(16), np.zeros(6)).share
+        == 0.0
+    )
 
 
 def test_an_object_that_nothing_touches_has_a_row_too(spec: HandSpec) -> None:
@@ -114,6 +117,6 @@ def test_an_object_that_nothing_touches_has_a_row_too(spec: HandSpec) -> None:
     data.qpos[model.joint("cube").qposadr[0] + 2] += 0.5
     mujoco.mj_forward(model, data)
     touch = touching(model, data, spec, "cube")
-    row = measured(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
+    row = contact_metrics(touch, MASS, jacobians(model, data, spec, touch), spec.actuation.torque_limit)
     assert (row["contacts"], row["epsilon"], row["carry"]) == (0, 0.0, np.inf)
     assert row["penetration_mm"] == 0.0

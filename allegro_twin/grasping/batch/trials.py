@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict, run_trials
 from allegro_twin.grasping.controller import TimedGrasp, make_grasp_controller
-from allegro_twin.grasping.interchange.read import foreign
-from allegro_twin.grasping.metrics.trial_metrics import NAMES, metrics_of
+from allegro_twin.grasping.interchange.read import import_grasp
+from allegro_twin.grasping.metrics.trial_metrics import NAMES, trial_metrics
 from allegro_twin.grasping.scenario import (
     Scenario,
     TrialProtocol,
@@ -167,7 +167,7 @@ def load_case(item: Mapping[str, Any], spec: HandSpec) -> TrialCase:
     protocol = None if item.get("protocol") is None else load_protocol(item["protocol"])
     draw = None if item.get("draw") is None else Perturbation(**item["draw"])
     if "file" in item:
-        made = foreign(Path(item["file"]), item["row"], spec, item.get("object"))
+        made = import_grasp(Path(item["file"]), item["row"], spec, item.get("object"))
         return TrialCase(made.scenario, made.grasp, draw, protocol, made.folder, item.get("protocol"))
     scenario, path = load_scenario(item["scenario"])
     if item.get("object") is not None:
@@ -205,7 +205,7 @@ def result_row(case: TrialCase, side: str, verdicts: Sequence[Verdict], *, metri
 
 def _nominal(trial: Trial, data: Any) -> Mapping[str, float]:
     """Metrics cost up to 0.4 s a grasp, so those of draws are left out."""
-    return {} if trial.draw is not None else metrics_of(trial, data)
+    return {} if trial.draw is not None else trial_metrics(trial, data)
 
 
 def _strength(case: TrialCase, verdict: Verdict) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.atomic_write import whole_file
-from allegro_twin.grasping.evaluation.outcomes import rate
+from allegro_twin.grasping.evaluation.outcomes import make_rate
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.types import Array
 from allegro_twin.viewing.report import html_page, rate_chart, scatter_chart, strip_chart
@@ -164,12 +164,12 @@ def _success(rows: ResultTable) -> str:
         groups = list(rows.groups(column))
         if not groups:
             continue
-        chart = [rate(label, int(rows.held[k].sum()), len(k)) for label, k in groups]
+        chart = [make_rate(label, int(rows.held[k].sum()), len(k)) for label, k in groups]
         found.append(f"<h2>Held, by {column}</h2><p class='soft'>A dot is the share of grasps that held, the line its "
                      f"95 % Wilson interval.</p>{rate_chart(chart, f'Held by {column}')}")  # fmt: skip
         tried = rows.tried()
         if tried is not None:
-            drawn = [rate(label, int(tried[0][k].sum()), int(tried[1][k].sum())) for label, k in groups]
+            drawn = [make_rate(label, int(tried[0][k].sum()), int(tried[1][k].sum())) for label, k in groups]
             found.append(f"<h3>Under uncertainty</h3><p class='soft'>All draws of all grasps of one {column} together."
                          f"</p>{rate_chart(drawn, f'Success under uncertainty by {column}')}")  # fmt: skip
     return "".join(found)

@@ -18,7 +18,7 @@ from allegro_twin.types import Array
 from allegro_twin.version import __version__
 
 
-def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> TrialReport | None:
+def rejudge(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, Any]) -> TrialReport | None:
     """The same as at the end of the trial; None where none was recorded, to its end, with what a verdict needs."""
     rule = meta.get("judged")
     if rule is None:
@@ -37,12 +37,12 @@ def report_of(spec: HandSpec, columns: Mapping[str, Array], meta: Mapping[str, A
     )  # fmt: skip
 
 
-def checks(report: TrialReport) -> dict[str, bool]:
+def phase_results(report: TrialReport) -> dict[str, bool]:
     """Held or not in each phase that was checked."""
     return {phase.name: phase.held for phase in report.phases if phase.check}
 
 
-def in_words(report: TrialReport) -> str:
+def report_markdown(report: TrialReport) -> str:
     """A few lines of Markdown."""
     lines = ["**held**" if report.held else f"**not held**: {report.reason}", ""]
     for phase in report.phases:
@@ -51,11 +51,11 @@ def in_words(report: TrialReport) -> str:
                 f"- {phase.name}: {'held' if phase.held else 'not held'}, moved {phase.drift * 1000:.1f} mm and "
                 f"{phase.rotation:.1f}° in the hand, {100 * phase.margin:.0f} % of the limits left"
             )
-    lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled(report)}")
+    lines.append(f"- torque peak {100 * report.peak_torque:.0f} % of the limit; {stalled_joints(report)}")
     return "\n".join([*lines, f"- at most {report.penetration * 1000:.1f} mm in each other"])
 
 
-def stalled(report: TrialReport, share: float = 0.5) -> str:
+def stalled_joints(report: TrialReport, share: float = 0.5) -> str:
     """The joints that push at their limit for more than a share of the time."""
     found = [f"{joint} {100 * part:.0f} %" for joint, part in report.at_limit.items() if part > share]
     return f"at its limit for most of the time: {', '.join(found)}" if found else "no joint stays at its limit"

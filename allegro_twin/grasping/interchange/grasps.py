@@ -21,7 +21,7 @@ _UNIT = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PalmFrame:
     """Which frame of the hand a format gives the pose of."""
 
     name: str
@@ -29,9 +29,9 @@ class Frame:
     """Our palm in it: a turn about its origin, w x y z."""
 
 
-PALM = Frame("palm", (1.0, 0.0, 0.0, 0.0))
+PALM = PalmFrame("palm", (1.0, 0.0, 0.0, 0.0))
 """Ours, and the root of the manufacturer's URDF: x out of the palm, z to the fingertips. BODex, DexGraspNet."""
-MENAGERIE = Frame("menagerie", (0.0, 0.5**0.5, 0.0, 0.5**0.5))
+MENAGERIE = PalmFrame("menagerie", (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 """The world of Menagerie's file, in which its palm is turned (`quat="0 1 0 1"`): z out of the palm, x to the
 fingertips. DexGraspBench hangs that world on a free joint, and what follows it does the same."""
 FRAMES = {frame.name: frame for frame in (PALM, MENAGERIE)}
@@ -40,7 +40,7 @@ FRAMES = {frame.name: frame for frame in (PALM, MENAGERIE)}
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasps:
     """k grasps in s ≥ 3 stages: an approach, if there is one, then `STAGES`. Poses are positions, m, and quaternions
-    w x y z. Raises ConfigError, in a line, for what cannot be: see `checked`."""
+    w x y z. Raises ConfigError, in a line, for what cannot be: see `check_grasps`."""
 
     hand: Array
     """Of the `frame` in the file's world, (k, s, 7)."""
@@ -53,7 +53,7 @@ class Grasps:
     object: str
     """Its file or name, as it was written."""
     side: Side
-    frame: Frame
+    frame: PalmFrame
     source: str
     """The file that they are from, and what was added to it."""
 
@@ -110,7 +110,7 @@ class Grasps:
         """The same with every joint inside its limits: what a position controller can be asked for."""
         return replace(self, joints=np.clip(self.joints, spec.lower, spec.upper))
 
-    def in_frame(self, frame: Frame) -> Grasps:
+    def in_frame(self, frame: PalmFrame) -> Grasps:
         """The same with the hand's poses in another of its frames; nothing is rounded where it is that one already."""
         if frame == self.frame:
             return self
@@ -119,9 +119,9 @@ class Grasps:
         return replace(self, hand=np.concatenate([self.hand[..., :3], turned], axis=-1), frame=frame)
 
 
-def checked(
+def check_grasps(
     spec: HandSpec, hand: ArrayLike, joints: ArrayLike, object_pose: ArrayLike, scale: ArrayLike, *,
-    thing: str, frame: Frame, source: str,
+    thing: str, frame: PalmFrame, source: str,
 ) -> Grasps:  # fmt: skip
     """Grasps from arrays that fit each other; one pose and one scale of the object stand for all.
 

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
-from allegro_twin.grasping.interchange.dexgraspbench import Order, from_record
-from allegro_twin.grasping.interchange.dexgraspnet import from_entries
+from allegro_twin.grasping.interchange.dexgraspbench import Order, read_record
+from allegro_twin.grasping.interchange.dexgraspnet import read_entries
 from allegro_twin.grasping.interchange.grasps import FRAMES, Grasps
 from allegro_twin.grasping.interchange.ours import read_yaml_grasps
 from allegro_twin.grasping.interchange.plain import load_plain
@@ -39,8 +39,8 @@ def read_grasps(path: Path, spec: HandSpec, *, order: Order = None, frame: str |
         raise ConfigError(f"{path}: grasps are read from .npy and .yaml")
     content = load_plain(path)
     if isinstance(content, Mapping) and "qpos" not in content:
-        return from_record(content, spec, path, order=order, frame=FRAMES[frame] if frame else None)
-    return from_entries(_entries(content, path), spec, path)
+        return read_record(content, spec, path, order=order, frame=FRAMES[frame] if frame else None)
+    return read_entries(_entries(content, path), spec, path)
 
 
 def _entries(content: Any, path: Path) -> list[Any]:
@@ -56,7 +56,7 @@ def _entries(content: Any, path: Path) -> list[Any]:
 _UNTYPED = Taxonomy.model_construct(number=0, name="not said", type="precision", opposition="pad")
 
 
-class Foreign(NamedTuple):
+class ImportedGrasp(NamedTuple):
     """One grasp of a file."""
 
     scenario: Scenario
@@ -64,10 +64,10 @@ class Foreign(NamedTuple):
     folder: Path
 
 
-def foreign(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> Foreign:
+def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> ImportedGrasp:
     """Grasp number `row` of a file. `thing`: the object, where the file's own path is not here. The palm stays where
     the file has it at the closed posture. Raises ConfigError."""
-    grasps = grasps_in(path, spec)
+    grasps = load_grasps(path, spec)
     placed = _object(grasps, row, thing, path)
     palm = grasps.palm[row, -2]
     if placed.file is not None:
@@ -80,7 +80,7 @@ def foreign(path: Path, row: int, spec: HandSpec, thing: str | None = None) -> F
     scenario = Scenario.model_validate(
         {"objects": [placed.model_dump()], "grasp": name, "side": spec.side, "wrist": wrist, "protocol": "fc"}
     )
-    return Foreign(scenario, grasp, path.parent)
+    return ImportedGrasp(scenario, grasp, path.parent)
 
 
 @lru_cache(maxsize=32)
@@ -88,7 +88,7 @@ def _read(path: Path, changed: int, spec: HandSpec) -> Grasps:
     return read_grasps(path, spec).within(spec)
 
 
-def grasps_in(path: Path, spec: HandSpec) -> Grasps:
+def load_grasps(path: Path, spec: HandSpec) -> Grasps:
     """Those of a file, with every joint inside its limits. Raises ConfigError."""
     return _read(path, path.stat().st_mtime_ns if path.is_file() else 0, spec)
 

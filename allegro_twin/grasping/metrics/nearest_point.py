@@ -17,7 +17,7 @@ _GAP, _STEPS = 1e-14, 500
 """Of the largest square seen: how much nearer the nearest can still be when the search ends; and steps at most."""
 
 
-def nearest(farthest: Callable[[Vector], Vector], dimension: int) -> Vector:
+def nearest_point(farthest: Callable[[Vector], Vector], dimension: int) -> Vector:
     """The nearest point, (d,). `farthest(direction)` is a point of the polytope with the least product with it."""
     corners = farthest(np.zeros(dimension))[None]
     shares, largest = np.ones(1), float(corners[0] @ corners[0])

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, Indices, forces, wrenches
-from allegro_twin.grasping.metrics.nearest_point import nearest
+from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, Indices, cone_forces, cone_wrenches
+from allegro_twin.grasping.metrics.nearest_point import nearest_point
 from allegro_twin.types import Array, Vector
 
 
-def scipy_part(name: str) -> ModuleType:
+def import_scipy(name: str) -> ModuleType:
     """One part of SciPy: `optimize`, `spatial`. Raises ConfigError where the extra is not installed."""
     try:
         import scipy.optimize  # type: ignore[import-untyped]  # Its types are a package of their own.
@@ -36,7 +36,7 @@ _FLAT = 1e-7
 """Of the largest extent: a hull that is thinner in some direction has no inside."""
 
 
-class Quality(NamedTuple):
+class GraspQuality(NamedTuple):
     """Of the convex hull of 0 and the primitive wrenches."""
 
     epsilon: float
@@ -46,19 +46,19 @@ class Quality(NamedTuple):
     """N⁶; also of a grasp without force closure."""
 
 
-def quality(touch: Contacts, edges: int = EDGES) -> Quality:
+def grasp_quality(touch: Contacts, edges: int = EDGES) -> GraspQuality:
     """ε and the volume. Exact for the pyramids, whose hull lies inside that of the cones: both are lower bounds, which
     more edges raise. Raises ConfigError without SciPy."""
-    return of_wrenches(wrenches(touch, edges))
+    return wrench_quality(cone_wrenches(touch, edges))
 
 
-def of_wrenches(points: Array) -> Quality:
+def wrench_quality(points: Array) -> GraspQuality:
     """The same of primitive wrenches, (g, 6), N."""
     if rank(points) < 6:
-        return Quality(0.0, 0.0)
-    hull = scipy_part("spatial").ConvexHull(np.vstack([np.zeros(6), points]))
+        return GraspQuality(0.0, 0.0)
+    hull = import_scipy("spatial").ConvexHull(np.vstack([np.zeros(6), points]))
     # Each facet is normal · w + offset ≤ 0, its normal of length 1: what is left at w = 0 is the distance to it.
-    return Quality(max(0.0, float(-hull.equations[:, -1].max())), float(hull.volume))
+    return GraspQuality(max(0.0, float(-hull.equations[:, -1].max())), float(hull.volume))
 
 
 def rank(points: Array) -> int:
@@ -75,7 +75,7 @@ GRIP = 1.0
 """N: in the residual all contacts together press at least so hard, and each at most; DexGraspBench's."""
 
 
-def margin(touch: Contacts, edges: int = EDGES) -> float:
+def closure_margin(touch: Contacts, edges: int = EDGES) -> float:
     """How evenly the primitive wrenches wᵢ can balance themselves:
 
     m = max g t, subject to Σ xᵢ wᵢ = 0, Σ xᵢ = 1, xᵢ ≥ t for all g of them.
@@ -84,14 +84,14 @@ def margin(touch: Contacts, edges: int = EDGES) -> float:
     1, when all do so alike. Not above 0 means none; -inf: there is no balance at all, with pulling either. A linear
     program (HiGHS), exact for the pyramids. Raises ConfigError without SciPy.
     """
-    points = wrenches(touch, edges)
+    points = cone_wrenches(touch, edges)
     count = len(points)
     if not count:
         return -math.inf
     balance = np.zeros((7, count + 1))
     balance[:6, :count], balance[6, :count] = points.T, 1.0
     above = np.hstack([-np.eye(count), np.ones((count, 1))])
-    solved = scipy_part("optimize").linprog(
+    solved = import_scipy("optimize").linprog(
         np.append(np.zeros(count), -1.0), A_ub=above, b_ub=np.zeros(count), A_eq=balance,
         b_eq=np.append(np.zeros(6), 1.0), bounds=(None, None), method="highs",
     )  # fmt: skip
@@ -101,7 +101,7 @@ def margin(touch: Contacts, edges: int = EDGES) -> float:
     return found if rank(points) == 6 else min(found, 0.0)
 
 
-def residual(
+def qp_residual(
     touch: Contacts,
     edges: int = EDGES,
     *,
@@ -123,11 +123,11 @@ def residual(
     if len(touch) * most < grip:
         return 1.0
     careful = replace(touch, friction=share * touch.friction, torsion=share * touch.torsion)
-    points, owner = wrenches(careful, edges), forces(careful, edges)[2]
+    points, owner = cone_wrenches(careful, edges), cone_forces(careful, edges)[2]
     left = []
     for way in np.vstack([np.eye(6)[:3], -np.eye(6)[:3]]):
         strongest = partial(_strongest, points, owner, len(touch), grip, most, push * way)
-        left.append(np.linalg.norm(nearest(strongest, 6)))
+        left.append(np.linalg.norm(nearest_point(strongest, 6)))
     return float(np.mean(left))
 
 
@@ -149,5 +149,5 @@ def _strongest(
 def imbalance(held: Contacts) -> float:
     """How far contacts that press with 1 in all are from balancing each other: min |Σ xᵢ wᵢ| over x ≥ 0, Σ xᵢ = 1, the
     distance of the origin from the hull of the wrenches."""
-    corners = wrenches(held)
-    return float(np.linalg.norm(nearest(lambda way: corners[int(np.argmin(corners @ way))], 6)))
+    corners = cone_wrenches(held)
+    return float(np.linalg.norm(nearest_point(lambda way: corners[int(np.argmin(corners @ way))], 6)))

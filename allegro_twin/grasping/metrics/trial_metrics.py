@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from allegro_twin.grasping.metrics.carrying import least_effort, least_normal_force, weight
-from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, contacts
-from allegro_twin.grasping.metrics.quality import margin, quality, residual
+from allegro_twin.grasping.metrics.carrying import least_effort, least_normal_force, weight_load
+from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, make_contacts
+from allegro_twin.grasping.metrics.quality import closure_margin, grasp_quality, qp_residual
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
 from allegro_twin.types import Array, Vector
 
 
-def of_touch(touch: Touch, friction: float | None = None) -> Contacts:
+def contacts_in_scene(touch: Touch, friction: float | None = None) -> Contacts:
     """The contacts of a scene for the metrics; `friction` replaces the scene's sliding friction."""
-    return contacts(
+    return make_contacts(
         touch.points,
         touch.normals,
         touch.friction if friction is None else friction,
@@ -27,7 +27,7 @@ def of_touch(touch: Touch, friction: float | None = None) -> Contacts:
     )
 
 
-def measured(
+def contact_metrics(
     touch: Touch,
     mass: float,
     jacobians: Array | None = None,
@@ -40,16 +40,16 @@ def measured(
     """`contacts`, `fingers` (parts that touch), `penetration_mm`, `epsilon`, `volume`, `lp`, `qp`, `carry` (N) and,
     with Jacobians (k, 6, n) and torque limits (n,), `torque_share`: the columns of a report. `mass`: kg, of which the
     weight points `down` in the world. Raises ConfigError without SciPy."""
-    all_of_them = of_touch(touch, friction)
-    found, load = quality(all_of_them, edges), weight(mass, down)
+    all_of_them = contacts_in_scene(touch, friction)
+    found, load = grasp_quality(all_of_them, edges), weight_load(mass, down)
     row = {
         "contacts": float(len(touch.points)),
         "fingers": float(len(np.unique(touch.part))),
         "penetration_mm": 1000.0 * float(touch.depth.max(initial=0.0)),
         "epsilon": found.epsilon,
         "volume": found.volume,
-        "lp": margin(all_of_them, edges),
-        "qp": residual(all_of_them, edges),
+        "lp": closure_margin(all_of_them, edges),
+        "qp": qp_residual(all_of_them, edges),
         "carry": float(least_normal_force(all_of_them, load, edges)[0]),
     }
     if jacobians is not None and limit is not None:
@@ -58,15 +58,15 @@ def measured(
 
 
 NAMES = ("fingers", "epsilon", "volume", "lp", "qp", "carry", "least_torque")
-"""As `measure.measured` has them; its `torque_share` is called `least_torque` here, beside the share that was used."""
+"""Of `contact_metrics`; its `torque_share` is `least_torque` here, beside the share that was used."""
 
 
-def metrics_of(trial: Trial, data: Any) -> dict[str, float]:
+def trial_metrics(trial: Trial, data: Any) -> dict[str, float]:
     """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
     for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
     touch = touching(model, data, spec, trial.scenario.objects[0].name)
     columns = None if spec.followers else jacobians(model, data, spec, touch)
-    row = measured(touch, trial.mass, columns, spec.actuation.torque_limit)
+    row = contact_metrics(touch, trial.mass, columns, spec.actuation.torque_limit)
     row["least_torque"] = row.get("torque_share", float("nan"))
     return {name: row[name] for name in NAMES}

@@ -52,7 +52,7 @@ class Candidate:
         return "above" if down > np.cos(np.radians(30.0)) else "side" if abs(down) < 0.5 else "oblique"
 
 
-def apart(first: Candidate, second: Candidate, symmetry: Array | None = None) -> tuple[float, float]:
+def pose_distance(first: Candidate, second: Candidate, symmetry: Array | None = None) -> tuple[float, float]:
     """How far two palms are from each other, m and rad. `symmetry`: rotations (k, 3, 3) about the world's origin that
     leave the object as it is; the nearest image counts."""
     turns = np.eye(3)[None] if symmetry is None else symmetry
@@ -63,13 +63,13 @@ def apart(first: Candidate, second: Candidate, symmetry: Array | None = None) ->
     return float(positions[best]), float(angles[best])
 
 
-def different(
+def is_different(
     candidate: Candidate, others: list[Candidate], symmetry: Array | None = None,
     metres: float = 0.02, degrees: float = 20.0,
 ) -> bool:  # fmt: skip
     """Whether a candidate is 2 cm or 20° from every other one."""
     for other in others:
-        far, turned = apart(candidate, other, symmetry)
+        far, turned = pose_distance(candidate, other, symmetry)
         if far < metres and turned < np.radians(degrees):
             return False
     return True
@@ -79,7 +79,7 @@ ROUND = 36
 """Turns that stand for any turn of something round: every 10°, half of what makes grasps different."""
 
 
-def symmetry(placed: Placement) -> Array:
+def object_symmetry(placed: Placement) -> Array:
     """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
     cylinder or a sphere, of a box, and no other than none of a mesh."""
     thing = placed.thing
@@ -108,27 +108,27 @@ DIGITS = 4
 """Of angles in rad and of lengths in m, as files have them: what is proven is what is written."""
 
 
-def scenario_of(candidate: Candidate, bench: Workbench, scenario: Scenario) -> Scenario:
+def candidate_scenario(candidate: Candidate, bench: Workbench, scenario: Scenario) -> Scenario:
     """The scenario with the candidate's palm."""
     away = candidate.position - np.array(bench.placed.position)
     wrist = Wrist.model_validate(
         {
-            "position": row(away), "facing": row(candidate.rotation[:, 0]),
-            "fingers": row(candidate.rotation[:, 2]), "retreat": row(candidate.retreat),
+            "position": round_vector(away), "facing": round_vector(candidate.rotation[:, 0]),
+            "fingers": round_vector(candidate.rotation[:, 2]), "retreat": round_vector(candidate.retreat),
         }
     )  # fmt: skip
     return scenario.model_copy(update={"wrist": wrist, "hand": bench.spec.called})
 
 
-def grasp_of(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
+def candidate_grasp(candidate: Candidate, template: Grasp, spec: HandSpec, squeeze: float = 1.0) -> Grasp:
     """The candidate's postures as a grasp, of its template's type. `squeeze`: factor on how far the fingers are told to
     go beyond where they touch."""
     told = candidate.close + squeeze * (candidate.squeeze - candidate.close)
-    preshape, close, told = (rounded(each, spec) for each in (candidate.preshape, candidate.close, told))
+    preshape, close, told = (round_posture(each, spec) for each in (candidate.preshape, candidate.close, told))
     return replace(template, preshape=preshape, close=close, squeeze=told, grip=None, observed=None)
 
 
-def rounded(posture: Vector, spec: HandSpec) -> Vector:
+def round_posture(posture: Vector, spec: HandSpec) -> Vector:
     """A posture as files have it, inside the joint limits, (n,), rad."""
     fine = 10.0**DIGITS
     inside: Vector = np.clip(
@@ -137,7 +137,7 @@ def rounded(posture: Vector, spec: HandSpec) -> Vector:
     return inside
 
 
-def row(vector: Array) -> tuple[float, float, float]:
+def round_vector(vector: Array) -> tuple[float, float, float]:
     """Three lengths as files have them, m."""
     x, y, z = np.round(vector, DIGITS).tolist()
     return x, y, z
@@ -147,22 +147,22 @@ SHARE = 0.9
 """Of its torque limit that a joint holds with: what is left is for motion and for what the hand is not told."""
 
 
-def check_loop(spec: HandSpec) -> None:
+def check_stiffness(spec: HandSpec) -> None:
     """Raises ConfigError for a hand that closes its own loop where nobody says how stiff that is: no squeeze could be
     reckoned with."""
     if "torque" not in spec.commands and spec.actuation.stiffness is None:
         raise ConfigError(f"{spec.name}: its card says no `stiffness` of what is driven; `hand new` writes it")
 
 
-def resting(trial: Trial, data: Any) -> Mapping[str, float]:
-    """Positions of what is driven by name, rad: what a batch of trials measures for `eased`."""
+def rest_positions(trial: Trial, data: Any) -> Mapping[str, float]:
+    """Positions of what is driven by name, rad: what a batch of trials measures for `limit_squeeze`."""
     spec, lengths = trial.backend.spec, Lengths(trial.backend.spec, trial.backend.model)
     at = lengths.position(data.qpos) if lengths.sums else lengths.look(trial.backend.model, data)[0]
     return dict(zip(spec.joints, at.tolist(), strict=True))
 
 
-def eased(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
+def limit_squeeze(grasp: Grasp, rest: Vector, gains: Gains, spec: HandSpec, share: float = SHARE) -> Grasp:
     """The grasp with its squeeze no further from where its joints come to `rest` (n,), rad, than what `share` of their
     torque limits makes: kp |squeeze - rest| ≤ share · limit."""
     reach = share * spec.actuation.torque_limit / gains.kp
-    return replace(grasp, squeeze=rounded(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))
+    return replace(grasp, squeeze=round_posture(np.clip(grasp.squeeze, rest - reach, rest + reach), spec))

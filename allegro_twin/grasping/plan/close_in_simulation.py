@@ -14,7 +14,7 @@ from allegro_twin.control.controllers import Gains, GravityTorque
 from allegro_twin.grasping.batch.trial_loop import TrialLoop
 from allegro_twin.grasping.metrics.quality import imbalance
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, gripped, torsion_of, units
+from allegro_twin.grasping.plan.close_in_geometry import UNBALANCED, metric_contacts, motor_scale, torsion_radius
 from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
@@ -38,7 +38,7 @@ DRIFT, ROTATION = 0.012, 18.0
 """m and degrees: what a candidate may move in the hand."""
 
 
-class Outcome(NamedTuple):
+class ClosingOutcome(NamedTuple):
     """What became of a candidate."""
 
     candidate: Candidate
@@ -49,26 +49,26 @@ class Outcome(NamedTuple):
     """How far it came: 0 closing, 1 to 2 during the lift, 2 to 3 during the turn."""
 
 
-def tried(
-    bench: Workbench, candidates: Sequence[Candidate], performer: Performer, friction: float, random: Random
-) -> list[Outcome]:
+def close_candidates(
+    bench: Workbench, candidates: Sequence[Candidate], performer: FingerGains, friction: float, random: Random
+) -> list[ClosingOutcome]:
     """All of them, side by side, in order."""
-    run = _Closing(bench, list(candidates), performer, friction, random)
+    run = _ClosingTrials(bench, list(candidates), performer, friction, random)
     run.close()
     run.squeeze()
     run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
     run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
     return [
-        Outcome(candidate, not why, why or "passed", float(reached))
+        ClosingOutcome(candidate, not why, why or "passed", float(reached))
         for candidate, why, reached in zip(run.candidates, run.why, run.reached, strict=True)
     ]
 
 
-class _Closing(TrialLoop):
+class _ClosingTrials(TrialLoop):
     """Candidates in step."""
 
     def __init__(
-        self, bench: Workbench, candidates: list[Candidate], performer: Performer, friction: float, random: Random
+        self, bench: Workbench, candidates: list[Candidate], performer: FingerGains, friction: float, random: Random
     ) -> None:
         n, self.timestep = len(candidates), float(bench.model.opt.timestep)
         # A copy, for a hand that closes its own loop has what its motors may give in there.
@@ -80,7 +80,7 @@ class _Closing(TrialLoop):
         self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
         close = np.array([c.close for c in candidates])
-        self.fingers = fingers_of(self.sims, performer, self.target, self.closing, close)
+        self.fingers = make_finger_drive(self.sims, performer, self.target, self.closing, close)
         self.sims.place(self.running, self.target)
         for axis, name in enumerate(wrist.JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
@@ -98,7 +98,7 @@ class _Closing(TrialLoop):
             touch, centre = self.bench.touch(data), data.xipos[self.bench.body].copy()
             if not len(touch.points):
                 reasons[row] = "empty"
-            elif imbalance(gripped(touch, centre, self.friction, torsion_of(self.bench))) > UNBALANCED:
+            elif imbalance(metric_contacts(touch, centre, self.friction, torsion_radius(self.bench))) > UNBALANCED:
                 reasons[row] = "unbalanced"
         self.stop(reasons)
 
@@ -106,7 +106,7 @@ class _Closing(TrialLoop):
         """From where they rest, further by what makes the wanted torque."""
         spec = self.bench.spec
         rest = self.sims.position.copy()
-        push = squeezed(self.closing, spec, self.gains, self.random)
+        push = squeeze_offsets(self.closing, spec, self.gains, self.random)
         wanted = np.clip(np.where(self.closing != 0.0, rest + push, self.target), spec.lower, spec.upper)
         for row in self.running.tolist():
             self.candidates[row] = replace(self.candidates[row], close=rest[row], squeeze=wanted[row])
@@ -151,7 +151,7 @@ class _Closing(TrialLoop):
         self.stop(dict.fromkeys(diverged.tolist(), "diverged"))
 
 
-def squeezed(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:
+def squeeze_offsets(closing: Array, spec: HandSpec, gains: Gains, random: Random) -> Array:
     """How far beyond where they touch joints are told to go: for a drawn share of their torque limit, (k, n), rad."""
     share = random.uniform(LIGHT, STRONG, (len(closing), 1))
     further: Array = OVER * share * spec.actuation.torque_limit * closing / gains.kp
@@ -186,7 +186,7 @@ SPEED = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Performer:
+class FingerGains:
     """What holds joints where they are told to be."""
 
     gains: Gains
@@ -194,7 +194,7 @@ class Performer:
     gravity: GravityTorque
 
 
-class Fingers(Protocol):
+class FingerDrive(Protocol):
     """Both ways give what `SimBatch.advance` tells the motors of some rows in a period, (rows, n)."""
 
     @property
@@ -211,20 +211,22 @@ class Fingers(Protocol):
         ...
 
 
-def fingers_of(sims: SimBatch, performer: Performer, start: Array, closing: Array, close: Array) -> Fingers:
+def make_finger_drive(
+    sims: SimBatch, performer: FingerGains, start: Array, closing: Array, close: Array
+) -> FingerDrive:
     """`start`: where they begin, `closing`: which way they go, and `close`: where geometry has them meet something,
     (candidates, n)."""
     if not sims.closes_loop:
-        return Torqued(sims, performer, start.copy(), closing)
-    return Own(sims, performer, start.copy(), closing, close)
+        return TorqueFingers(sims, performer, start.copy(), closing)
+    return ServoFingers(sims, performer, start.copy(), closing, close)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Torqued:
+class TorqueFingers:
     """Fingers that take torques: PD, and their weight carried."""
 
     sims: SimBatch
-    performer: Performer
+    performer: FingerGains
     start: Array
     closing: Array
 
@@ -250,19 +252,19 @@ class Torqued:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Own:
+class ServoFingers:
     """Fingers whose firmware closes the loop: they are told to go evenly to a little beyond where they should meet the
     object, with a share of their effort where the hand can limit it."""
 
     sims: SimBatch
-    performer: Performer
+    performer: FingerGains
     start: Array
     closing: Array
     close: Array
 
     @property
     def seconds(self) -> float:
-        travel = np.abs(self._goal() - self.start) / units(self.sims.spec)
+        travel = np.abs(self._goal() - self.start) / motor_scale(self.sims.spec)
         return max(SECONDS, float(travel.max()) / SPEED)
 
     def press(self, rows: Rows, at: float) -> Array:

@@ -24,7 +24,7 @@ _TERM = re.compile(r"\s*([xyz])\s*([<>])\s*(-?\d+(?:\.\d*)?|-?\.\d+)\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class GraspRegion:
     """What lies between two corners, in the object's own frame, m."""
 
     low: tuple[float, float, float]
@@ -46,12 +46,12 @@ class Region:
         return {"region": float(force[inside].sum() / force.sum()) if force.sum() > 0.0 else 0.0}
 
 
-def there(verdict: Verdict) -> bool:
+def holds_in_region(verdict: Verdict) -> bool:
     """Whether enough of the force was in the region, where one was asked for."""
     return verdict.measured.get("region", 1.0) > SHARE
 
 
-def region(text: str) -> Region:
+def parse_region(text: str) -> GraspRegion:
     """From words like `x>0.045, z<0.03`. Raises ConfigError."""
     low, high = dict.fromkeys("xyz", -np.inf), dict.fromkeys("xyz", np.inf)
     for part in text.split(","):
@@ -63,10 +63,10 @@ def region(text: str) -> Region:
     empty = [axis for axis in "xyz" if low[axis] >= high[axis]]
     if empty:
         raise ConfigError(f"region {text!r}: nothing is between the bounds of {empty[0]}")
-    return Region((low["x"], low["y"], low["z"]), (high["x"], high["y"], high["z"]))
+    return GraspRegion((low["x"], low["y"], low["z"]), (high["x"], high["y"], high["z"]))
 
 
-def in_frame_of(placed: Placement, points: Array) -> Array:
+def to_object_frame(placed: Placement, points: Array) -> Array:
     """Points of the world in the frame of an object where it stands, (k, 3), m."""
     own: Array = (points - placed.position) @ matrix_from_quaternion(np.array(placed.quaternion))
     return own

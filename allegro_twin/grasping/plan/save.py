@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from allegro_twin.files import yaml_edit
-from allegro_twin.grasping.evaluation.outcomes import rate
-from allegro_twin.grasping.plan.validate import SEARCHED, Planned
+from allegro_twin.grasping.evaluation.outcomes import make_rate
+from allegro_twin.grasping.plan.validate import SEARCHED, PlannedGrasp
 from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protocol
 from allegro_twin.grasping.statistics import wilson
 from allegro_twin.grasping.uncertainty import Uncertainty
@@ -23,29 +23,29 @@ GRASPS = "grasps"
 """The folder beside the scenarios."""
 
 
-def written(
-    found: Sequence[Planned], name: str, folder: Path, spec: HandSpec, uncertainty: Uncertainty = SEARCHED,
+def save_grasps(
+    found: Sequence[PlannedGrasp], name: str, folder: Path, spec: HandSpec, uncertainty: Uncertainty = SEARCHED,
     read_in: Path | None = None,
 ) -> list[Path]:  # fmt: skip
     """Write <folder>/<name>_1.yaml …, best first, with their grasps; the scenarios. `read_in`: where they will lie,
     from which they name meshes and cards; by default the folder. Raises ConfigError for a name that is none,
     RecordingError when the disk does not let it."""
     return [
-        write(
-            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, in_words(planned),
-            proof_of(planned, uncertainty), read_in,
+        save_grasp(
+            planned.scenario, planned.grasp, f"{name}_{number}", folder, spec, describe(planned),
+            make_proof(planned, uncertainty), read_in,
         )
         for number, planned in enumerate(found, 1)
     ]  # fmt: skip
 
 
-def write(
+def save_grasp(
     scenario: Scenario, grasp: Grasp, name: str, folder: Path, spec: HandSpec, description: str,
     proof: Proof | None = None, read_in: Path | None = None,
 ) -> Path:  # fmt: skip
     """Write <folder>/<name>.yaml, a scenario, and <folder>/grasps/<name>.yaml, the grasp that it names; the first.
-    `read_in` as of `written`."""
-    stored(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name, proof=proof)
+    `read_in` as of `save_grasps`."""
+    store_grasp(grasp, name, folder / GRASPS / f"{name}.yaml", spec, description, evidence=name, proof=proof)
     path = folder / f"{name}.yaml"
     content = _plain(scenario, f"{GRASPS}/{name}.yaml", read_in or folder, description)
     with yaml_edit.locked(path):
@@ -53,7 +53,7 @@ def write(
     return path
 
 
-def stored(
+def store_grasp(
     grasp: Grasp, name: str, path: Path, spec: HandSpec, description: str, evidence: str, proof: Proof | None = None
 ) -> None:
     """Store a grasp under a name in a library file; the other hand's is its mirror image. Raises ConfigError or
@@ -65,18 +65,18 @@ def stored(
     library.store(name, path)
 
 
-def in_words(planned: Planned) -> str:
+def describe(planned: PlannedGrasp) -> str:
     """What was shown of it."""
     thing, left = planned.scenario.objects[0].name, f"{100 * planned.margin:.0f} % of the limits left"
     said = [f"{left} without noise"]
     if planned.judged:
-        drawn = rate("", planned.judged_held, planned.judged)
+        drawn = make_rate("", planned.judged_held, planned.judged)
         said.insert(0, f"held in {drawn} draws that it was not chosen on")
     begun = f"begun as {planned.candidate.template}, seed {planned.seed}, {planned.candidates} candidates"
     return f"Planned for {thing}, {_FROM[planned.candidate.direction]}: {', '.join(said)}; {begun}"
 
 
-def proof_of(planned: Planned, uncertainty: Uncertainty) -> Proof:
+def make_proof(planned: PlannedGrasp, uncertainty: Uncertainty) -> Proof:
     """The same for programs; of nothing judged, an interval that says nothing."""
     protocol = load_protocol(planned.scenario.protocol)
     low, high = wilson(planned.judged_held, planned.judged)

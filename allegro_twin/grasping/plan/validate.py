@@ -11,8 +11,15 @@ from typing import NamedTuple
 
 from allegro_twin.grasping.batch.batched_trials import Measure, Verdict
 from allegro_twin.grasping.batch.trials import PERIOD, TrialCase, TrialRunner
-from allegro_twin.grasping.plan.candidate import SHARE, Candidate, different, eased, grasp_of, scenario_of
-from allegro_twin.grasping.plan.region import Region, there
+from allegro_twin.grasping.plan.candidate import (
+    SHARE,
+    Candidate,
+    candidate_grasp,
+    candidate_scenario,
+    is_different,
+    limit_squeeze,
+)
+from allegro_twin.grasping.plan.region import GraspRegion, holds_in_region
 from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.uncertainty import Uncertainty, sample_perturbations
 from allegro_twin.hands.library.gains import load_gains, ruled
@@ -52,7 +59,7 @@ WHOLE_TRIALS = 2
 
 
 @dataclass(slots=True, eq=False)
-class Planned:
+class PlannedGrasp:
     """A grasp, and what has become of it so far."""
 
     candidate: Candidate
@@ -92,7 +99,7 @@ class Planned:
 
 
 @dataclass(slots=True)
-class Prover:
+class GraspValidator:
     """Options for one object, with what is known of each."""
 
     bench: Workbench
@@ -104,17 +111,17 @@ class Prover:
     uncertainty: Uncertainty
     turns: Array | None
     """Rotations that leave the object as it is; None where every pose counts as its own."""
-    region: Region | None = None
+    region: GraspRegion | None = None
     """Where more than half of the contact force has to be."""
     kind: int | str | None = None
     """The type that the contacts have to show; None: any."""
     threads: int = 0
-    options: list[Planned] = field(default_factory=list)
+    options: list[PlannedGrasp] = field(default_factory=list)
     ends: Counter[str] = field(default_factory=Counter)
 
     def add(self, candidates: Sequence[Candidate], n: int) -> None:
         """Learn about some more, and about the best of all; `n`: how many are wanted in the end."""
-        new = [Planned(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
+        new = [PlannedGrasp(c, *self.as_files(c, squeeze)) for c in candidates for squeeze in SQUEEZES]
         self._draw(new, FIRST)
         self.options += new
         self._draw([o for o in self.ranked(self.options, n + SPARE) if o.tried < MOST and not o.good], MORE)
@@ -127,13 +134,13 @@ class Prover:
             self._confirm(unknown)
             left -= len(unknown)
 
-    def best(self, n: int) -> list[Planned]:
+    def best(self, n: int) -> list[PlannedGrasp]:
         """Those that hold in the whole trial, apart from each other, best first."""
-        return best_of([option for option in self.options if option.confirmed], n, self.turns)
+        return best_grasps([option for option in self.options if option.confirmed], n, self.turns)
 
-    def ranked(self, options: Sequence[Planned], n: int) -> list[Planned]:
+    def ranked(self, options: Sequence[PlannedGrasp], n: int) -> list[PlannedGrasp]:
         """The best of each place, of those that have not failed."""
-        return best_of([option for option in options if option.confirmed is not False], n, self.turns)
+        return best_grasps([option for option in options if option.confirmed is not False], n, self.turns)
 
     def unsure(self) -> list[Candidate]:
         """Those of the best whose variations may be better."""
@@ -142,11 +149,11 @@ class Prover:
     def as_files(self, candidate: Candidate, squeeze: Squeeze) -> tuple[Scenario, Grasp]:
         """What is played of a candidate."""
         template = next(grasp for grasp in self.templates if grasp.name == candidate.template)
-        grasp = grasp_of(candidate, template, self.spec, squeeze.factor)
-        grasp = eased(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
-        return scenario_of(candidate, self.bench, self.scenario), grasp
+        grasp = candidate_grasp(candidate, template, self.spec, squeeze.factor)
+        grasp = limit_squeeze(grasp, candidate.rest, load_gains("default", self.spec), self.spec, squeeze.share)
+        return candidate_scenario(candidate, self.bench, self.scenario), grasp
 
-    def _draw(self, options: Sequence[Planned], count: int) -> None:
+    def _draw(self, options: Sequence[PlannedGrasp], count: int) -> None:
         """Try each under the next draws that it has not seen."""
         protocol = load_protocol("quick")
         bench = TrialRunner(self.spec, period=protocol.period or PERIOD, threads=self.threads)
@@ -165,7 +172,7 @@ class Prover:
         """What tells whether an object is held where it is to be."""
         return None if self.region is None else self.region.share
 
-    def _confirm(self, options: Sequence[Planned]) -> None:
+    def _confirm(self, options: Sequence[PlannedGrasp]) -> None:
         """Try each in the whole trial."""
         cases = [TrialCase(option.scenario, option.grasp, folder=self.folder) for option in options]
         verdicts = TrialRunner(self.spec, threads=self.threads).verdicts(cases, self.measure)
@@ -179,7 +186,7 @@ class Prover:
 
     def amiss(self, verdicts: Sequence[Verdict]) -> str:
         """What is wrong with something that held: held `elsewhere`, or as an `other type`; empty where nothing is."""
-        if not all(there(verdict) for verdict in verdicts):
+        if not all(holds_in_region(verdict) for verdict in verdicts):
             return "elsewhere"
         seen = [verdict.report.observed for verdict in verdicts if verdict.report is not None][:1]
         if self.kind is not None and not any(each is not None and is_of_type(each, self.kind) for each in seen):
@@ -187,9 +194,9 @@ class Prover:
         return ""
 
 
-def judge(
-    planned: Sequence[Planned], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path, threads: int = 0,
-    count: int = JUDGED,
+def judge_planned(
+    planned: Sequence[PlannedGrasp], spec: HandSpec, uncertainty: Uncertainty, seed: int, folder: Path,
+    threads: int = 0, count: int = JUDGED,
 ) -> None:  # fmt: skip
     """Count how often each holds in the whole trial of its own protocol, in draws that no search has seen."""
     drawn = sample_perturbations(uncertainty, count, seed, stream="judge")
@@ -204,23 +211,24 @@ def judge(
             each.judged_held += all(found)
 
 
-def best_of(options: Sequence[Planned], n: int, turns: Array | None) -> list[Planned]:
+def best_grasps(options: Sequence[PlannedGrasp], n: int, turns: Array | None) -> list[PlannedGrasp]:
     """So many, best first, each apart from those before it. `turns`: rotations that leave the object as it is."""
-    kept: list[Planned] = []
+    kept: list[PlannedGrasp] = []
     for option in sorted(options, key=lambda o: (-o.expected, -o.candidate.score)):
-        if len(kept) < n and different(option.candidate, [k.candidate for k in kept], turns):
+        if len(kept) < n and is_different(option.candidate, [k.candidate for k in kept], turns):
             kept.append(option)
     return kept
 
 
-def pushed(prover: Prover, candidates: Sequence[Candidate]) -> None:
+def validate_in_air(prover: GraspValidator, candidates: Sequence[Candidate]) -> None:
     """Add those that hold a floating object against a push along every axis. What two of them move is not pushed along
     the others."""
     protocol = load_protocol(prover.scenario.protocol)
     gains = ruled(protocol.gains, prover.spec)
     runner = TrialRunner(prover.spec, gains, protocol.period or PERIOD, prover.threads)
     options = [
-        Planned(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0) for c in candidates
+        PlannedGrasp(c, *prover.as_files(c, AS_IT_IS), confirmed=True, sure=True, margin=1.0, stall=0.0)
+        for c in candidates
     ]
     for ways in (slice(0, 2), slice(2, None)):
         cases = [TrialCase(o.scenario, o.grasp, folder=prover.folder).directions()[ways] for o in options]

@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.search import Search
-    from allegro_twin.grasping.plan.validate import Planned
+    from allegro_twin.grasping.plan.search import GraspSearch
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.verdict import TrialReport
     from allegro_twin.learning.training.evaluation import Evaluation
     from allegro_twin.learning.training.report import Compared
@@ -85,9 +85,9 @@ def _counted(reports: Mapping[tuple[str, str], TrialReport]) -> str:
     )
 
 
-def planned(name: str, found: Sequence[Planned]) -> Table:
+def planned(name: str, found: Sequence[PlannedGrasp]) -> Table:
     """One row a grasp, best of the search first. What it chose on and what came after stand apart."""
-    from allegro_twin.grasping.evaluation.outcomes import rate
+    from allegro_twin.grasping.evaluation.outcomes import make_rate
 
     table = Table(title=f"{len(found)} grasps for {name}", title_style="bold")
     words = ("from", "like", "type")
@@ -97,13 +97,13 @@ def planned(name: str, found: Sequence[Planned]) -> Table:
         table.add_row(
             str(number), each.candidate.direction, each.candidate.template, str(each.grasp.kind),
             f"{each.held} of {each.tried}" if each.tried else "",
-            str(rate("", each.judged_held, each.judged)) if each.judged else "",
+            str(make_rate("", each.judged_held, each.judged)) if each.judged else "",
             f"{each.margin:.0%}", f"{each.stall:.0%}",
         )  # fmt: skip
     return table
 
 
-def searched(search: Search, seeds: int) -> str:
+def searched(search: GraspSearch, seeds: int) -> str:
     """How much was searched, and how the same is found again."""
     from allegro_twin.grasping.plan.validate import JUDGED
 
@@ -134,13 +134,13 @@ def phases(title: str, report: TrialReport) -> Table:
         verdict = ("[green]yes[/]" if phase.held else "[red]no[/]") if phase.check else ""
         numbers = (f"{phase.drift * 1000:.1f}", f"{phase.largest_drift * 1000:.1f}", f"{phase.rotation:.1f}")
         table.add_row(phase.name, *numbers, *forces, verdict)
-    from allegro_twin.grasping.evaluation.rejudge import stalled
+    from allegro_twin.grasping.evaluation.rejudge import stalled_joints
 
     seen = report.observed
     acts = "" if seen is None else f"\n{seen}: {seen.virtual_fingers or seen.why}; {seen.carries}"
     table.caption = (
         f"lifted {report.lift * 1000:.0f} mm, at most {report.penetration * 1000:.1f} mm in each other, "
-        f"{100 * report.margin:.0f} % of the limits left; {stalled(report)}{acts}"
+        f"{100 * report.margin:.0f} % of the limits left; {stalled_joints(report)}{acts}"
     )
     return table
 

@@ -14,7 +14,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.recorded import recordings
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.evaluation.campaign import Asked, Noise, Target
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings, TargetOptions
     from allegro_twin.spec import Side
 
 Targets = Annotated[
@@ -111,13 +111,13 @@ def evaluate(
     _without_use(policies, "policies", f"{targets[0]} is a scenario")
     if seed is not None and uncertainty is None:
         raise ConfigError(f"--seed {seed} is for draws: say how many with --uncertainty N")
-    from allegro_twin.grasping.evaluation.campaign import Asked, targets_of
+    from allegro_twin.grasping.evaluation.campaign import TargetOptions, find_targets
     from allegro_twin.surfaces.cli.grasps import verdicts
 
     if rrd is not None:
         recordings.check(out)
     noise = _noise(uncertainty, vary, seed or 0)
-    found = targets_of(_paths(targets), Asked(protocol, _sides(side), grasp, thing))
+    found = find_targets(_paths(targets), TargetOptions(protocol, _sides(side), grasp, thing))
     chosen = verdicts.engine_of(engine.value, address, count)
     trials = verdicts.tried(found, noise, chosen, out)
     rows = verdicts.told(found, noise, trials, out, rrd)
@@ -139,8 +139,8 @@ def compare(
     count: Count = None,
 ) -> None:
     """Say which of two grasps is better: in the same draws, by the exact McNemar test."""
-    from allegro_twin.grasping.evaluation.campaign import Asked, one_protocol
-    from allegro_twin.grasping.evaluation.outcomes import outcomes, pairs, rate_of
+    from allegro_twin.grasping.evaluation.campaign import TargetOptions, check_one_protocol
+    from allegro_twin.grasping.evaluation.outcomes import compare_pairs, row_rate, summarise
     from allegro_twin.grasping.statistics import comparison_text
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps import verdicts
@@ -150,25 +150,25 @@ def compare(
     if side is Sides.both:
         raise ConfigError("--side both is no side to compare on: right or left")
     noise = _noise(uncertainty, vary, seed)
-    asked = Asked(protocol, _sides(side))
-    both = [_single(first, asked), _single(second or first, Asked(protocol, asked.sides, grasp))]
+    asked = TargetOptions(protocol, _sides(side))
+    both = [_single(first, asked), _single(second or first, TargetOptions(protocol, asked.sides, grasp))]
     if both[0].item == both[1].item:
         raise ConfigError(f"{first} and {second or first} are the same grasp on the same object")
-    one_protocol(both)
+    check_one_protocol(both)
     trials = verdicts.tried(both, noise, verdicts.engine_of("local", None, count)).rows
     names = _names(both)
-    for name, row in zip(names, outcomes(both, trials), strict=True):
-        console.console.print(f"{name}: held in {rate_of(row)}", highlight=False)
-    console.console.print(comparison_text(pairs(trials), names[0], names[1]), soft_wrap=True, highlight=False)
+    for name, row in zip(names, summarise(both, trials), strict=True):
+        console.console.print(f"{name}: held in {row_rate(row)}", highlight=False)
+    console.console.print(comparison_text(compare_pairs(trials), names[0], names[1]), soft_wrap=True, highlight=False)
 
 
-def _noise(n: int | None, vary: str | None, seed: int) -> Noise:
-    from allegro_twin.grasping.evaluation.campaign import Noise
+def _noise(n: int | None, vary: str | None, seed: int) -> SamplingSettings:
+    from allegro_twin.grasping.evaluation.campaign import SamplingSettings
     from allegro_twin.surfaces.cli.grasps.variation import varied
 
     if vary is not None and n is None:
         raise ConfigError("--vary is for draws: say how many with --uncertainty N")
-    return Noise(n or 0, seed, varied(vary or ""))
+    return SamplingSettings(n or 0, seed, varied(vary or ""))
 
 
 def _of_policy(targets: list[str]) -> bool:
@@ -226,16 +226,16 @@ def _paths(targets: list[str]) -> list[Path]:
     return found
 
 
-def _single(target: str, asked: Asked) -> Target:
-    from allegro_twin.grasping.evaluation.campaign import targets_of
+def _single(target: str, asked: TargetOptions) -> EvaluationTarget:
+    from allegro_twin.grasping.evaluation.campaign import find_targets
 
-    found = targets_of(_paths([target]), asked)
+    found = find_targets(_paths([target]), asked)
     if len(found) != 1:
         raise ConfigError(f"{target}: {len(found)} grasps; compare takes one on either side")
     return found[0]
 
 
-def _names(both: list[Target]) -> list[str]:
+def _names(both: list[EvaluationTarget]) -> list[str]:
     """By what they differ in: the scenario, or else the grasp."""
     names = [target.name for target in both]
     return names if names[0] != names[1] else [target.case.grasp.name for target in both]

@@ -14,8 +14,14 @@ from allegro_twin.app.config import RunConfig
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.atomic_write import whole_file
 from allegro_twin.files.schema import load
-from allegro_twin.grasping.evaluation.campaign import JUDGE, Asked, Noise, campaign_of, targets_of
-from allegro_twin.grasping.evaluation.outcomes import outcomes, rate_of
+from allegro_twin.grasping.evaluation.campaign import (
+    JUDGE,
+    SamplingSettings,
+    TargetOptions,
+    find_targets,
+    make_campaign,
+)
+from allegro_twin.grasping.evaluation.outcomes import row_rate, summarise
 from allegro_twin.grasping.scenario import load_scenario
 from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.description.hands import load_spec
@@ -93,11 +99,11 @@ def _held(scenario: str, grasp: str) -> tuple[TrialReport, Picture]:
 def _often(scenario: str, grasp: str, draws: int) -> str:
     """As `allegro-twin evaluate SCENARIO --grasp GRASP --uncertainty DRAWS` says it."""
     _, path = load_scenario(scenario)
-    targets = targets_of([path], Asked(sides=("right",), grasp=grasp))
-    items, shared, *_ = campaign_of(targets, Noise(draws))
+    targets = find_targets([path], TargetOptions(sides=("right",), grasp=grasp))
+    items, shared, *_ = make_campaign(targets, SamplingSettings(draws))
     table = run_sweep(Sweep(JUDGE, items, shared, 1 + draws // cores()))
-    (row,) = outcomes(targets, table.to_pylist())
-    return str(rate_of(row))
+    (row,) = summarise(targets, table.to_pylist())
+    return str(row_rate(row))
 
 
 def _posed(name: str) -> Picture:

@@ -12,7 +12,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.grasps.evaluating import Engines
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.improve import Improved, Improvement
+    from allegro_twin.grasping.plan.improve import GraspImprovement, ImprovementResult
     from allegro_twin.grasping.scenario import Scenario
     from allegro_twin.hands.library.grasps import Grasp
     from allegro_twin.spec import HandSpec
@@ -41,21 +41,21 @@ def improve(
     """Make a grasp hold more often where it is: wrist, postures and squeeze, judged on draws that it was not chosen
     on."""
     from allegro_twin.files.output_folder import undisturbed
-    from allegro_twin.grasping.plan.improve import Improvement
-    from allegro_twin.grasping.plan.save import write
+    from allegro_twin.grasping.plan.improve import GraspImprovement
+    from allegro_twin.grasping.plan.save import save_grasp
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.grasps.verdicts import engine_of
 
     settings, begun, spec, path = _begun(scenario, grasp, thing)
     chosen = engine_of(engine.value, address, 1 if engine is Engines.local else None)
-    search = Improvement(
+    search = GraspImprovement(
         settings, begun, spec, path.parent, seed, rounds=rounds, population=population, draws=draws, unseen=unseen,
         engine=chosen.engine, at_once=chosen.at_once,
     )  # fmt: skip
     better = _searched(search, path.stem)
     told = _told(better, unseen, path.stem, begun.name)
     with undisturbed():  # A grasp of one search in a scenario of another would be neither's.
-        where = write(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
+        where = save_grasp(better.after.scenario, better.after.grasp, f"{path.stem}_improved", out, spec, told)
     console.console.print(f"Play it: allegro-twin run {where}", soft_wrap=True)
 
 
@@ -75,7 +75,7 @@ def _begun(scenario: str, grasp: str | None, thing: str | None) -> tuple[Scenari
     return settings, begun, spec, path
 
 
-def _searched(search: Improvement, name: str) -> Improved:
+def _searched(search: GraspImprovement, name: str) -> ImprovementResult:
     from allegro_twin.surfaces.cli import console
 
     with console.progress() as bar:
@@ -83,7 +83,7 @@ def _searched(search: Improvement, name: str) -> Improved:
         return search.run(lambda number, share: bar.update(task, completed=number + 1, description=f"{share:.0%}"))
 
 
-def _told(better: Improved, unseen: int, name: str, begun: str) -> str:
+def _told(better: ImprovementResult, unseen: int, name: str, begun: str) -> str:
     """Show before and after; in a sentence, for the file."""
     from allegro_twin.grasping.statistics import comparison_text, wilson
     from allegro_twin.surfaces.cli import console

@@ -15,8 +15,8 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.grasps.evaluating import Engines
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.plan.search import Budget, Search
-    from allegro_twin.grasping.plan.validate import Planned
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.validate import PlannedGrasp
     from allegro_twin.grasping.scenario import Scenario
     from allegro_twin.sweep.local import Engine
 
@@ -81,11 +81,11 @@ def plan(
     """Find grasps for an object that stands on a table: proposed by geometry, closed in physics, tried under draws of
     what the hand is not told, and proven in the whole trial."""
     from allegro_twin.files.output_folder import add_to_run, locked, one_run
-    from allegro_twin.grasping.plan.region import region
-    from allegro_twin.grasping.plan.save import in_words, proof_of, stored, written
-    from allegro_twin.grasping.plan.search import Budget, Search
-    from allegro_twin.grasping.plan.templates import templates
-    from allegro_twin.grasping.plan.validate import judge
+    from allegro_twin.grasping.plan.region import parse_region
+    from allegro_twin.grasping.plan.save import describe, make_proof, save_grasps, store_grasp
+    from allegro_twin.grasping.plan.search import GraspSearch, SearchBudget
+    from allegro_twin.grasping.plan.templates import grasp_templates
+    from allegro_twin.grasping.plan.validate import judge_planned
     from allegro_twin.grasping.scenario import load_protocol
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.surfaces.cli import console
@@ -96,17 +96,22 @@ def plan(
         update={"protocol": protocol, "hand": hand}
     )
     load_protocol(protocol)
-    search = Search(
-        scenario, spec, templates(spec, kind), seed=seed, region=None if by is None else region(by), kind=kind
+    search = GraspSearch(
+        scenario,
+        spec,
+        grasp_templates(spec, kind),
+        seed=seed,
+        region=None if by is None else parse_region(by),
+        kind=kind,
     )
     name = scenario.objects[0].name
     unlimited = candidates is not None and seconds is None
-    budget = Budget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
+    budget = SearchBudget(candidates or math.inf, math.inf if unlimited else seconds or 120.0)
     if seeds == 1 and engine is Engines.local:
         found = _searched(search, n, budget)
     else:
         found = _spread(search, n, budget, seeds, chosen.engine)
-    judge(found, spec, search.uncertainty, seed, search.folder)
+    judge_planned(found, spec, search.uncertainty, seed, search.folder)
     console.console.print(console.planned(name, found))
     console.console.print(console.searched(search, seeds), soft_wrap=True)
     if not found:
@@ -118,19 +123,19 @@ def plan(
         if out is None:
             stack.enter_context(locked(folder))
         with one_run(folder) as staging:
-            made = written(found, name, staging, spec, search.uncertainty, read_in=folder)
+            made = save_grasps(found, name, staging, spec, search.uncertainty, read_in=folder)
             paths = [folder / path.relative_to(staging) for path in made]
         for number, planned in enumerate(found, 1):
             if keep is not None:
                 kept = f"{name}_{number}"
-                stored(planned.grasp, kept, keep / f"{kept}.yaml", spec, in_words(planned), evidence=kept,
-                       proof=proof_of(planned, search.uncertainty))  # fmt: skip
+                store_grasp(planned.grasp, kept, keep / f"{kept}.yaml", spec, describe(planned), evidence=kept,
+                       proof=make_proof(planned, search.uncertainty))  # fmt: skip
         if pictures:
             add_to_run(folder, _pictured(paths, folder))
     console.console.print(f"In {folder}/: a scenario each. Play one: allegro-twin run {paths[0]}", soft_wrap=True)
 
 
-def _searched(search: Search, n: int, budget: Budget) -> list[Planned]:
+def _searched(search: GraspSearch, n: int, budget: SearchBudget) -> list[PlannedGrasp]:
     """On all processors of this computer."""
     from allegro_twin.surfaces.cli import console
 
@@ -142,14 +147,16 @@ def _searched(search: Search, n: int, budget: Budget) -> list[Planned]:
         )
 
 
-def _spread(search: Search, n: int, budget: Budget, seeds: int, engine: Engine) -> list[Planned]:
+def _spread(search: GraspSearch, n: int, budget: SearchBudget, seeds: int, engine: Engine) -> list[PlannedGrasp]:
     """One search a processor."""
-    from allegro_twin.grasping.plan.parallel import side_by_side
+    from allegro_twin.grasping.plan.parallel import search_in_parallel
     from allegro_twin.surfaces.cli import console
 
     with console.progress() as bar:
         task = bar.add_task(f"{search.scenario.objects[0].name}: {seeds} searches", total=seeds)
-        return side_by_side(search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done))
+        return search_in_parallel(
+            search, n, budget, seeds, engine, lambda done, _total: bar.update(task, completed=done)
+        )
 
 
 def new(
@@ -171,7 +178,7 @@ def new(
     Nothing says yet that it holds; `plan` looks for those that do."""
     from allegro_twin.files.output_folder import undisturbed
     from allegro_twin.grasping.plan.initial_guess import first_guess
-    from allegro_twin.grasping.plan.save import write
+    from allegro_twin.grasping.plan.save import save_grasp
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.surfaces.cli import console
 
@@ -180,7 +187,7 @@ def new(
     name = scenario.objects[0].name
     with undisturbed():
         (out / f"{name}_new.png").unlink(missing_ok=True)  # Of another guess.
-        path = write(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
+        path = save_grasp(guessed, grasp, f"{name}_new", out, spec, f"A first guess for {name}; not tried yet")
     if picture:
         _pictured([path], out)
     console.console.print(

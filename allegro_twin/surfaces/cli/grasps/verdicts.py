@@ -13,7 +13,7 @@ from allegro_twin.surfaces.cli.recorded.recordings import Recorded, record
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from allegro_twin.grasping.evaluation.campaign import Noise, Target
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget, SamplingSettings
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.local import Engine
 
@@ -56,15 +56,17 @@ def engine_of(name: str, address: str | None, count: int | None) -> Chosen:
     return Chosen(Local(0 if at_once == 1 else at_once), at_once)
 
 
-def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | None = None) -> Tried:
+def tried(
+    targets: Sequence[EvaluationTarget], noise: SamplingSettings, chosen: Chosen, out: Path | None = None
+) -> Tried:
     """Make the trials, with metrics where something is to be kept; those that are kept already are not made again.
     Raises HandError; what was finished stays."""
-    from allegro_twin.grasping.evaluation.campaign import JUDGE, campaign_of
+    from allegro_twin.grasping.evaluation.campaign import JUDGE, make_campaign
     from allegro_twin.sweep.jobs import Sweep
     from allegro_twin.sweep.runner import run
     from allegro_twin.sweep.store import Store
 
-    items, shared, stamps, inputs = campaign_of(targets, noise, metrics=out is not None and _scipy())
+    items, shared, stamps, inputs = make_campaign(targets, noise, metrics=out is not None and _scipy())
     sweep = Sweep(JUDGE, items, shared, max(1, min(UNIT, -(-len(items) // chosen.at_once))), stamps, inputs)
     store = None if out is None else Store(out / "trials", console.warn)
     with console.progress() as bar:
@@ -74,14 +76,18 @@ def tried(targets: Sequence[Target], noise: Noise, chosen: Chosen, out: Path | N
 
 
 def told(
-    targets: Sequence[Target], noise: Noise, trials: Tried, out: Path | None, rrd: Recorded | None = None
+    targets: Sequence[EvaluationTarget],
+    noise: SamplingSettings,
+    trials: Tried,
+    out: Path | None,
+    rrd: Recorded | None = None,
 ) -> list[dict[str, Any]]:
     """Show the table and write the files; the rows, one a target. Raises HandError."""
 
-    from allegro_twin.grasping.evaluation.outcomes import outcomes, rates, with_draws
+    from allegro_twin.grasping.evaluation.outcomes import rates, sample_columns, summarise
     from allegro_twin.sweep.results import write_results
 
-    rows = outcomes(targets, trials.rows)
+    rows = summarise(targets, trials.rows)
     console.console.print(_table(rows, noise))
     errors = [row["error"] for row in trials.rows if row["error"] is not None]
     if errors:
@@ -95,7 +101,7 @@ def told(
     if out is not None:
         (out / "report.html").unlink(missing_ok=True)  # Until the new one is there, none says what other trials were.
         write_results(out / "results.parquet", trials.table, trials.sweep.stamped(),
-                      with_draws(targets, trials.sweep.items))  # fmt: skip
+                      sample_columns(targets, trials.sweep.items))  # fmt: skip
         if rrd is not None:
             record(targets, rows, rrd, out / "recordings")
         _report(targets, rows, trials.sweep, out)
@@ -103,7 +109,7 @@ def told(
     return rows
 
 
-def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
+def _report(targets: Sequence[EvaluationTarget], rows: list[dict[str, Any]], sweep: Sweep, out: Path) -> None:
     from allegro_twin.app.portraits import worth_showing
     from allegro_twin.grasping.evaluation.html_report import write_html_report
 
@@ -119,7 +125,7 @@ def _report(targets: Sequence[Target], rows: list[dict[str, Any]], sweep: Sweep,
     )
 
 
-def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
+def _pictured(target: EvaluationTarget, row: dict[str, Any], path: Path) -> None:
     """A picture that cannot be made is a note: it is not what the trial is for."""
     from allegro_twin.app.portraits import portrait
 
@@ -132,7 +138,7 @@ def _pictured(target: Target, row: dict[str, Any], path: Path) -> None:
         console.errors.print(f"[yellow]{target.name}: no picture: {error}[/]")
 
 
-def _table(rows: Sequence[dict[str, Any]], noise: Noise) -> Table:
+def _table(rows: Sequence[dict[str, Any]], noise: SamplingSettings) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.markup import escape
     from rich.table import Table
@@ -165,9 +171,9 @@ def _figures(row: dict[str, Any]) -> dict[str, str]:
 
 
 def _held(row: dict[str, Any], *, drawn: bool) -> list[str]:
-    from allegro_twin.grasping.evaluation.outcomes import rate_of
+    from allegro_twin.grasping.evaluation.outcomes import row_rate
 
-    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(rate_of(row))] if drawn else [])]
+    return ["[green]yes[/]" if row["held"] else "[red]no[/]", *([str(row_rate(row))] if drawn else [])]
 
 
 def _number(value: float | None, head: str) -> str:
@@ -179,10 +185,10 @@ def _number(value: float | None, head: str) -> str:
 
 
 def _scipy() -> bool:
-    from allegro_twin.grasping.metrics.quality import scipy_part
+    from allegro_twin.grasping.metrics.quality import import_scipy
 
     try:
-        scipy_part("optimize")
+        import_scipy("optimize")
     except ConfigError as error:
         console.errors.print(f"[yellow]{error}[/]")  # The rest of the report is there without them.
         return False

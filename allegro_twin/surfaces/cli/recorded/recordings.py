@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.surfaces.cli import console
 
 if TYPE_CHECKING:
-    from allegro_twin.grasping.evaluation.campaign import Target
+    from allegro_twin.grasping.evaluation.campaign import EvaluationTarget
 
 
 class Recorded(StrEnum):
@@ -31,7 +31,7 @@ def check(out: Path | None) -> None:
     rerun_stage()
 
 
-def record(targets: Sequence[Target], rows: Sequence[dict[str, Any]], wanted: Recorded, folder: Path) -> None:
+def record(targets: Sequence[EvaluationTarget], rows: Sequence[dict[str, Any]], wanted: Recorded, folder: Path) -> None:
     """Keep each trial without a draw as a `.rrd`, and name it in its row; those that are there stay. Raises
     HandError."""
     from allegro_twin.app.portraits import ends_of_objects
@@ -50,7 +50,7 @@ def record(targets: Sequence[Target], rows: Sequence[dict[str, Any]], wanted: Re
     console.console.print(said, soft_wrap=True, highlight=False)
 
 
-def _made(target: Target, row: Mapping[str, Any], path: Path) -> bool:
+def _made(target: EvaluationTarget, row: Mapping[str, Any], path: Path) -> bool:
     """Whether there is one: a trial in which the guard stops the hand has none."""
     from allegro_twin.app.config import RunConfig
     from allegro_twin.app.portraits import staged

@@ -184,11 +184,11 @@ def _rrd(recording: Any, target: Path) -> None:
 
 
 def _concluded(viewer: Any, recording: Any) -> None:
-    from allegro_twin.grasping.evaluation.rejudge import checks, in_words, report_of
+    from allegro_twin.grasping.evaluation.rejudge import phase_results, rejudge, report_markdown
 
-    report = report_of(recording.spec, recording.columns, recording.meta)
+    report = rejudge(recording.spec, recording.columns, recording.meta)
     if report is not None:
-        viewer.conclude(checks(report), in_words(report))
+        viewer.conclude(phase_results(report), report_markdown(report))
 
 
 def files_of(target: str) -> list[Path]:
