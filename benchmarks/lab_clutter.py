@@ -21,7 +21,7 @@ from allegro_twin.cell.run import perform
 from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 
 _GAP = 0.005  # m, between two at least.
 Row = dict[str, Any]
@@ -30,7 +30,7 @@ Row = dict[str, Any]
 def drawn(names: Sequence[str], draws: np.random.Generator) -> list[ThingSettings]:
     """Two or three objects, none in another."""
     chosen = draws.permutation(names)[: int(draws.integers(2, 4))]
-    wide = [float(np.hypot(*named(str(name)).half_extents()[:2])) for name in chosen]
+    wide = [float(np.hypot(*load_object(str(name)).half_extents()[:2])) for name in chosen]
     at = draws.uniform(-0.06, 0.06, 2)
     places = [at]
     while len(places) < len(chosen):

@@ -27,8 +27,8 @@ from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import Placement, Thing, catalogue
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, object_catalogue
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
 
 _EQUAL = 0.002  # m. Edges that differ by less are of one length: which is the longer cannot be seen.
@@ -41,7 +41,7 @@ Figure = tuple[str, float, float, str]
 class Trial:
     """One picture of one thing."""
 
-    thing: Thing
+    thing: GraspObject
     shape: str
     """As it was seen, or the word of the refusal."""
     off: float
@@ -62,14 +62,14 @@ def trials(placements: int, seed: int, noise: Noise) -> Iterator[Trial]:
     """Each thing of the catalogue so often, the same for the same numbers."""
     settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
     pipeline, draws = Pipeline(settings), np.random.default_rng(seed)
-    for thing in catalogue().values():
+    for thing in object_catalogue().values():
         for _ in range(placements):
             placed, mount, number = drawn(thing, draws)
             frame = picture(placed, CameraSettings(mount=mount, noise=noise), number)
             yield _tried(pipeline, placed, frame)
 
 
-def drawn(thing: Thing, draws: np.random.Generator) -> tuple[Placement, Mount, int]:
+def drawn(thing: GraspObject, draws: np.random.Generator) -> tuple[PlacedObject, Mount, int]:
     """On any side that it can stand on, anywhere in the middle of the table, seen from 35 to 65 degrees above it and
     from 0.4 to 0.6 m away, from anywhere around; and a seed for the camera."""
     sides = {"sphere": "z", "cylinder": "zx", "ellipsoid": "yz", "box": "xyz"}[thing.shape]
@@ -78,18 +78,18 @@ def drawn(thing: Thing, draws: np.random.Generator) -> tuple[Placement, Mount, i
     above, around, away = np.radians(draws.uniform(35, 65)), draws.uniform(-np.pi, np.pi), draws.uniform(0.4, 0.6)
     position = away * np.array([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)])
     mount = Mount(position=(position[0], position[1], position[2]), towards=(0.0, 0.0, 0.04))
-    return standing(thing, up, yaw, x, y), mount, int(draws.integers(2**31))
+    return place_standing(thing, up, yaw, x, y), mount, int(draws.integers(2**31))
 
 
-def picture(placed: Placement, settings: CameraSettings, seed: int) -> Frame:
-    model, data = tabletop([placed])
+def picture(placed: PlacedObject, settings: CameraSettings, seed: int) -> Frame:
+    model, data = compile_tabletop([placed])
     camera = Camera(model, settings, seed)
     frame = camera.capture(data)
     camera.close()
     return frame
 
 
-def _tried(pipeline: Pipeline, placed: Placement, frame: Frame) -> Trial:
+def _tried(pipeline: Pipeline, placed: PlacedObject, frame: Frame) -> Trial:
     thing, cloud, spent, beside = placed.thing, frame.cloud, np.inf, np.inf
     for _ in range(_TIMES):
         begin = time.perf_counter()
@@ -106,7 +106,7 @@ def _tried(pipeline: Pipeline, placed: Placement, frame: Frame) -> Trial:
     return Trial(thing, seen.solid.shape, off, turned, *_baseline(seen, frame, placed, turn), spent, beside)
 
 
-def apart(thing: Thing, turn: Array, solid: Solid) -> float:
+def apart(thing: GraspObject, turn: Array, solid: Solid) -> float:
     """The angle between a thing's axes and those that were seen, degrees, its symmetries counted out: of a ball there
     is none (NaN), of a solid of revolution only its axis counts, of a box any turn that leaves it as it is does not."""
     edges = 2.0 * thing.half_extents()
@@ -127,7 +127,7 @@ def apart(thing: Thing, turn: Array, solid: Solid) -> float:
     return least
 
 
-def _baseline(seen: Found, frame: Frame, placed: Placement, turn: Array) -> tuple[float, float]:
+def _baseline(seen: Found, frame: Frame, placed: PlacedObject, turn: Array) -> tuple[float, float]:
     """Of the same points: how far the report's frame is off, mm, and its main axis from the thing's, degrees."""
     camera = (voxel(seen.points, _VOXEL) - frame.pose.position) @ frame.pose.rotation
     found = principal_frame(camera)

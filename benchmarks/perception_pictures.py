@@ -19,8 +19,8 @@ from allegro_twin.cell.perception.settings import PerceptionSettings
 from allegro_twin.cell.perception.target import Target, target
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
-from allegro_twin.sim.objects.catalogue import Placement, named
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from allegro_twin.types import Array
 
 Picture = NDArray[np.uint8]
@@ -35,9 +35,9 @@ _SHOWN = (
 
 def camera_picture() -> Picture:
     """Colour, exact depth, depth as it is told, and their difference: blue is nearer, red further, 5 mm at most."""
-    things = [standing(named(name), up, 0.5, x, y) for name, up, x, y in (
+    things = [place_standing(load_object(name), up, 0.5, x, y) for name, up, x, y in (
         ("mug", "z", 0.0, 0.0), ("sugar_box", "z", 0.06, 0.14), ("lemon", "z", -0.08, -0.1))]  # fmt: skip
-    model, data = tabletop(things)
+    model, data = compile_tabletop(things)
     camera = Camera(model, CameraSettings(mount=_MOUNT, colour=True))
     frame = camera.capture(data)
     exact = camera.exact(data, frame.pose)
@@ -53,12 +53,12 @@ def camera_picture() -> Picture:
 def perception_picture() -> Picture:
     """Six things: the solid that was fitted, its middle, and the target's frame: x red, y green, z blue."""
     settings = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
-    tiles = [_tile(standing(named(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
+    tiles = [_tile(place_standing(load_object(name), up, 0.7, 0.0, 0.0), settings) for name, up in _SHOWN]
     return np.concatenate([np.concatenate(tiles[:3], 1), np.concatenate(tiles[3:], 1)], 0)
 
 
-def _tile(placed: Placement, settings: PerceptionSettings) -> Picture:
-    model, data = tabletop([placed])
+def _tile(placed: PlacedObject, settings: PerceptionSettings) -> Picture:
+    model, data = compile_tabletop([placed])
     camera = Camera(model, CameraSettings(mount=_MOUNT, colour=True))
     frame = camera.capture(data)
     camera.close()

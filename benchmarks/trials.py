@@ -21,7 +21,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
-from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.types import Array
 
 Figure = tuple[str, float, float, str]
@@ -95,7 +95,7 @@ def _stepped(trials: list[Trial], bench: TrialRunner) -> None:
         model, data = trial.backend.model, trial.backend.data
         trial.backend.reset()
         motors = [model.actuator(name).id for name in bench.spec.joints]
-        slides = [model.actuator(name).id for name in wrist.JOINTS]
+        slides = [model.actuator(name).id for name in WRIST_JOINTS]
         for rows, torque, drive, _ in _CALLS:
             if row in rows:
                 place = int(np.searchsorted(rows, row))

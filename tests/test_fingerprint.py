@@ -16,7 +16,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.learning.tasks import start_states
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.sim.objects.convex_decomposition import _key
 from allegro_twin.sim.objects.meshes import Mesh
 from allegro_twin.spec import HandSpec
@@ -87,7 +87,7 @@ def test_sources_are_followed_into_functions_and_lazy_packages_and_not_into_type
 
 
 def test_states_of_fingertips_are_of_one_hand_and_pieces_of_one_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
-    cube = named("rubiks_cube")
+    cube = load_object("rubiks_cube")
     before, stiffer = start_states.file_name(cube), load_spec()
     motors = replace(stiffer.actuation, frictionloss=stiffer.actuation.frictionloss + 0.01)
     monkeypatch.setattr(start_states, "load_spec", lambda **_: replace(stiffer, actuation=motors))

@@ -238,9 +238,9 @@ def _look(rig: Rig) -> dict[str, Any]:
         return rig.trial.meta()
     if rig.sim is None or (rig.spec.foreign is None and not isinstance(rig.spec, ArmSpec)):
         return {}
-    from allegro_twin.sim.model.appearance import scene_look
+    from allegro_twin.sim.model.appearance import scene_appearance
 
-    return {"look": scene_look(rig.sim.model, rig.spec, ())}
+    return {"look": scene_appearance(rig.sim.model, rig.spec, ())}
 
 
 def _photographed(

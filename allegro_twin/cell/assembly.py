@@ -21,10 +21,10 @@ from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import Apart
-from allegro_twin.sim.model.arm_with_hand import Mounted
+from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
+from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.statics import hand_model
-from allegro_twin.sim.objects.catalogue import Placement, named, orientation
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.types import Array, Vector
 
 _WAITING = (0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 1.3)
@@ -55,7 +55,7 @@ class Room:
     """Of its controller, (n,), N·m/rad."""
     forces: Array
     """What its motors give at the least and at the most, (2, n), N·m: a tendon only pulls."""
-    apart: Apart
+    apart: ObstacleClearance
     """What is in the way of arm and hand."""
     itself: Itself
     """What the camera sees of arm and hand."""
@@ -73,7 +73,7 @@ def make_room(settings: LabSettings) -> Room:
     hand_open = spec.rest if settings.hand.open is None else library.posture(settings.hand.open, spec)
     things, arm = [_placed(thing) for thing in settings.objects], settings.arm
 
-    def made(posture: Vector | None, placed: Sequence[Placement]) -> Cell:
+    def made(posture: Vector | None, placed: Sequence[PlacedObject]) -> Cell:
         periods = (arm.period, PERIOD)
         return make_cell(arm.model, spec, things=placed, posture=posture, hand_posture=hand_open,
                          friction=settings.friction, periods=periods)  # fmt: skip
@@ -87,7 +87,7 @@ def make_room(settings: LabSettings) -> Room:
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
         hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
-        Apart(cell.spec, Mounted(spec, cell.mount), cell.base.position),
+        ObstacleClearance(cell.spec, MountedHand(spec, cell.mount), cell.base.position),
         Itself(cell, settings.camera),
     )  # fmt: skip
 
@@ -103,8 +103,8 @@ def with_things(settings: LabSettings, things: Sequence[ThingSettings], seed: in
     return settings.model_copy(update={"objects": tuple(things), "seed": seed})
 
 
-def _placed(settings: ThingSettings) -> Placement:
-    thing = named(settings.name)
+def _placed(settings: ThingSettings) -> PlacedObject:
+    thing = load_object(settings.name)
     position = (*settings.at, float(thing.half_extents()[2]) + _AIR)
-    w, x, y, z = orientation("z", float(np.radians(settings.yaw))).tolist()
-    return Placement(thing, position, (w, x, y, z))
+    w, x, y, z = standing_orientation("z", float(np.radians(settings.yaw))).tolist()
+    return PlacedObject(thing, position, (w, x, y, z))

@@ -17,7 +17,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.control.steered_path import Steering
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.obstacle_clearance import OTHERS, Met
+from allegro_twin.sim.contact.obstacle_clearance import OTHERS, ClearanceViolation
 from allegro_twin.types import Array, Vector
 
 _TRIED = 8
@@ -118,7 +118,7 @@ def within_reach(
     )
 
 
-def in_the_way(one: Reached, room: Room) -> Met | None:
+def in_the_way(one: Reached, room: Room) -> ClearanceViolation | None:
     """What arm or hand would come too near to on far ways, and the arm at the grasp and after the lift; to other
     objects also while the hand goes there, closes, and lifts."""
     grasp = room.library.grasp(one.way.card.grasp, room.hand.spec)

@@ -19,14 +19,14 @@ from allegro_twin.grasping.verdict import FULL, Observations, PhaseWindow, Rule,
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.library.taxonomy import Observed
-from allegro_twin.sim.contact.contact_surfaces import SURFACES, Borne, Stance, Surfaces, edges
-from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.contact.contact_surfaces import SURFACES, DigitPose, SurfaceForces, SurfaceProbe, box_edges
+from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import Push, SimBackend
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.sim.model.scene import compile_scene
 from allegro_twin.sim.model.statics import hand_model
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.model.wrist import wrist_load, wrist_set_points
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, HandState, Sample, Vector
 
@@ -55,7 +55,7 @@ class Trial:
         scene = make_stage(scenario, self.protocol, spec.side, folder)
         if draw is not None:
             scene = draw.on(scene, self.protocol.physics.friction)
-        self.things: tuple[Placement, ...] = tuple(scene.things)
+        self.things: tuple[PlacedObject, ...] = tuple(scene.things)
         posture = grasp.preshape if start is None else start
         timeline = make_timeline(self.protocol, grasp, scenario, posture, spec.side, period)
         self.windows: tuple[PhaseWindow, ...] = timeline.windows
@@ -69,11 +69,11 @@ class Trial:
             else:
                 model.actuator_forcerange[motors] *= draw.torque
         physics, name = scene.physics, scenario.objects[0].name
-        drive = wrist.commands(timeline.segments, physics.timestep, wrist.load(model), -physics.gravity[2])
+        drive = wrist_set_points(timeline.segments, physics.timestep, wrist_load(model), -physics.gravity[2])
         push = Push(name, timeline.push * float(model.body_mass[model.body(name).id]))
         self.backend = SimBackend(spec, model, period=period, posture=posture, drive=drive, pushing=push)
-        self._probe = Probe(model, self.backend.data, spec, name)
-        self._surfaces, self._borne = Surfaces(model, spec, name), list[tuple[Borne, Stance]]()
+        self._probe = ObjectProbe(model, self.backend.data, spec, name)
+        self._surfaces, self._borne = SurfaceProbe(model, spec, name), list[tuple[SurfaceForces, DigitPose]]()
         self._holding = next((window for window in self.windows if window.check), None)
         limits, lift = self.protocol.success, sum(max(phase.move[2], 0.0) for phase in self.protocol.phases)
         self.rule = Rule(self.protocol.reference, limits.drift, limits.rotation, float(lift), limits.throughout)
@@ -153,7 +153,7 @@ class Trial:
 
     def _shape(self) -> ObjectShape:
         thing = self.things[0].thing
-        box = edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
+        box = box_edges(self.backend.model, thing.name) if thing.shape == "mjcf" else 2.0 * thing.half_extents()
         short, middle, long = sorted(box.tolist())
         fill = {"sphere": np.pi / 6, "ellipsoid": np.pi / 6, "cylinder": np.pi / 4}.get(thing.shape, 1.0)
         if thing.shape == "mesh":
@@ -212,7 +212,7 @@ class Trial:
             "objects": things,
             "phases": [[w.name, w.begin, w.end] for w in self.windows],
             "judged": {"windows": [[w.name, w.begin, w.end, w.check] for w in self.windows]} | asdict(self.rule),
-            "look": scene_look(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
+            "look": scene_appearance(self.backend.model, self.backend.spec, tuple(p.thing.name for p in self.things)),
         }
 
 

@@ -16,7 +16,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.schema import Settings
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, product, quaternion_from_vector
 from allegro_twin.sim.model.scene import Stage
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.objects.catalogue import PlacedObject
 
 SampleStream: TypeAlias = Literal["evaluate", "search", "judge"]
 """What draws are for. Those of one stream are never those of another, whatever their seeds: what was chosen on some is
@@ -66,7 +66,7 @@ class Perturbation:
         things = [self._moved(stage.things[0], on_something=stage.table), *stage.things[1:]]
         return replace(stage, things=things, friction=friction)
 
-    def _moved(self, placed: Placement, *, on_something: bool) -> Placement:
+    def _moved(self, placed: PlacedObject, *, on_something: bool) -> PlacedObject:
         thing = placed.thing
         x, y, z = placed.position
         if thing.shape == "mjcf" and (self.size != 1.0 or self.mass != 1.0):
@@ -79,7 +79,7 @@ class Perturbation:
             stretch=thing.stretch * self.size,
         )  # fmt: skip
         w, i, j, k = product(quaternion_from_vector(np.array([0.0, 0.0, self.yaw])), placed.quaternion).tolist()
-        return Placement(larger, (x + self.x, y + self.y, z), (w, i, j, k))
+        return PlacedObject(larger, (x + self.x, y + self.y, z), (w, i, j, k))
 
 
 def sample_perturbations(

@@ -10,7 +10,7 @@ import numpy as np
 from mujoco import batch
 
 from allegro_twin.sim.drivetrain import backlash, lugre_friction
-from allegro_twin.sim.model.joints import span
+from allegro_twin.sim.model.joints import as_slice
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
@@ -20,7 +20,7 @@ BEFORE = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class DriveParameters:
     """What is between a fraction of full PWM and a motion, (n,) each."""
 
     torque_constant: Vector
@@ -56,7 +56,7 @@ class Parameters:
         return replace(self, **{name: values})
 
 
-class Pieces(NamedTuple):
+class Segments(NamedTuple):
     """Pieces of recordings, all of the same length."""
 
     duty: Array
@@ -77,7 +77,7 @@ STEP = {False: 0.001, True: 0.0006}
 beside armature / σ₁, some 6 ms. A link falls through its play in 10."""
 
 
-class Player:
+class OpenLoopPlayer:
     """Plays pieces without contacts: fingers on a palm that stands still, in time steps of `timestep`, s."""
 
     def __init__(
@@ -97,21 +97,21 @@ class Player:
         self._model = _bare(spec, self.timestep, bristly, loose)
         model = self._model
         joints = [model.joint(name) for name in spec.joints]
-        self.qpos = span([joint.qposadr[0] for joint in joints])
-        self.dofs = span([joint.dofadr[0] for joint in joints])
-        self.motors = span([model.actuator(name).id for name in spec.joints])
+        self.qpos = as_slice([joint.qposadr[0] for joint in joints])
+        self.dofs = as_slice([joint.dofadr[0] for joint in joints])
+        self.motors = as_slice([model.actuator(name).id for name in spec.joints])
         self._links = [int(joint.bodyid[0]) for joint in joints]
         self._mass, self._inertia = model.body_mass.copy(), model.body_inertia.copy()
-        names = [lugre_friction.name_of(name) for name in spec.joints] if bristly else []
+        names = [lugre_friction.friction_actuator(name) for name in spec.joints] if bristly else []
         self._friction = np.array([model.actuator(name).id for name in names], dtype=int)
         self.bristles = np.array(model.actuator_actadr[self._friction])
-        names = [backlash.name_of(name) for name in spec.joints] if loose else []
+        names = [backlash.play_joint(name) for name in spec.joints] if loose else []
         self._plays = np.array([model.joint(name).id for name in names], dtype=int)
         self._scratch = mujoco.MjData(model)
         self._weights = [model.body(f"{finger.name}_weight").id for finger in spec.fingers]
 
     def play(
-        self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, bend: Array | None = None
+        self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, bend: Array | None = None
     ) -> Array:
         """Reported positions at the end of every period, (w, k, n), rad, from reported positions and speeds (w, n);
         `bend`: how much more the bristles are bent than `_bent` says, (w, n), rad."""
@@ -119,31 +119,31 @@ class Player:
         for weight in np.unique(pieces.weight, axis=0):
             rows = np.flatnonzero((pieces.weight == weight).all(axis=1))
             self._set(drive, weight)
-            part = Pieces(*(each[rows] for each in pieces))
+            part = Segments(*(each[rows] for each in pieces))
             more = np.zeros_like(position[rows]) if bend is None else bend[rows]
             found[rows] = self._played(drive, position[rows], velocity[rows], part, more)
         return found
 
-    def finer(self) -> Player:
+    def finer(self) -> OpenLoopPlayer:
         """The same at half the time step."""
-        return Player(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
+        return OpenLoopPlayer(self.spec, self._period, self.timestep / 2.0, bristly=self.bristly, loose=self.loose)
 
     def links(self, qpos: Array) -> Array:
         """Where the links are, (…, n), rad: their motors, and how far they lie from these."""
         motors: Array = qpos[..., self.qpos]
         return motors + qpos[..., self._model.jnt_qposadr[self._plays]] if self.loose else motors
 
-    def prepared(self, drive: Parameters) -> mujoco.MjModel:
+    def prepared(self, drive: DriveParameters) -> mujoco.MjModel:
         """This player's model with a drive, no weight at its tips."""
         self._set(drive, np.zeros(self.spec.n_joints))
         return self._model
 
-    def rub(self, drive: Parameters, duty: Vector) -> None:
+    def rub(self, drive: DriveParameters, duty: Vector) -> None:
         """Set the friction that motors at a fraction of full PWM, (n,), add to their joints in the `prepared` model."""
         if self.bristly and drive.load_friction.any():
             dry = drive.frictionloss + drive.load_friction * drive.torque_constant * np.abs(duty)
             shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
-            lugre_friction.tune(self._model, self._friction, dry, *shape, drive.armature)
+            lugre_friction.set_friction(self._model, self._friction, dry, *shape, drive.armature)
 
     def late(self, delay: Vector) -> Array:
         """What each of the last BEFORE + 1 commands has of every time step of a period, (steps, BEFORE + 1, n)."""
@@ -161,27 +161,27 @@ class Player:
     def links_only(self, mass_scale: Vector, weight: Vector) -> None:
         """Prepare for `link_torque`: no motors."""
         zero, one = np.zeros(self.spec.n_joints), np.ones(self.spec.n_joints)
-        self._set(Parameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one, zero, zero), weight)
+        self._set(DriveParameters(zero, zero, zero, zero, zero, zero, mass_scale, one, one, one, zero, zero), weight)
         self._scratch = mujoco.MjData(self._model)
 
-    def _set(self, drive: Parameters, weight: Vector) -> None:
+    def _set(self, drive: DriveParameters, weight: Vector) -> None:
         model = self._model
         model.dof_armature[self.dofs] = drive.armature
         model.dof_damping[self.dofs] = drive.damping
         model.dof_frictionloss[self.dofs] = 0.0 if self.bristly else drive.frictionloss
         if self.bristly:
             shape = (drive.stiction, drive.stribeck_speed, drive.bristle)
-            lugre_friction.tune(model, self._friction, drive.frictionloss, *shape, drive.armature)
+            lugre_friction.set_friction(model, self._friction, drive.frictionloss, *shape, drive.armature)
         model.actuator_gainprm[self.motors, 0] = drive.torque_constant
         model.body_mass[self._links] = self._mass[self._links] * drive.mass_scale
         model.body_inertia[self._links] = self._inertia[self._links] * drive.mass_scale[:, None]
         if self.loose:
-            backlash.tune(model, self._plays, drive.backlash)
+            backlash.set_backlash(model, self._plays, drive.backlash)
         for body, finger in zip(self._weights, self.spec.fingers, strict=True):
             model.body_mass[body] = weight[list(finger.joints)].sum() + _NOTHING
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
-    def _played(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces, more: Array) -> Array:
+    def _played(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments, more: Array) -> Array:
         sims = batch.Batch(self._model, len(position), 1)
         sims.expand("opt.gravity")[:] = pieces.gravity
         sims.bind("qpos")[:, self.qpos] = position - drive.offset
@@ -195,7 +195,9 @@ class Player:
             sims.bind("act")[:, self.bristles] = bent + more
         control = self._late(pieces.duty, drive.delay)
         ctrl, qpos = sims.bind("ctrl"), sims.bind("qpos")
-        rubbing = lugre_friction.Rubbing(sims, self._friction) if self.bristly and drive.load_friction.any() else None
+        rubbing = (
+            lugre_friction.BatchedFriction(sims, self._friction) if self.bristly and drive.load_friction.any() else None
+        )
         share = drive.load_friction * drive.torque_constant
         found = np.empty((pieces.duty.shape[1] - BEFORE, *position.shape))
         for k in range(len(found)):
@@ -209,7 +211,7 @@ class Player:
             found[k] = self.links(qpos)
         return np.asarray(np.swapaxes(found, 0, 1) + drive.offset)
 
-    def _gap(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+    def _gap(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
         """How far the links lie from their motors where pieces begin, (w, n), rad: at the tooth that pushes them. Of
         reported positions: an offset that a fit could choose would be one with which pieces begin well."""
         motion = zip(position, velocity, pieces.acceleration, pieces.gravity, strict=True)
@@ -221,7 +223,7 @@ class Player:
             found.append(links[self.dofs] - drive.armature * row[2])
         return np.asarray(-np.maximum(drive.backlash, backlash.SMALLEST) / 2.0 * np.sign(found))
 
-    def _bent(self, drive: Parameters, position: Array, velocity: Array, pieces: Pieces) -> Array:
+    def _bent(self, drive: DriveParameters, position: Array, velocity: Array, pieces: Segments) -> Array:
         """How far the bristles are bent where pieces begin, (w, n), rad: as in steady motion of a joint that moves, and
         by what its motor's torque leaves for them where it creeps or sticks: there steady motion says nothing, and a
         wrong guess is a joint that breaks away at another time, or to the other side."""
@@ -235,7 +237,7 @@ class Player:
         held = push - np.array([self.link_torque(*row) for row in motion])
         dry = drive.frictionloss + drive.load_friction * np.abs(push)
         sticking = drive.bristle * np.clip(held / np.maximum(dry * drive.stiction, 1e-6), -1.0, 1.0)
-        steady = lugre_friction.bent(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
+        steady = lugre_friction.steady_deflection(drive.stiction, drive.stribeck_speed, drive.bristle, velocity)
         moving = 1.0 - np.exp(-np.square(velocity / _SLIDES))
         return np.asarray(moving * steady + (1.0 - moving) * sticking)
 
@@ -274,9 +276,9 @@ def _bare(spec: HandSpec, timestep: float, bristly: bool, loose: bool) -> mujoco
         motor, joint = hand.actuator(name), hand.joint(name)
         joint.solimp_friction = [_STIFF, _STIFF, *joint.solimp_friction[2:]]
         if bristly:
-            lugre_friction.add(hand, name)
+            lugre_friction.add_friction(hand, name)
         if loose:
-            backlash.add(hand, name, backlash.SMALLEST)
+            backlash.add_backlash(hand, name, backlash.SMALLEST)
         motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
     hand.option.timestep, hand.option.noslip_iterations = timestep, 0
     hand.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.sim.model.joints import Posed
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 from allegro_twin.viewing.gl_context import Screen
@@ -75,7 +75,7 @@ def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
     spec, model, data = scene.spec, scene.model, mujoco.MjData(scene.model)
     palm = model.body(spec.root).id
     last = [model.site(finger.tip).bodyid[0] for finger in spec.fingers]
-    posed = Posed(spec, model)
+    posed = PostureMap(spec, model)
 
     def distal(posture: Array) -> Array:
         posed(posture, data.qpos)

@@ -26,7 +26,7 @@ from allegro_twin.hands.limits import hand_limits
 from allegro_twin.hands.settings import LimitSettings
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard
-from allegro_twin.sim.objects.meshes import middle_of
+from allegro_twin.sim.objects.meshes import mesh_middle
 from allegro_twin.sweep import Sweep
 from tests.app.files import grasps, scenario, short
 
@@ -99,8 +99,8 @@ def test_the_palm_is_where_the_file_has_it_from_the_middle_of_the_mesh(tmp_path:
     found = import_grasp(tmp_path / "0.npy", 1, load_spec())
     assert found.scenario.objects[0].file == mesh
     wrist = found.scenario.wrist
-    np.testing.assert_allclose(wrist.position, made.palm[1, 1, :3] - middle_of(mesh), atol=1e-12)
-    np.testing.assert_allclose(middle_of(mesh), [0.02, 0.01, 0.03], atol=1e-12)
+    np.testing.assert_allclose(wrist.position, made.palm[1, 1, :3] - mesh_middle(mesh), atol=1e-12)
+    np.testing.assert_allclose(mesh_middle(mesh), [0.02, 0.01, 0.03], atol=1e-12)
     np.testing.assert_allclose(np.cross(wrist.facing, wrist.fingers) @ np.cross(wrist.facing, wrist.fingers), 1.0)
     np.testing.assert_array_equal(found.grasp.close, made.close[1])
 

@@ -9,12 +9,12 @@ from allegro_twin.cell.motion.grasp_selection import Body, body_of, cards, ways
 from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.arm import turn
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
 
 
 def test_every_thing_of_the_catalogue_has_a_grasp_that_is_found_by_its_size() -> None:
     names = {card.name for card in cards("allegro")}
-    assert names == set(catalogue())
+    assert names == set(object_catalogue())
     for card in cards("allegro"):
         nearest = ways(card.body, "allegro")[0].card
         assert nearest.body.kind == card.body.kind

@@ -17,7 +17,7 @@ from allegro_twin.grasping.verdict import TrialReport
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.loop import run, until
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import Side
 from allegro_twin.types import Array, Vector
 from tests.grasping.test_trial import DEMO
@@ -141,7 +141,7 @@ def test_the_envelop_grasp_wraps_cans_of_any_diameter_from_their_side(diameter: 
 def enveloped(thing: str) -> str:
     """The scenario in which `envelop` takes an object: what is round and stands higher than 80 mm from its side, all
     else from above."""
-    own = named(thing)
+    own = load_object(thing)
     return "envelop" if own.shape == "cylinder" and own.size[1] > 0.080 else "envelop_above"
 
 

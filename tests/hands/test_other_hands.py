@@ -25,7 +25,7 @@ from allegro_twin.recording.recorder import Recorder
 from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.recording.spec_json import spec_from_json, spec_to_json
 from allegro_twin.safety import Guard, Limits
-from allegro_twin.sim.model.parts import part_names, parts_of
+from allegro_twin.sim.model.parts import body_parts, part_names
 from allegro_twin.sim.model.scene import hand_spec
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import Finger, HandSpec
@@ -141,7 +141,7 @@ def test_what_carries_several_fingers_is_none_of_them() -> None:
       <body name="carpus" pos="0 0 0.02"><joint name="wrist" axis="1 0 0"/><geom size="0.01"/>
       {finger.format("one", 0.02)}{finger.format("two", -0.02)}</body></body></worldbody></mujoco>""")
     spec = replace(load_spec("model_o"), fingers=(Finger("one", (0,), "one_tip"), Finger("two", (1,), "two_tip")))
-    names, parts = part_names(spec), parts_of(model, spec)
+    names, parts = part_names(spec), body_parts(model, spec)
     told = {name: names[parts[model.body(name).id]] for name in ("palm_link", "carpus", "one", "two")}
     assert told == {"palm_link": "palm", "carpus": "palm", "one": "one", "two": "two"}
 
@@ -158,7 +158,7 @@ def test_a_linkage_moves_both_jaws_and_both_are_fingers(gripper: HandSpec, make_
         moved = tips[1][finger].position - tips[0][finger].position
         np.testing.assert_allclose(np.abs(moved).max(), abs(way), atol=1e-6)
     model, names = hand_spec(gripper).compile(), part_names(gripper)
-    parts = parts_of(model, gripper)
+    parts = body_parts(model, gripper)
     for body, part in (("palm_link", "palm"), ("left_finger", "left_finger"), ("right_finger", "right_finger")):
         assert names[parts[model.body(body).id]] == part
 

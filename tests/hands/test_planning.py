@@ -23,7 +23,7 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
@@ -39,9 +39,9 @@ def search_of(spec: HandSpec, thing: str = "tennis_ball", effort: RoundSize = LI
     return GraspSearch(scenario, spec, grasp_templates(spec), effort=effort)
 
 
-def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> Workbench:
+def bench_of(spec: HandSpec, thing: str = "tennis_ball") -> GraspScene:
     scenario = scenario_of(thing, "z", 1.0, None, 0.8)
-    return Workbench(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return GraspScene(spec, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def test_a_step_is_as_far_as_the_fastest_joint_of_a_motor_turns() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.recording.messages.frames import Frames
-from allegro_twin.sim.model.joints import Posed
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.viewing.skeleton import Skeleton, bodies_of
 
@@ -23,7 +23,7 @@ def test_every_link_is_drawn_where_the_simulation_has_it_when_nothing_is_in_its_
     postures = random.uniform(spec.lower, spec.upper, (5, spec.n_joints))
     places = skeleton.places(postures)
     for row, posture in enumerate(postures):
-        Posed(spec, model)(posture, data.qpos)
+        PostureMap(spec, model)(posture, data.qpos)
         mujoco.mj_kinematics(model, data)
         for body, (place, turn) in zip(skeleton.bodies[1:], places[1:], strict=True):
             np.testing.assert_allclose(place[row], data.body(body.name).xpos, atol=1e-9)

@@ -11,8 +11,8 @@ import pytest
 from allegro_twin.files.assets import data_root, read_yaml
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.mjcf_import.explore import explored
-from allegro_twin.sim.model.joints import Posed
+from allegro_twin.sim.mjcf_import.explore import explore_mjcf
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, PositionCommand
 from tests.conftest import MakeSim
@@ -47,7 +47,7 @@ def hold(sim: SimBackend, joint: str, at: float) -> None:
 @pytest.mark.parametrize("name", CARDS)
 def test_what_a_card_says_of_followers_is_what_they_do(name: str) -> None:
     spec = load_spec(name)
-    found = explored(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
+    found = explore_mjcf(data_root() / "models" / "mjcf" / f"{name}_right.xml").card
     true = {row["name"]: row["positions"] for row in found["followers"]}
     assert sorted(true) == sorted(each.name for each in spec.followers)
     for each in spec.followers:
@@ -93,7 +93,7 @@ def test_the_model_os_fingers_spread_to_either_side_with_one_motor(make_sim: Mak
 def test_open_fingers_of_the_model_o_never_touch_each_other_however_they_are_spread() -> None:
     spec = load_spec("model_o")
     model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
-    data, posed = mujoco.MjData(model), Posed(spec, model)
+    data, posed = mujoco.MjData(model), PostureMap(spec, model)
     shapes = {f: [g for g in range(model.ngeom) if model.geom_contype[g] and _of(model, g) == f] for f in ALL}
     for spread in np.linspace(spec.lower[0], spec.upper[0], 40):
         posed(np.array([spread, 0.0, 0.0, 0.0]), data.qpos)
@@ -112,7 +112,7 @@ def test_the_model_os_pair_closes_side_by_side_on_the_thumb_or_a_quarter_of_a_tu
     """openhand_node: the spread's ends are facing the thumb, and perpendicular to it, for a pinch of the two."""
     spec = load_spec("model_o")
     model = mujoco.MjModel.from_xml_path(str(data_root() / "models/mjcf/model_o_right.xml"))
-    data, posed = mujoco.MjData(model), Posed(spec, model)
+    data, posed = mujoco.MjData(model), PostureMap(spec, model)
     first = next(each for each in spec.followers if each.name == "forward_1")
     upright = np.interp(0.5 * np.pi, first.positions, np.linspace(0.0, spec.upper[1], len(first.positions)))
     ends = []

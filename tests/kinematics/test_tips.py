@@ -9,7 +9,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.closed_form.tips import Fingertips
 from allegro_twin.kinematics.numeric_tips import ChainTips
-from allegro_twin.sim.model.statics import hand_model, tree_of
+from allegro_twin.sim.model.statics import hand_model, kinematic_tree
 from allegro_twin.spec import Side
 
 
@@ -35,7 +35,7 @@ def test_a_hand_s_fingertips_do_not_depend_on_how_many_hands_there_are() -> None
 @pytest.mark.parametrize("hand", ["allegro", "leap", "model_o", "sih", "qb_softhand"])
 def test_fingertips_of_any_chain_are_those_of_the_whole_model_alone_and_in_a_batch(hand: str) -> None:
     spec = load_spec(hand)
-    tips, model = ChainTips(spec, tree_of(spec)), hand_model(spec)
+    tips, model = ChainTips(spec, kinematic_tree(spec)), hand_model(spec)
     position = np.random.default_rng(2).uniform(spec.lower, spec.upper, (30, spec.n_joints))
     many = tips(position)
     for row, posture in enumerate(position):

@@ -28,10 +28,10 @@ from allegro_twin.kinematics.pose import Pose, placed, seen_from
 from allegro_twin.safety import Guard, Limits
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.engine.world import World
-from allegro_twin.sim.model.arm_with_hand import Mounted
+from allegro_twin.sim.model.arm_with_hand import MountedHand
 from allegro_twin.sim.model.physics import Physics
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.types import HandState, Vector
@@ -107,7 +107,7 @@ def make_cell(
     hand: HandSpec,
     *,
     mount: str | Path = "",
-    things: Sequence[Placement] = (),
+    things: Sequence[PlacedObject] = (),
     posture: Vector | None = None,
     hand_posture: Vector | None = None,
     base: tuple[float, float, float] = BASE,
@@ -126,7 +126,7 @@ def make_cell(
     stage = Stage(np.array(base), np.array([1.0, 0.0, 0.0, 0.0]), things=things, friction=friction, table=table)
     if physics is not None:
         stage = replace(stage, physics=physics)
-    world = World(compile_scene(spec, stage, Mounted(hand, held)))
+    world = World(compile_scene(spec, stage, MountedHand(hand, held)))
     arm_sim = SimBackend(spec, world, period=periods[0], posture=posture)
     hand_sim = SimBackend(hand, world, period=periods[1], posture=hand_posture)
     motor, limits = hand.actuation, limits_of(spec, margin)

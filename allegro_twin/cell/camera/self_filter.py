@@ -9,8 +9,8 @@ from allegro_twin.cell.arm.arm_with_hand import Cell
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.camera.robot_mask import Alone
 from allegro_twin.cell.camera.settings import CameraSettings
-from allegro_twin.sim.model.arm_with_hand import Mounted
-from allegro_twin.sim.model.joints import Posed
+from allegro_twin.sim.model.arm_with_hand import MountedHand
+from allegro_twin.sim.model.joints import PostureMap
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.types import Array, Vector
 
@@ -20,8 +20,8 @@ class Itself:
 
     def __init__(self, cell: Cell, camera: CameraSettings) -> None:
         stage = Stage(cell.base.position, np.array([1.0, 0.0, 0.0, 0.0]))
-        model = compile_scene(cell.spec, stage, Mounted(cell.hand.spec, cell.mount))
-        self._arm, self._hand = Posed(cell.spec, model), Posed(cell.hand.spec, model)
+        model = compile_scene(cell.spec, stage, MountedHand(cell.hand.spec, cell.mount))
+        self._arm, self._hand = PostureMap(cell.spec, model), PostureMap(cell.hand.spec, model)
         self._alone = Alone(model, camera)
 
     def seen(self, arm: Vector, hand: Vector) -> NDArray[np.bool_]:

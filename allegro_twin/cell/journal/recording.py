@@ -15,7 +15,7 @@ from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.events import Happening, Moved
 from allegro_twin.recording.journal import Journal
 from allegro_twin.recording.recorder import Recorder
-from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.appearance import scene_appearance
 from allegro_twin.version import __version__
 
 
@@ -29,7 +29,7 @@ class Recorded:
         self._journals = {name: Journal(self._file.track(name), each) for name, each in fields.items()}
         self._recorders: dict[str, Recorder] = {}
         for name, backend in (("arm", room.arm), ("hand", room.hand)):
-            meta = {"lab": name, "look": scene_look(room.cell.world.model, backend.spec, things)}
+            meta = {"lab": name, "look": scene_appearance(room.cell.world.model, backend.spec, things)}
             self._recorders[name] = Recorder(self._file.track(name), backend.spec, backend.period, meta)
 
     def see(self, happening: Happening) -> None:

@@ -17,7 +17,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.orientation import quaternion_from_gravity
 from allegro_twin.loop import run
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.sim.engine.backend import SimBackend
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.model.statics import hand_model
@@ -71,9 +71,9 @@ def misread(position: Vector) -> Array:
 
 
 @cache
-def _apart(model: str, side: Side) -> tuple[HandSpec, Clearance]:
+def _apart(model: str, side: Side) -> tuple[HandSpec, SelfClearance]:
     spec = load_spec(model, side)
-    return spec, Clearance(spec)
+    return spec, SelfClearance(spec)
 
 
 def around_nothing(hand: HandSettings, grasp: str, palm: Array) -> Nothing:

@@ -20,7 +20,7 @@ from allegro_twin.files.assets import data_root
 from allegro_twin.grasping.scenario import Scenario, load_scenario
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.objects.catalogue import Thing, catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject, object_catalogue
 from allegro_twin.types import Array
 
 _ROUND = 24  # Ways to take what is round: every 15 degrees.
@@ -122,7 +122,7 @@ def _order(path: Path) -> tuple[bool, Path]:
 
 def _card(scenario: Scenario) -> Card:
     settings, wrist = scenario.objects[0], scenario.wrist
-    thing = catalogue()[settings.name]
+    thing = object_catalogue()[settings.name]
     body = standing(thing, np.radians(settings.yaw))
     offset = np.array(wrist.position)
     if wrist.over is not None:
@@ -132,7 +132,7 @@ def _card(scenario: Scenario) -> Card:
     return Card(settings.name, body, scenario.grasp, palm, back @ np.array(wrist.retreat))
 
 
-def standing(thing: Thing, yaw: float) -> Body:
+def standing(thing: GraspObject, yaw: float) -> Body:
     """A thing of the catalogue with its own z up."""
     x, y, height = (2.0 * thing.half_extents()).tolist()
     lying = "lying " if thing.shape == "ellipsoid" else ""

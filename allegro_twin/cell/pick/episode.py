@@ -21,7 +21,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.model.statics import hand_model
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.types import Vector
 
 _TRIES = 40
@@ -36,8 +36,8 @@ class Episodes:
 
     def __init__(self, settings: PickSettings) -> None:
         for name in settings.objects:
-            if name not in catalogue():
-                raise ConfigError(unknown("object", name, catalogue()))
+            if name not in object_catalogue():
+                raise ConfigError(unknown("object", name, object_catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
         self._model, self._library = hand_model(self.spec), Library()
         self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")

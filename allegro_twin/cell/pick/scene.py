@@ -15,8 +15,8 @@ from allegro_twin.control.trajectory import SetPoint
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.contact.contacts import touching
-from allegro_twin.sim.objects.catalogue import Placement, named, orientation
+from allegro_twin.sim.contact.contacts import find_contacts
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import HandState, Vector
 
@@ -49,8 +49,8 @@ class Stand:
 
     def __init__(self, settings: PickSettings, arm: str, spec: HandSpec, model: HandModel, name: str) -> None:
         self.settings, self.name, self.spec, self._hand_model = settings, name, spec, model
-        self.thing = named(name)
-        placed = Placement(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
+        self.thing = load_object(name)
+        placed = PlacedObject(self.thing, (0.0, 0.0, float(self.thing.half_extents()[2]) + _AIR), (1.0, 0.0, 0.0, 0.0))
         self.cell: Cell = make_cell(
             arm, spec, things=[placed], friction=settings.friction, periods=(settings.period,) * 2
         )
@@ -62,7 +62,7 @@ class Stand:
         """Begin anew with the thing at a place (2,), m, turned by `yaw`, rad, and both at these postures, rad."""
         cell = self.cell
         first = cell.world.model.qpos0[self._place : self._place + 7]
-        first[:2], first[3:] = at, orientation("z", yaw)
+        first[:2], first[3:] = at, standing_orientation("z", yaw)
         cell.arm_sim.posture, cell.hand_sim.posture = arm, hand
         self.arm, self.hand = cell.arm.reset(), cell.hand.reset()
 
@@ -110,7 +110,7 @@ class Stand:
     def touched(self) -> tuple[bool, bool]:
         """Whether a finger touches the thing, and whether its last finger, the thumb, and another do."""
         world = self.cell.world
-        parts = set(touching(world.model, world.data, self.spec, self.name).part.tolist())
+        parts = set(find_contacts(world.model, world.data, self.spec, self.name).part.tolist())
         thumb = len(self.spec.fingers) - 1
         others = any(part < thumb for part in parts)
         return others or thumb in parts, others and thumb in parts

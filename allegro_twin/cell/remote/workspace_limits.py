@@ -13,7 +13,7 @@ from allegro_twin.control.trajectory import FASTEST
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.kinematics.arm import turn, turned
 from allegro_twin.kinematics.pose import Pose, placed
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.types import Array, Vector
 
 _STEP, _TURN = 0.05, 0.3
@@ -32,7 +32,7 @@ class Fence:
 
     def __init__(self, room: Room) -> None:
         self._room, self._bounds = room, room.settings.follow
-        self._apart = Clearance(room.hand.spec)
+        self._apart = SelfClearance(room.hand.spec)
 
     def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
         """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints

@@ -121,9 +121,9 @@ def _serial(hand: HandSettings, codec: Codec) -> str:
 
 
 def _pressures(sim: SimBackend) -> Callable[[], np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    from allegro_twin.sim.engine.fingertip_pressure import FingertipPressure
+    from allegro_twin.sim.engine.fingertip_pressure import PressureSensors
 
-    return FingertipPressure(sim)
+    return PressureSensors(sim)
 
 
 KIND = BackendKind(CanSettings, open_can)

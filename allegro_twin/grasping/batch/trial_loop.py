@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from allegro_twin.sim.batch.cpu import Rows, SimBatch, layout
-from allegro_twin.sim.contact.probe import Probe
+from allegro_twin.sim.contact.probe import ObjectProbe
 from allegro_twin.sim.engine.backend import substeps
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -92,15 +92,15 @@ class TrialLoop:
         return palm, body
 
     def touch(self, row: int) -> dict[str, Array]:
-        """As `Probe.touch`, of one trial."""
+        """As `ObjectProbe.touch`, of one trial."""
         self.sims.look(row)
         return self._probes[row].touch()
 
     @cached_property
-    def _probes(self) -> list[Probe]:
+    def _probes(self) -> list[ObjectProbe]:
         data = self.sims.scratch
         named = zip(self.sims.models, self._objects, strict=True)
-        return [Probe(model, data, self.spec, name) for model, name in named]
+        return [ObjectProbe(model, data, self.spec, name) for model, name in named]
 
 
 def in_layouts(models: Sequence[mujoco.MjModel], run: Callable[[list[int]], list[Result]]) -> list[Result]:

@@ -19,7 +19,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.sim.model.fingerprint import hand_fingerprint, model_fingerprint
 from allegro_twin.sim.model.scene import compile_scene
-from allegro_twin.sim.objects.catalogue import named
+from allegro_twin.sim.objects.catalogue import load_object
 from allegro_twin.spec import HandSpec, Side
 
 Inputs = dict[str, str]
@@ -77,7 +77,7 @@ def object_fingerprint(settings: ScenarioObject, folder: Path) -> str:
     """Of one object: its file, or what the catalogue says of that name. Raises ConfigError."""
     if settings.file is not None:
         return fingerprint(folder / settings.file, settings.model_copy(update={"file": None}))
-    return fingerprint(settings, named(settings.name) if settings.shape is None else None)
+    return fingerprint(settings, load_object(settings.name) if settings.shape is None else None)
 
 
 JUDGE = "allegro_twin.grasping.batch.trials:run_cases"

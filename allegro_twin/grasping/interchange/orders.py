@@ -59,8 +59,8 @@ def reorder_joints(joints: Array, spec: HandSpec, where: str, order: str | tuple
     """Joint positions (k, s, m) in the spec's order, (k, s, n), rad.
 
     `order`: the name of one of `joint_orders`, or the spec's index of each. Without one they are taken to be in the
-    spec's order as long as the closed postures fit its limits. Raises ConfigError for another number of joints, an order that
-    is none, and joints out of range: which, by how much, and which order would fit.
+    spec's order as long as the closed postures fit its limits. Raises ConfigError for another number of joints, an
+    order that is none, and joints out of range: which, by how much, and which order would fit.
     """
     width = joints.shape[-1]
     if width != spec.n_joints:

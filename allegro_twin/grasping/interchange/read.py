@@ -19,7 +19,7 @@ from allegro_twin.grasping.scenario import Scenario, ScenarioObject, parse_objec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.taxonomy import Taxonomy
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.meshes import SUFFIXES, middle_of
+from allegro_twin.sim.objects.meshes import SUFFIXES, mesh_middle
 from allegro_twin.spec import HandSpec
 
 
@@ -71,7 +71,7 @@ def import_grasp(path: Path, row: int, spec: HandSpec, thing: str | None = None)
     placed = _object(grasps, row, thing, path)
     palm = grasps.palm[row, -2]
     if placed.file is not None:
-        palm = grasps.palm_from(middle_of(placed.file, placed.scale))[row, -2]
+        palm = grasps.palm_from(mesh_middle(placed.file, placed.scale))[row, -2]
     turn = matrix_from_quaternion(palm[3:])
     wrist = {"position": palm[:3].tolist(), "facing": turn[:, 0].tolist(), "fingers": turn[:, 2].tolist(),
              "retreat": (0.0, 0.0, 0.0)}  # fmt: skip

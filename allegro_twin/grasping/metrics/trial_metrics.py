@@ -10,11 +10,11 @@ from allegro_twin.grasping.metrics.carrying import least_effort, least_normal_fo
 from allegro_twin.grasping.metrics.contacts import EDGES, Contacts, make_contacts
 from allegro_twin.grasping.metrics.quality import closure_margin, grasp_quality, qp_residual
 from allegro_twin.grasping.trial import Trial
-from allegro_twin.sim.contact.contacts import Touch, jacobians, touching
+from allegro_twin.sim.contact.contacts import SceneContacts, contact_jacobians, find_contacts
 from allegro_twin.types import Array, Vector
 
 
-def contacts_in_scene(touch: Touch, friction: float | None = None) -> Contacts:
+def contacts_in_scene(touch: SceneContacts, friction: float | None = None) -> Contacts:
     """The contacts of a scene for the metrics; `friction` replaces the scene's sliding friction."""
     return make_contacts(
         touch.points,
@@ -28,7 +28,7 @@ def contacts_in_scene(touch: Touch, friction: float | None = None) -> Contacts:
 
 
 def contact_metrics(
-    touch: Touch,
+    touch: SceneContacts,
     mass: float,
     jacobians: Array | None = None,
     limit: Vector | None = None,
@@ -65,8 +65,8 @@ def trial_metrics(trial: Trial, data: Any) -> dict[str, float]:
     """`NAMES` of a trial in the state `data`, an MjData that a step or `mj_forward` has left. `least_torque` is NaN
     for a hand with joints that nobody drives: springs decide there, too. Raises ConfigError without SciPy."""
     model, spec = trial.backend.model, trial.backend.spec
-    touch = touching(model, data, spec, trial.scenario.objects[0].name)
-    columns = None if spec.followers else jacobians(model, data, spec, touch)
+    touch = find_contacts(model, data, spec, trial.scenario.objects[0].name)
+    columns = None if spec.followers else contact_jacobians(model, data, spec, touch)
     row = contact_metrics(touch, trial.mass, columns, spec.actuation.torque_limit)
     row["least_torque"] = row.get("torque_share", float("nan"))
     return {name: row[name] for name in NAMES}

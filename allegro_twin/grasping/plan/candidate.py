@@ -13,9 +13,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.scenario import Scenario, Wrist
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.sim.contact.grasp_scene import Workbench
-from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.contact.grasp_scene import GraspScene
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -79,7 +79,7 @@ ROUND = 36
 """Turns that stand for any turn of something round: every 10°, half of what makes grasps different."""
 
 
-def object_symmetry(placed: Placement) -> Array:
+def object_symmetry(placed: PlacedObject) -> Array:
     """Rotations about the vertical through the object, (k, 3, 3), which leave it where it stands as it is: those of a
     cylinder or a sphere, of a box, and no other than none of a mesh."""
     thing = placed.thing
@@ -108,7 +108,7 @@ DIGITS = 4
 """Of angles in rad and of lengths in m, as files have them: what is proven is what is written."""
 
 
-def candidate_scenario(candidate: Candidate, bench: Workbench, scenario: Scenario) -> Scenario:
+def candidate_scenario(candidate: Candidate, bench: GraspScene, scenario: Scenario) -> Scenario:
     """The scenario with the candidate's palm."""
     away = candidate.position - np.array(bench.placed.position)
     wrist = Wrist.model_validate(
@@ -156,7 +156,7 @@ def check_stiffness(spec: HandSpec) -> None:
 
 def rest_positions(trial: Trial, data: Any) -> Mapping[str, float]:
     """Positions of what is driven by name, rad: what a batch of trials measures for `limit_squeeze`."""
-    spec, lengths = trial.backend.spec, Lengths(trial.backend.spec, trial.backend.model)
+    spec, lengths = trial.backend.spec, ActuatorLengths(trial.backend.spec, trial.backend.model)
     at = lengths.position(data.qpos) if lengths.sums else lengths.look(trial.backend.model, data)[0]
     return dict(zip(spec.joints, at.tolist(), strict=True))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from allegro_twin.grasping.metrics.contacts import Contacts, make_contacts
 from allegro_twin.grasping.plan.candidate import Candidate
-from allegro_twin.sim.contact.grasp_scene import Indices, Meetings, Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene, Indices, TouchPoints
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -29,7 +29,7 @@ def motor_scale(spec: HandSpec) -> Vector:
     return found
 
 
-def close_fingers(bench: Workbench, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, Meetings]:
+def close_fingers(bench: GraspScene, candidate: Candidate, step: float = COARSE) -> tuple[Candidate, TouchPoints]:
     """The candidate with its fingers closed, each motor where the last joint that it moves has stopped, and where the
     hand touches the object."""
     spec, of = bench.spec, bench.motors
@@ -60,11 +60,11 @@ UNBALANCED = 0.25
 """More of every newton than this is left over: the fingers would push the object away."""
 
 
-def metric_contacts(touch: Meetings, centre: Array, friction: float, torsion: float = 0.0) -> Contacts:
+def metric_contacts(touch: TouchPoints, centre: Array, friction: float, torsion: float = 0.0) -> Contacts:
     """What a workbench has found, as contacts of which metrics are taken; `torsion`: of each, m."""
     return make_contacts(touch.points, touch.normals, friction, torsion, centre=centre, length=LEVER)
 
 
-def torsion_radius(bench: Workbench) -> float:
+def torsion_radius(bench: GraspScene) -> float:
     """Counted for a hand of two fingers alone, m: about the line between them nothing else resists."""
     return float(bench.model.geom_friction[:, 1].max()) if len(bench.spec.fingers) == 2 else 0.0

@@ -19,8 +19,8 @@ from allegro_twin.grasping.plan.poses import Random
 from allegro_twin.grasping.verdict import pose_in_palm
 from allegro_twin.kinematics.orientation import angle_between
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
-from allegro_twin.sim.contact.grasp_scene import Workbench, coordinates
-from allegro_twin.sim.model import wrist
+from allegro_twin.sim.contact.grasp_scene import GraspScene, wrist_coordinates
+from allegro_twin.sim.model.wrist import WRIST_JOINTS, WristSegment, wrist_load, wrist_set_points
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -50,14 +50,14 @@ class ClosingOutcome(NamedTuple):
 
 
 def close_candidates(
-    bench: Workbench, candidates: Sequence[Candidate], performer: FingerGains, friction: float, random: Random
+    bench: GraspScene, candidates: Sequence[Candidate], performer: FingerGains, friction: float, random: Random
 ) -> list[ClosingOutcome]:
     """All of them, side by side, in order."""
     run = _ClosingTrials(bench, list(candidates), performer, friction, random)
     run.close()
     run.squeeze()
-    run.move([wrist.Segment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
-    run.move([wrist.Segment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
+    run.move([WristSegment(LIFTING, _along(2, HEIGHT), np.zeros(6))], "lift")
+    run.move([WristSegment(TURNING, _along(5, np.pi), np.zeros(6))], "turn")
     return [
         ClosingOutcome(candidate, not why, why or "passed", float(reached))
         for candidate, why, reached in zip(run.candidates, run.why, run.reached, strict=True)
@@ -68,7 +68,7 @@ class _ClosingTrials(TrialLoop):
     """Candidates in step."""
 
     def __init__(
-        self, bench: Workbench, candidates: list[Candidate], performer: FingerGains, friction: float, random: Random
+        self, bench: GraspScene, candidates: list[Candidate], performer: FingerGains, friction: float, random: Random
     ) -> None:
         n, self.timestep = len(candidates), float(bench.model.opt.timestep)
         # A copy, for a hand that closes its own loop has what its motors may give in there.
@@ -76,15 +76,15 @@ class _ClosingTrials(TrialLoop):
         super().__init__(bench.spec, models, names, STEPS * self.timestep)
         self.bench, self.candidates, self.friction, self.random = bench, candidates, friction, random
         self.gains, self.reached = performer.gains, np.zeros(n)
-        self.base = np.array([coordinates(c.position, c.rotation) for c in candidates])
+        self.base = np.array([wrist_coordinates(c.position, c.rotation) for c in candidates])
         self.target = np.array([_opened(c, bench.spec) for c in candidates])
         self.closing = np.array([c.closing for c in candidates])
         close = np.array([c.close for c in candidates])
         self.fingers = make_finger_drive(self.sims, performer, self.target, self.closing, close)
         self.sims.place(self.running, self.target)
-        for axis, name in enumerate(wrist.JOINTS):
+        for axis, name in enumerate(WRIST_JOINTS):
             self.sims.joint(name)[:, 0] = self.base[:, axis]
-        self._still = wrist.commands([], self.timestep, wrist.load(bench.model))
+        self._still = wrist_set_points([], self.timestep, wrist_load(bench.model))
         self.place = np.zeros(6)
         self.sims.begin(self.base + self._still[0])
 
@@ -119,9 +119,9 @@ class _ClosingTrials(TrialLoop):
             self.candidates[row] = replace(self.candidates[row], rest=self.sims.position[row].copy())
         self.began = pose_in_palm(*self.poses(np.arange(self.n)))
 
-    def move(self, segments: list[wrist.Segment], name: str) -> None:
+    def move(self, segments: list[WristSegment], name: str) -> None:
         """The wrist moves; whoever loses the object is out."""
-        table = wrist.commands(segments, self.timestep, wrist.load(self.bench.model))
+        table = wrist_set_points(segments, self.timestep, wrist_load(self.bench.model))
         begun = np.ceil(self.reached)
         for k in range(len(table) // STEPS):
             self.reached[self.running] = begun[self.running] + (k + 1) * STEPS / len(table)

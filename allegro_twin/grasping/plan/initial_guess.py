@@ -17,7 +17,7 @@ from allegro_twin.grasping.scenario import Scenario, load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -28,7 +28,7 @@ LOOKED, SHARE = 40, 0.6
 def first_guess(scenario: Scenario, spec: HandSpec, folder: Path = Path(), seed: int = 0) -> tuple[Scenario, Grasp]:
     """A palm that looks at the object, free of it and of the table, and fingers that close on it: in geometry alone, so
     that nothing says yet that it holds. Raises ConfigError for an object that no hand fits around."""
-    bench = Workbench(spec, make_stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
+    bench = GraspScene(spec, make_stage(scenario, load_protocol(scenario.protocol), spec.side, folder))
     found, known = [], grasp_templates(spec)
     proposer = Proposer(bench, known, scenario.friction, (0.0,), np.random.default_rng(seed))
     for candidate in filter(None, proposer.fresh(tries=20_000)):

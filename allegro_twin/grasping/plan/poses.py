@@ -11,7 +11,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.plan.close_in_geometry import motor_scale
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import Placement, Thing
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -107,14 +107,14 @@ class SurfaceSample(NamedTuple):
     """Outward, (k, 3)."""
 
 
-def sample_placed_surface(placed: Placement, count: int, random: Random) -> SurfaceSample:
+def sample_placed_surface(placed: PlacedObject, count: int, random: Random) -> SurfaceSample:
     """Points on an object where it stands, world."""
     own = sample_surface(placed.thing, count, random)
     turn = matrix_from_quaternion(np.array(placed.quaternion))
     return SurfaceSample(own.points @ turn.T + placed.position, own.normals @ turn.T)
 
 
-def sample_surface(thing: Thing, count: int, random: Random) -> SurfaceSample:
+def sample_surface(thing: GraspObject, count: int, random: Random) -> SurfaceSample:
     """Points on an object, in its own frame. Raises ConfigError for an MJCF."""
     match thing.shape, thing.size:
         case "sphere", (diameter,):
@@ -166,7 +166,7 @@ def _ellipsoid(half: Array, count: int, random: Random) -> SurfaceSample:
     return SurfaceSample(found * half, _unit(found / half))
 
 
-def _mesh(thing: Thing, count: int, random: Random) -> SurfaceSample:
+def _mesh(thing: GraspObject, count: int, random: Random) -> SurfaceSample:
     mesh = thing.mesh()
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)

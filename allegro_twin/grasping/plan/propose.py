@@ -30,7 +30,7 @@ from allegro_twin.grasping.plan.poses import (
 from allegro_twin.grasping.plan.region import SHARE, GraspRegion, to_object_frame
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.orientation import matrix_from_quaternion, quaternion_from_vector
-from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -49,7 +49,7 @@ METRES, TURN = 0.007, np.radians(6.0)
 class Proposer:
     """Candidates that nothing speaks against, for one object on its workbench."""
 
-    bench: Workbench
+    bench: GraspScene
     templates: Sequence[Grasp]
     friction: float
     turns: Sequence[float]
@@ -123,7 +123,7 @@ def _jittered(candidate: Candidate, spec: HandSpec, random: Random) -> PoseGuess
     )
 
 
-def fit_palm(bench: Workbench, guessed: PoseGuesses, row: int, random: Random) -> Candidate | None:
+def fit_palm(bench: GraspScene, guessed: PoseGuesses, row: int, random: Random) -> Candidate | None:
     """A guess that is free where it is and on its way there, lifted off the table if it must be; or None."""
     position, rotation, preshape = guessed.position[row], guessed.rotation[row], guessed.preshape[row]
     lowest = bench.lowest(position, rotation, preshape)
@@ -152,13 +152,13 @@ def fit_palm(bench: Workbench, guessed: PoseGuesses, row: int, random: Random) -
     return None
 
 
-def _free(bench: Workbench, position: Array, rotation: Array, posture: Array) -> bool:
+def _free(bench: GraspScene, position: Array, rotation: Array, posture: Array) -> bool:
     bench.place(position, rotation, posture)
     return not bench.meets_anything()
 
 
 def score_contacts(
-    bench: Workbench, candidate: Candidate, touch: Meetings, centre: Array, friction: float, turns: Sequence[float]
+    bench: GraspScene, candidate: Candidate, touch: TouchPoints, centre: Array, friction: float, turns: Sequence[float]
 ) -> float | None:
     """How little force would do, as a score; None for contacts that cannot hold."""
     palm = len(bench.spec.fingers)

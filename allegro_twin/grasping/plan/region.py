@@ -14,8 +14,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.grasping.batch.batched_trials import Verdict
 from allegro_twin.grasping.trial import Trial
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.contact.contacts import touching
-from allegro_twin.sim.objects.catalogue import Placement
+from allegro_twin.sim.contact.contacts import find_contacts
+from allegro_twin.sim.objects.catalogue import PlacedObject
 from allegro_twin.types import Array
 
 SHARE = 0.5
@@ -39,7 +39,7 @@ class GraspRegion:
         """The share of the normal forces of the hand on the object that acts in here, as `region`: what a batch of
         trials measures."""
         name = trial.scenario.objects[0].name
-        touch = touching(trial.backend.model, data, trial.backend.spec, name)
+        touch = find_contacts(trial.backend.model, data, trial.backend.spec, name)
         body = data.body(name)
         force = np.sum(touch.force * touch.normals, axis=1)
         inside = self.contains((touch.points - body.xpos) @ body.xmat.reshape(3, 3))
@@ -66,7 +66,7 @@ def parse_region(text: str) -> GraspRegion:
     return GraspRegion((low["x"], low["y"], low["z"]), (high["x"], high["y"], high["z"]))
 
 
-def to_object_frame(placed: Placement, points: Array) -> Array:
+def to_object_frame(placed: PlacedObject, points: Array) -> Array:
     """Points of the world in the frame of an object where it stands, (k, 3), m."""
     own: Array = (points - placed.position) @ matrix_from_quaternion(np.array(placed.quaternion))
     return own

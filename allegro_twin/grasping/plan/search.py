@@ -28,7 +28,7 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
@@ -135,7 +135,7 @@ class GraspSearch:
             each.seed, each.candidates = self.seed, self.closed
         return best
 
-    def _prover(self, bench: Workbench) -> GraspValidator:
+    def _prover(self, bench: GraspScene) -> GraspValidator:
         return GraspValidator(
             bench, self.scenario, self.spec, self.templates, self.folder, self.seed, self.uncertainty,
             search_symmetry(self), self.region, self.kind, self.threads, ends=self.ends,
@@ -150,10 +150,10 @@ class GraspSearch:
             for c, more in zip(candidates, further, strict=True)
         ]
 
-    def _bench(self, protocol: TrialProtocol) -> Workbench:
+    def _bench(self, protocol: TrialProtocol) -> GraspScene:
         physics = protocol.physics if protocol.floating else PhysicsSettings()
         coarse = protocol.model_copy(update={"physics": physics.model_copy(update={"timestep": TIMESTEP})})
-        return Workbench(self.spec, make_stage(self.scenario, coarse, self.spec.side, self.folder))
+        return GraspScene(self.spec, make_stage(self.scenario, coarse, self.spec.side, self.folder))
 
     def _performer(self, protocol: TrialProtocol) -> FingerGains:
         return FingerGains(

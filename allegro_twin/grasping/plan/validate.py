@@ -26,7 +26,7 @@ from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.select import is_of_type
 from allegro_twin.hands.library.taxonomy import Observed, as_claimed
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -102,7 +102,7 @@ class PlannedGrasp:
 class GraspValidator:
     """Options for one object, with what is known of each."""
 
-    bench: Workbench
+    bench: GraspScene
     scenario: Scenario
     spec: HandSpec
     templates: Sequence[Grasp]

@@ -14,7 +14,7 @@ from allegro_twin.grasping.scenario import Scenario, ScenarioObject, load_protoc
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.library.entries import HAND
 from allegro_twin.sim.objects import catalogue as objects
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 
 FOLDERS: dict[str, tuple[str, ...]] = {HAND: ("demo", "more")}
 """Of scenarios, an object in each; another hand's have its name."""
@@ -71,10 +71,10 @@ def scenario_of(given: Given, known: dict[str, str]) -> tuple[Scenario, Path]:
     return found, path.parent
 
 
-def thing_of(given: Given) -> Thing:
+def thing_of(given: Given) -> GraspObject:
     """The object alone. Raises ConfigError."""
     if isinstance(given, str) and not _is_scenario(given):
-        return objects.named(given)
+        return objects.load_object(given)
     if isinstance(given, OwnObject) and given.like is None:
         given = given.model_copy(update={"like": "rubiks_cube"})
     scenario, folder = scenario_of(given, scenarios())

@@ -13,7 +13,7 @@ from allegro_twin.hands.library.entries import HAND
 from allegro_twin.learning.environments.objects import Given
 from allegro_twin.learning.environments.randomise import Randomise, preset
 from allegro_twin.learning.policy.interface import Mode
-from allegro_twin.sim.batch.warp import Device
+from allegro_twin.sim.batch.warp import SimDevice
 from allegro_twin.spec import SIDES, HandSpec, Side
 
 OPTIONS = ("object", "size", "friction", "grasp", "posture", "position_noise")
@@ -52,7 +52,7 @@ class EnvSettings(Settings):
     """Name in conf/gains."""
     step: Positive | None = None
     """rad of a joint an action, in the mode `delta`. None: the task's own."""
-    device: Device = "cpu"
+    device: SimDevice = "cpu"
     """Who simulates: `cpu`, MuJoCo; `warp`, MuJoCo Warp on an NVIDIA GPU; `warp:cpu`, its kernels on one processor."""
     contacts: Annotated[int, Field(ge=1)] = 64
     """Room for contacts on a Warp device, for each simulation; twice what the busiest task has (docs/rl.md#gpu)."""

@@ -22,7 +22,7 @@ from allegro_twin.kinematics.numeric_tips import ChainTips
 from allegro_twin.learning.policy.memory import Course, Memory
 from allegro_twin.learning.policy.numbers import Lifted, numbers_of, radian_of
 from allegro_twin.learning.policy.script import Scripts
-from allegro_twin.sim.model.statics import tree_of
+from allegro_twin.sim.model.statics import kinematic_tree
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
@@ -229,7 +229,7 @@ class Interface:
     def _fingertips(self) -> Fingertips | ChainTips:
         if all(has_closed_form(self.spec.model, finger.name) for finger in self.spec.fingers):
             return Fingertips(self.spec, self.xp)
-        return ChainTips(self.spec, tree_of(self.spec))
+        return ChainTips(self.spec, kinematic_tree(self.spec))
 
 
 def _within(xp: Any, x: Array, low: Array | float, high: Array | float) -> Array:

@@ -21,7 +21,7 @@ from allegro_twin.learning.tasks.scenes import THING, upturned, worlds
 from allegro_twin.learning.tasks.start_states import Held, held
 from allegro_twin.learning.tasks.vectors import length
 from allegro_twin.sim.batch.cpu import Rows
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.types import Array
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class InHand(Task):
                               f"an object above the palm was never searched for, only for {HAND}")  # fmt: skip
         self.extra = 13 if settings.observation == "full" else 0
         self._held: list[Held] = []
-        self._things: list[catalogue.Thing] = []
+        self._things: list[GraspObject] = []
         self._names: list[str] = []
         self._table: Held | None = None
         for given in settings.objects or ("rubiks_cube",):
@@ -147,7 +147,7 @@ class InHand(Task):
         decisions = xp.maximum(xp.asarray(tick // self.settings.decimation, np.float64), 1.0)
         return {"clearance": over, "on_palm": self._low / decisions}
 
-    def _learn(self, thing: catalogue.Thing, n: int, threads: int) -> None:
+    def _learn(self, thing: GraspObject, n: int, threads: int) -> None:
         """A further object, in the states in which fingertips hold it. Raises ConfigError for one too large."""
         longest = 2 * thing.half_extents().max()
         if longest > LARGEST:

@@ -15,7 +15,7 @@ from allegro_twin.learning.tasks.scenes import Scene, from_above, known, on_tabl
 from allegro_twin.learning.tasks.scripted_closing import Closing
 from allegro_twin.learning.tasks.vectors import effort_of, length
 from allegro_twin.sim.batch.cpu import Rows
-from allegro_twin.sim.model import wrist
+from allegro_twin.sim.model.wrist import WristSegment, wrist_load, wrist_set_points
 from allegro_twin.types import Array, Vector
 
 DOWN, UP, HOLD = 0.5, 0.8, 0.8  # s: the wrist goes down, up, and stays there.
@@ -65,8 +65,8 @@ class Lift(Closing):
         for row, scene in zip(courses, self.scenes, strict=True):
             waiting = self.closed(scene) * period - DOWN
             moves = [(DOWN, -scene.retreat[2]), (waiting, 0.0), (UP, HEIGHT)]
-            stretches = [wrist.Segment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
-            wishes = wrist.commands(stretches, period, wrist.load(scene.model))[: len(row), 2]
+            stretches = [WristSegment(s, np.array([0, 0, z, 0, 0, 0.0]), np.zeros(6)) for s, z in moves]
+            wishes = wrist_set_points(stretches, period, wrist_load(scene.model))[: len(row), 2]
             row[: len(wishes)] = wishes
             row[len(wishes) :] = wishes[-1]
         self._wishes = place(courses)

@@ -11,7 +11,7 @@ from allegro_twin.array_api import library
 from allegro_twin.kinematics.orientation import product, quaternion_from_vector
 from allegro_twin.learning.tasks.scenes import FACING, PALM
 from allegro_twin.learning.tasks.vectors import length, turned
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.types import Array
 
 ON_PALM = 0.005
@@ -25,7 +25,7 @@ class Shapes:
     """Objects to choose from, on the device of the simulations: which kind each is, its half-sizes, (k, 3), m, and of
     meshes the vertices, (k, vertices, 3), m."""
 
-    def __init__(self, things: Sequence[Thing], xp: Any) -> None:
+    def __init__(self, things: Sequence[GraspObject], xp: Any) -> None:
         self.kind = xp.asarray(np.array([_KINDS[thing.shape] for thing in things]), np.int64)
         self.half = xp.asarray(np.stack([thing.half_extents() for thing in things]))
         vertices = [thing.mesh().vertices if thing.shape == "mesh" else np.zeros((1, 3)) for thing in things]

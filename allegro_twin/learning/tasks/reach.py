@@ -16,7 +16,7 @@ from allegro_twin.learning.tasks.base import Outcome, Task, Ticks
 from allegro_twin.learning.tasks.scenes import compiled, worlds
 from allegro_twin.learning.tasks.vectors import length
 from allegro_twin.sim.batch.cpu import Rows
-from allegro_twin.sim.contact.probe import free_of_contact
+from allegro_twin.sim.contact.probe import contact_free_postures
 from allegro_twin.sim.model.scene import Stage
 from allegro_twin.types import Array
 from allegro_twin.viewing.overlays import Mark
@@ -49,7 +49,7 @@ class Reach(Task):
         middle, half = self.interface.middle, self.interface.half
         # The table of the right hand, mirrored: the sides have the same goals.
         wishes = middle + INSIDE * half * np.random.default_rng(SEED).uniform(-1.0, 1.0, (8 * GOALS, len(middle)))
-        free, xp = free_of_contact(model, self.spec, wishes, GOALS), self.worlds.xp
+        free, xp = contact_free_postures(model, self.spec, wishes, GOALS), self.worlds.xp
         self._goals = xp.asarray(self.interface.fingertips(xp.asarray(free)), np.float32)
         self._goal: Floats = xp.zeros((n, self.interface.n_goal), np.float32)
         home = load_posture("home", self.spec) if posture_names(self.spec.model) else self.spec.rest

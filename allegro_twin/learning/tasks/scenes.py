@@ -20,7 +20,7 @@ from allegro_twin.learning.environments.settings import EnvSettings
 from allegro_twin.sim.batch.cpu import SimBatch
 from allegro_twin.sim.batch.warp import WarpBatch
 from allegro_twin.sim.model.scene import Stage, compile_scene
-from allegro_twin.sim.objects.catalogue import N_SIZES, Placement, Thing
+from allegro_twin.sim.objects.catalogue import SIZES_OF_KIND, GraspObject, PlacedObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Vector
 
@@ -98,7 +98,7 @@ def _built(name: str, around: Stage, retreat: Vector, spec: HandSpec, settings: 
     placed = around.things[0]
     thing = replace(placed, thing=replace(placed.thing, name=THING))
     # On a device a geom has the same type in all simulations.
-    one_layout = settings.device != "cpu" and placed.thing.shape in N_SIZES
+    one_layout = settings.device != "cpu" and placed.thing.shape in SIZES_OF_KIND
     model = compiled(spec, replace(around, things=[thing], every_shape=one_layout), settings)
     pose = np.concatenate([placed.position, placed.quaternion])
     return Scene(name, load_grasp(grasp, spec), model, pose, retreat)
@@ -111,11 +111,11 @@ FACING = quaternion_facing((0, 0, 1), (1, 0, 0))
 
 
 def upturned(
-    spec: HandSpec, thing: Thing, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
+    spec: HandSpec, thing: GraspObject, place: tuple[float, float, float], settings: EnvSettings, friction: float = 0.8
 ) -> mujoco.MjModel:
     """An object at a place (3,), m, over the palm that looks up. The fingers point along the world's x, so the palm's
     x is up and its y the world's y."""
-    placed = Placement(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
+    placed = PlacedObject(replace(thing, name=THING), place, (1.0, 0.0, 0.0, 0.0))
     around = Stage(np.zeros(3), FACING, [placed], friction=friction)
     return compiled(spec, around, settings)
 

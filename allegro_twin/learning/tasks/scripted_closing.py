@@ -22,7 +22,7 @@ from allegro_twin.learning.tasks.base import Task
 from allegro_twin.learning.tasks.levels import EASY, HARD, Variation
 from allegro_twin.learning.tasks.scenes import THING, Scene, worlds
 from allegro_twin.sim.batch.cpu import Rows
-from allegro_twin.sim.contact.contacts import overlap
+from allegro_twin.sim.contact.contacts import penetration_depth
 from allegro_twin.types import Array, Vector
 
 MARGIN = 0.1  # s, for the last action.
@@ -75,7 +75,7 @@ class Closing(Task):
         """How deep an object of `size` times its size is in the hand that is about to close on it, m."""
         met = scene.pose.copy()
         met[:3] += self.apart(scene, size)
-        return overlap(scene.model, self.spec, scene.grasp.preshape, THING, met, size)
+        return penetration_depth(scene.model, self.spec, scene.grasp.preshape, THING, met, size)
 
     @abstractmethod
     def apart(self, scene: Scene, size: float) -> Vector:

@@ -18,7 +18,7 @@ from allegro_twin.learning.tasks.base import Flags
 from allegro_twin.learning.tasks.scenes import PALM, THING, upturned
 from allegro_twin.learning.tasks.vectors import tilt
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -93,7 +93,7 @@ class Search:
         return np.concatenate([fingers.reshape(n, 12), thumb], axis=1), squeeze.reshape(n, 16)
 
 
-def tried(thing: Thing, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+def tried(thing: GraspObject, search: Search, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
     """One batch: of what held, joints, targets (m, 16), rad, pose (m, 7), m, and factor on the size (m,)."""
     spec = load_spec(side="right")
     gains = load_gains("default", spec)

@@ -15,7 +15,7 @@ from allegro_twin.files.fingerprint import fingerprint
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.learning.tasks.start_state_search import FRICTION, SIZES, Search, tried
 from allegro_twin.sim.model.physics import Physics
-from allegro_twin.sim.objects.catalogue import Thing
+from allegro_twin.sim.objects.catalogue import GraspObject
 from allegro_twin.types import Array
 
 VERSION = 2
@@ -39,7 +39,7 @@ class Held:
     """Factor on the object's size, (m,)."""
 
 
-def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
+def held(thing: GraspObject, side: str, search: Search = SEARCH) -> Held:
     """From the package, or from the cache of this machine, where a first use searches for some minutes. Raises
     ConfigError where there is no cache."""
     name = file_name(thing, search)
@@ -52,7 +52,7 @@ def held(thing: Thing, side: str, search: Search = SEARCH) -> Held:
     return found if side == "right" else _mirrored(found)
 
 
-def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
+def write(thing: GraspObject, path: Path, search: Search = SEARCH) -> None:
     """Search for the states of the right hand and write them. Raises RecordingError."""
     found = searched(thing, search)
     arrays = {"position": found.position, "target": found.target, "pose": found.pose, "size": found.size}
@@ -61,7 +61,7 @@ def write(thing: Thing, path: Path, search: Search = SEARCH) -> None:
         np.savez_compressed(file, **short)  # type: ignore[arg-type]  # Taken for its options.
 
 
-def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
+def searched(thing: GraspObject, search: Search, count: int = COUNT, seed: int = SEED) -> Held:
     """So many states, or as many as a long search finds. Raises ConfigError where it finds none."""
     rng = np.random.default_rng(seed)
     parts: list[tuple[Array, ...]] = []
@@ -75,7 +75,7 @@ def searched(thing: Thing, search: Search, count: int = COUNT, seed: int = SEED)
     return Held(*(column[order] for column in columns))
 
 
-def file_name(thing: Thing, search: Search = SEARCH) -> str:
+def file_name(thing: GraspObject, search: Search = SEARCH) -> str:
     """Another search, another object, or another hand, has another."""
     own = (thing.shape, thing.size, thing.mass, thing.file, thing.scale)
     whole = (VERSION, own, repr(search), COUNT, SEED, SIZES, FRICTION, _hand(), repr(Physics()))

@@ -15,7 +15,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import gains_names, load_gains
 from allegro_twin.learning.training.settings import Recipe
 from allegro_twin.sim.model.fingerprint import hand_fingerprint
-from allegro_twin.sim.objects.catalogue import catalogue
+from allegro_twin.sim.objects.catalogue import object_catalogue
 
 VERSION = 2
 """Of the trainer: what a checkpoint must be of to be continued."""
@@ -49,7 +49,7 @@ def made_of(recipe: Recipe) -> dict[str, str]:
         "code": fingerprint([source_fingerprint(module) for module in _MODULES]),
         f"hand {spec.name}": hand_fingerprint(spec),
         f"gains of {spec.model}": fingerprint({name: load_gains(name, spec) for name in gains_names(spec)}),
-        "objects": fingerprint(catalogue()),
+        "objects": fingerprint(object_catalogue()),
     }
 
 

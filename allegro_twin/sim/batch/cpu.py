@@ -21,8 +21,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.sim.batch.motors import BatchMotors
 from allegro_twin.sim.drivetrain.servos import Rows as Rows
 from allegro_twin.sim.drivetrain.servos import Servos
-from allegro_twin.sim.model import wrist
 from allegro_twin.sim.model.scene import PRESENTER
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -90,7 +90,7 @@ class SimBatch:
             self._batch.set_models(self.models)
             self._batch.reset()
             names = {self.model.actuator(i).name for i in range(self.model.nu)}
-            self._wrist = [self.model.actuator(name).id for name in wrist.JOINTS if name in names]
+            self._wrist = [self.model.actuator(name).id for name in WRIST_JOINTS if name in names]
             self._still = np.zeros((self.n, self.model.nu))
             self.scratch = mujoco.MjData(self.model)
             self._palm = self.model.body("palm_link").id

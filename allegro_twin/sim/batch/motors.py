@@ -11,8 +11,8 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.servos import control_map
-from allegro_twin.sim.drivetrain.transmission import Lengths
-from allegro_twin.sim.model.joints import Posed, moved_by, span
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
+from allegro_twin.sim.model.joints import PostureMap, as_slice, motor_joints
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -22,17 +22,19 @@ class BatchMotors:
     ConfigError where that is not possible."""
 
     def __init__(self, spec: HandSpec, model: mujoco.MjModel, *, alone: bool) -> None:
-        self.spec, self._posed = spec, Posed(spec, model)
-        self.ids = span([model.actuator(name).id for name in spec.joints])
+        self.spec, self._posed = spec, PostureMap(spec, model)
+        self.ids = as_slice([model.actuator(name).id for name in spec.joints])
         """Their columns in what a model is told."""
         if alone and not isinstance(self.ids, slice):
             raise ConfigError(f"{spec.name}: the motors of this model do not follow one another, as a batch needs")
         self.closes_loop = "torque" not in spec.commands
         """Whether they are told where to be."""
-        self.lengths = Lengths(spec, model)
-        moved = list(moved_by(spec, model).values())
+        self.lengths = ActuatorLengths(spec, model)
+        moved = list(motor_joints(spec, model).values())
         direct = not spec.followers and len(moved) == spec.n_joints
-        self._columns = (span(list(model.jnt_qposadr[moved])), span(list(model.jnt_dofadr[moved]))) if direct else None
+        self._columns = (
+            (as_slice(list(model.jnt_qposadr[moved])), as_slice(list(model.jnt_dofadr[moved]))) if direct else None
+        )
         if alone and self._columns is None and not self.lengths.sums:
             raise ConfigError(f"{spec.name}: its tendons run through space, and a batch does not know where its motors "
                               "are: simulate it alone, with SimBackend")  # fmt: skip

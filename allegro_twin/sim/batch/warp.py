@@ -20,7 +20,7 @@ from allegro_twin.sim.batch.cpu import Rows, SimBatch, Snapshot
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
-Device: TypeAlias = Literal["cpu", "warp", "warp:cpu"]
+SimDevice: TypeAlias = Literal["cpu", "warp", "warp:cpu"]
 """MuJoCo on all processors; MuJoCo Warp on an NVIDIA GPU; and the same kernels on one processor, for tests."""
 _STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "qfrc_applied", "xfrc_applied", "eq_active",
           "mocap_pos", "mocap_quat")  # fmt: skip
@@ -47,7 +47,7 @@ class WarpBatch(SimBatch):
         model: mujoco.MjModel,
         n: int,
         *,
-        device: Device = "warp",
+        device: SimDevice = "warp",
         contacts: int = 64,
         constraints: int = 256,
     ) -> None:

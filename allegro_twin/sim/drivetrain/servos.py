@@ -92,7 +92,7 @@ def control_map(model: mujoco.MjModel, motors: slice | list[int] | NDArray[np.in
     return -bias[:, 0] / gain, -bias[:, 1] / gain
 
 
-def bound(model: mujoco.MjModel, spec: HandSpec) -> None:
+def limit_forces(model: mujoco.MjModel, spec: HandSpec) -> None:
     """Give no motor of a compiled scene more force than its hand says, whatever its file lets it have."""
     ids, limit = np.array([model.actuator(name).id for name in spec.joints]), spec.actuation.torque_limit[:, None]
     limited = model.actuator_forcelimited[ids].astype(bool)[:, None]

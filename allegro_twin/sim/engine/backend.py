@@ -12,10 +12,10 @@ from allegro_twin.backend import position_of, torque_of
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.sim.drivetrain.drivetrain import Drivetrain, drives_joints
 from allegro_twin.sim.drivetrain.servos import ONE, Servos
-from allegro_twin.sim.drivetrain.transmission import Lengths
+from allegro_twin.sim.drivetrain.transmission import ActuatorLengths
 from allegro_twin.sim.engine.world import World
-from allegro_twin.sim.model import wrist
-from allegro_twin.sim.model.joints import Change, Posed, lose, moved_by, span
+from allegro_twin.sim.model.joints import JointChange, PostureMap, as_slice, motor_joints, set_joint_losses
+from allegro_twin.sim.model.wrist import WRIST_JOINTS
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import ArmSpec
 from allegro_twin.spec.drivetrain import Ailment, Drive
@@ -70,22 +70,22 @@ class SimBackend:
         model = self.model
         self.substeps = substeps(period, model.opt.timestep)
         self._spec, self._period = spec, period
-        self._motors = span([model.actuator(name).id for name in spec.joints])
+        self._motors = as_slice([model.actuator(name).id for name in spec.joints])
         self._servos = None if "torque" in spec.commands else Servos(spec, [model], period)
-        self._lengths = Lengths(spec, model)
-        joints = list(moved_by(spec, model).values())
-        self._qpos = span([model.jnt_qposadr[joint] for joint in joints])
-        self._dof = span([model.jnt_dofadr[joint] for joint in joints])
-        self._pose = Posed(spec, model)
+        self._lengths = ActuatorLengths(spec, model)
+        joints = list(motor_joints(spec, model).values())
+        self._qpos = as_slice([model.jnt_qposadr[joint] for joint in joints])
+        self._dof = as_slice([model.jnt_dofadr[joint] for joint in joints])
+        self._pose = PostureMap(spec, model)
         self._root = model.body(spec.root).id
         self._posture = spec.rest if posture is None else spec.posture(posture)
         self.drive, self.pushing = drive, pushing
         self._pushed = None if pushing is None or not pushing.force.any() else model.body(pushing.body).id
-        self._wrist = [model.actuator(name).id for name in wrist.JOINTS] if len(drive) else []
+        self._wrist = [model.actuator(name).id for name in WRIST_JOINTS] if len(drive) else []
         self._unknown = frozen(np.full(spec.n_actuators, math.nan))
         self._train = None if spec.drive is None else Drivetrain(spec, spec.drive, model, self._motors)
-        self._holding = Holding(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
-        self._feels = feels(spec, model)
+        self._holding = ArmHold(spec, period, self._qpos, self._dof) if isinstance(spec, ArmSpec) else None
+        self._feels = flange_sensors(spec, model)
         self._session, self._tick = 0, 0
         self.world.join(self)
 
@@ -197,9 +197,9 @@ class SimBackend:
             self._train.command(self.data.ctrl[self._motors].copy())
         self._train.suffer(what, joint, amount)
 
-    def become(self, change: Change) -> None:
+    def become(self, change: JointChange) -> None:
         """Go on as another hand; one that closes its own loop keeps its strength."""
-        lose(self._spec, self.model, change)
+        set_joint_losses(self._spec, self.model, change)
         if change.strength != 1.0:
             for joint in range(self._spec.n_joints):
                 self.suffer("weak", joint, change.strength)
@@ -260,7 +260,7 @@ def substeps(period: float, timestep: float) -> int:
     return count
 
 
-class Holding:
+class ArmHold:
     """Counts an arm's periods without a command, and holds it from `silence` on; also before the first command."""
 
     def __init__(self, spec: ArmSpec, period: float, qpos: Places, dof: Places) -> None:
@@ -289,7 +289,7 @@ class Holding:
         return np.minimum(np.maximum(wanted, -self._limit), self._limit)
 
 
-def feels(spec: HandSpec, model: mujoco.MjModel) -> Places | None:
+def flange_sensors(spec: HandSpec, model: mujoco.MjModel) -> Places | None:
     """Where an arm's sensors of force and torque are among all that the simulation senses."""
     if not isinstance(spec, ArmSpec):
         return None

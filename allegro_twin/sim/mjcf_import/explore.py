@@ -10,11 +10,11 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.sim.drivetrain import lugre_friction
-from allegro_twin.sim.mjcf_import.adapt import read
+from allegro_twin.sim.mjcf_import.adapt import read_mjcf
 from allegro_twin.types import Array
 
 
-class Motor:
+class ImportedMotor:
     """One actuator, read. Raises ConfigError for one that nobody could command as a hand."""
 
     def __init__(self, model: mujoco.MjModel, number: int, path: Path) -> None:
@@ -82,18 +82,18 @@ _MOVES = 2e-3  # rad or m. A joint that moves less does not follow.
 _JOINTS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
-class Found(NamedTuple):
+class ExploredHand(NamedTuple):
     """The content of a card, and what a person should look at."""
 
     card: dict[str, Any]
     notes: list[str]
 
 
-def explored(path: Path, root: str | None = None) -> Found:
+def explore_mjcf(path: Path, root: str | None = None) -> ExploredHand:
     """Read a hand, and move each of its motors alone through its range, without gravity and contacts. `root`: the body
     that is the palm; None: the one under the world that carries all motors. Raises ConfigError for a file without a
     hand that can be driven."""
-    spec = read(path)
+    spec = read_mjcf(path)
     for element in spec.keys:
         spec.delete(element)
     try:
@@ -101,12 +101,14 @@ def explored(path: Path, root: str | None = None) -> Found:
     except ValueError as error:
         raise ConfigError(f"{path}: {str(error).strip().splitlines()[0]}") from error
     given = [
-        k for k in range(model.nu) if not lugre_friction.alone(model.actuator_gaintype[k], model.actuator_gainprm[k])
+        k
+        for k in range(model.nu)
+        if not lugre_friction.is_friction_only(model.actuator_gaintype[k], model.actuator_gainprm[k])
     ]
     if not given:
         raise ConfigError(f"{path} has no actuators: nothing in it can be driven")
     palm = _palm(model, path, root)
-    motors = [Motor(model, k, path) for k in given]
+    motors = [ImportedMotor(model, k, path) for k in given]
     commands = {"torque" if motor.torque else "limited_position" for motor in motors}
     if len(commands) > 1:
         raise ConfigError(f"{path}: some actuators take torques and some positions; a hand takes one of them")
@@ -128,7 +130,7 @@ def explored(path: Path, root: str | None = None) -> Found:
         "fingers": fingers,
         "palm": _axes(model, palm, ways),
     }
-    return Found(card | ({"followers": followers} if followers else {}), notes)
+    return ExploredHand(card | ({"followers": followers} if followers else {}), notes)
 
 
 def _palm(model: mujoco.MjModel, path: Path, root: str | None) -> int:
@@ -147,7 +149,7 @@ def _palm(model: mujoco.MjModel, path: Path, root: str | None) -> int:
     return moving[0]
 
 
-def _moved(model: mujoco.MjModel, motors: list[Motor]) -> Array:
+def _moved(model: mujoco.MjModel, motors: list[ImportedMotor]) -> Array:
     """All joint positions, at rest, for each motor alone at places through its range: (motors, places, nq)."""
     model.opt.gravity[:] = 0.0
     # Light links on stiff tendons: a file that says nothing of steps means them as our scenes take them.
@@ -175,7 +177,7 @@ def _settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             return
 
 
-def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[Motor]) -> None:
+def _rest(model: mujoco.MjModel, data: mujoco.MjData, motors: list[ImportedMotor]) -> None:
     """Every servo is told to stay as near to zero as it can be."""
     for each in motors:
         data.ctrl[each.number] = each.told(min(max(0.0, each.lower), each.upper))
@@ -228,7 +230,9 @@ def _reaches(way: Array, tip: int) -> bool:
     return bool(np.ptp(way[:, tip], axis=0).max() > 1e-4)
 
 
-def _followers(model: mujoco.MjModel, motors: list[Motor], moves: Array) -> tuple[list[dict[str, Any]], list[str]]:
+def _followers(
+    model: mujoco.MjModel, motors: list[ImportedMotor], moves: Array
+) -> tuple[list[dict[str, Any]], list[str]]:
     """Joints without a motor: after which they go, and how far; and those that go after none."""
     own = {motor.joint for motor in motors}
     followers, free = [], []

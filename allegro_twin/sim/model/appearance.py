@@ -27,7 +27,7 @@ _GROUPS = 3  # Of geoms: MuJoCo shows the first three and hides the others.
 _TRIANGLES = 600  # A mesh, at most: a page in a browser draws dozens of them without a GPU.
 
 
-def scene_look(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
+def scene_appearance(model: mujoco.MjModel, spec: HandSpec, things: tuple[str, ...]) -> dict[str, Any]:
     """For a recording: the shapes of the objects and of what stands still, and of the hand if it is not ours."""
     start, palm = mujoco.MjData(model), model.body(spec.root).id
     mujoco.mj_kinematics(model, start)

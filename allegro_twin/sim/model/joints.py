@@ -11,11 +11,11 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 
-class Posed:
+class PostureMap:
     """Puts postures into `qpos`: driven joints, and those that follow where they are when nothing is in their way."""
 
     def __init__(self, spec: HandSpec, model: mujoco.MjModel) -> None:
-        self._spec, driven = spec, moved_by(spec, model)
+        self._spec, driven = spec, motor_joints(spec, model)
         self._driven = list(driven)
         self._places = [int(model.jnt_qposadr[joint]) for joint in driven.values()]
         self._followers = [int(model.joint(each.name).qposadr[0]) for each in spec.followers]
@@ -40,7 +40,7 @@ class Posed:
             qpos[place] = np.interp(part, np.linspace(0.0, 1.0, len(each.positions)), each.positions)
 
 
-def moved_by(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
+def motor_joints(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
     """The joint that each motor turns, by the motor's place in the spec; motors on tendons have none."""
     found = {}
     for index, name in enumerate(spec.joints):
@@ -50,7 +50,7 @@ def moved_by(spec: HandSpec, model: mujoco.MjModel) -> dict[int, int]:
     return found
 
 
-def span(indices: list[int]) -> slice | list[int]:
+def as_slice(indices: list[int]) -> slice | list[int]:
     """A slice where the indices run on, which NumPy reads faster than a list."""
     indices = [int(index) for index in indices]
     if indices and indices == list(range(indices[0], indices[0] + len(indices))):
@@ -58,7 +58,7 @@ def span(indices: list[int]) -> slice | list[int]:
     return indices
 
 
-class Change(NamedTuple):
+class JointChange(NamedTuple):
     """Of every joint; None: as it was."""
 
     damping: float | None = None
@@ -69,9 +69,9 @@ class Change(NamedTuple):
     """What its motors give of what they gave."""
 
 
-def lose(spec: HandSpec, model: mujoco.MjModel, change: Change) -> None:
+def set_joint_losses(spec: HandSpec, model: mujoco.MjModel, change: JointChange) -> None:
     """Set the damping and dry friction of a compiled hand's joints."""
-    dofs = [int(model.jnt_dofadr[joint]) for joint in Posed(spec, model).joints]
+    dofs = [int(model.jnt_dofadr[joint]) for joint in PostureMap(spec, model).joints]
     if change.damping is not None:
         model.dof_damping[dofs] = change.damping
     if change.frictionloss is not None:

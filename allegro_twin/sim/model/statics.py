@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 def hand_model(spec: HandSpec) -> HandModel:
     """Gravity, Jacobians and fingertips of the hand that a spec simulates. Raises ConfigError."""
-    return HandModel(spec) if spec.foreign is None else HandModel(spec, tree_of(spec))
+    return HandModel(spec) if spec.foreign is None else HandModel(spec, kinematic_tree(spec))
 
 
-def tree_of(spec: HandSpec) -> Tree:
+def kinematic_tree(spec: HandSpec) -> Tree:
     """The links of a hand's MJCF as plain data, under our names; a joint that the spec does not know stays where the
     MJCF has it. Raises ConfigError for a joint that is neither a hinge nor a slide."""
     from allegro_twin.sim.model.scene import hand_spec

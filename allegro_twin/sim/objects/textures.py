@@ -26,7 +26,7 @@ _SIDES = (
 )
 
 
-def on(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
+def geom_look(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
     """The attributes of a geom that make it look like the object of a name."""
     look = of_object(name)
     if look.pattern == "plain":
@@ -41,7 +41,7 @@ def on(spec: mujoco.MjSpec, name: str) -> dict[str, Any]:
     return {"material": material}
 
 
-def handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
+def add_handle(body: mujoco.MjsBody, name: str, radius: float) -> None:
     """Add the object's handle, if it has one, to the side of a cylinder of a radius (m): half a ring, without mass."""
     shown = of_object(name).handle
     if shown is None:

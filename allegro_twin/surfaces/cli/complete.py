@@ -46,9 +46,9 @@ def targets() -> list[str]:
 
 
 def objects() -> list[str]:
-    from allegro_twin.sim.objects.catalogue import catalogue
+    from allegro_twin.sim.objects.catalogue import object_catalogue
 
-    return sorted(catalogue())
+    return sorted(object_catalogue())
 
 
 def kinds() -> list[str]:

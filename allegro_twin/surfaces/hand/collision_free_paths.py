@@ -16,7 +16,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
 if TYPE_CHECKING:
-    from allegro_twin.sim.contact.self_clearance import Clearance
+    from allegro_twin.sim.contact.self_clearance import SelfClearance
 
 _GIVES = 0.002  # m. So deep in each other parts may be asked to be: skin gives, and no model is better than that.
 _LEAST = 0.15  # s. A short leg in less than that would ask for more than the motors have.
@@ -66,10 +66,10 @@ class Ways:
         return [pair for pair, distance in zip(self._clearance.pairs, apart, strict=True) if distance < _TOUCHING]
 
     @cached_property
-    def _clearance(self) -> Clearance:
-        from allegro_twin.sim.contact.self_clearance import Clearance
+    def _clearance(self) -> SelfClearance:
+        from allegro_twin.sim.contact.self_clearance import SelfClearance
 
-        return Clearance(self._spec)
+        return SelfClearance(self._spec)
 
     def _apart(self, postures: Array) -> Array:
         return self._clearance(postures)

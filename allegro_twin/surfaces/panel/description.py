@@ -82,9 +82,9 @@ def _scenarios(spec: HandSpec) -> tuple[str, ...]:
 
 
 def _things() -> tuple[str, ...]:
-    from allegro_twin.sim.objects.catalogue import catalogue
+    from allegro_twin.sim.objects.catalogue import object_catalogue
 
-    return tuple(catalogue())
+    return tuple(object_catalogue())
 
 
 def _no_tips(spec: HandSpec, opened: OpenHand) -> str:

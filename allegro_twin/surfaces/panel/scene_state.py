@@ -23,10 +23,10 @@ def eyes_of(rig: Rig) -> Eyes:
     palm = model.body("palm_link").id
     if rig.trial is None:
         return lambda: {"palm": np.concatenate([data.xpos[palm], data.xquat[palm]])}
-    from allegro_twin.sim.contact.probe import Probe
+    from allegro_twin.sim.contact.probe import ObjectProbe
 
     first, *rest = [placed.thing.name for placed in rig.trial.things]
-    probe, others = Probe(model, data, rig.spec, first), [model.body(name).id for name in rest]
+    probe, others = ObjectProbe(model, data, rig.spec, first), [model.body(name).id for name in rest]
 
     def look() -> Mapping[str, Array]:
         return probe() | {"others": np.hstack([data.xpos[others], data.xquat[others]])}
@@ -43,8 +43,8 @@ def _meta(rig: Rig) -> Mapping[str, Any]:
     if rig.trial is not None:
         return rig.trial.meta()
     if rig.sim is not None:
-        from allegro_twin.sim.model.appearance import scene_look
+        from allegro_twin.sim.model.appearance import scene_appearance
 
-        return {"look": scene_look(rig.sim.model, rig.spec, ())}
+        return {"look": scene_appearance(rig.sim.model, rig.spec, ())}
     recording = getattr(rig.backend, "recording", None)
     return {} if recording is None else dict(recording.meta)

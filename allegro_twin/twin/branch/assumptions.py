@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.contact.self_clearance import Clearance
+from allegro_twin.sim.contact.self_clearance import SelfClearance
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.branch.futures import Wanted
 from allegro_twin.twin.branch.recover_controller import Driver
@@ -63,7 +63,7 @@ def _touches(at: float, seen: Mirrored, wanted: Wanted) -> Iterator[str]:
 def meetings(spec: HandSpec, t: Vector, recorded: Array, branched: Array) -> Iterator[str]:
     """Parts of the hand that would be in each other in the branch, (k, n), rad, and were not in the recording."""
     step = max(round(_EVERY * (len(t) - 1) / max(float(t[-1] - t[0]), 1e-9)), 1)
-    rows, clear = slice(0, len(branched), step), Clearance(spec)
+    rows, clear = slice(0, len(branched), step), SelfClearance(spec)
     was, would = (clear(np.clip(each[rows], spec.lower, spec.upper)) for each in (recorded, branched))
     deep = (would < 0.0) & (would < was - _DEEPER)
     for column in np.flatnonzero(deep.any(axis=0)):

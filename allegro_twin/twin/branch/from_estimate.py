@@ -15,7 +15,7 @@ from allegro_twin.app.rig import guarded
 from allegro_twin.backend import HandBackend
 from allegro_twin.errors import ConfigError, HandFault
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.joints import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.twin.branch.assumptions import knowledge, meetings
 from allegro_twin.twin.branch.futures import Branched, Through, Wanted, rows_before
 from allegro_twin.twin.branch.model import model_at
@@ -36,7 +36,7 @@ def estimated(recording: Recording, at: float, changes: Changes, through: Throug
     other = changed_by(driver, recording, spec, row, changes)
     seen = mirrored(recording.path, wanted.hand, None, wanted.gravity)
     before = columns["position"][:row]
-    alone = _Future(recording, row, driver, Change(), wanted)
+    alone = _Future(recording, row, driver, JointChange(), wanted)
     unchanged = np.concatenate([before, [sample.state.position for sample in alone.samples()]])
     future, beside = _Future(recording, row, other, change, wanted), _Beside(columns["position"], unchanged)
     samples = chain(rows_before(played(recording), row), future.samples())
@@ -67,7 +67,7 @@ def _check(recording: Recording, at: float, changes: Changes) -> None:
 class _Future:
     """The rows of a recording from one on, as a model has them."""
 
-    def __init__(self, recording: Recording, row: int, driver: Driver, change: Change, wanted: Wanted) -> None:
+    def __init__(self, recording: Recording, row: int, driver: Driver, change: JointChange, wanted: Wanted) -> None:
         self._recording, self._row, self._driver, self._change, self._wanted = recording, row, driver, change, wanted
         self._fault = ""
 

@@ -19,7 +19,7 @@ from allegro_twin.drivers.can.driver.settings import HostSettings
 from allegro_twin.drivers.can.driver.velocity import VelocityFilter
 from allegro_twin.errors import EndOfRecording
 from allegro_twin.recording.reader import Recording
-from allegro_twin.sim.model.joints import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.sim.observer.loop_observer import LoopObserver
 from allegro_twin.sim.observer.observer import Observer
 from allegro_twin.spec import HandSpec
@@ -143,7 +143,7 @@ def noise_in(recording: Recording) -> Vector:
     return np.asarray(np.sqrt(np.maximum(seen - np.square(count) / 12.0, 0.0)))
 
 
-def model_at(recording: Recording, row: int, change: Change, wanted: Wanted, *, closed: bool) -> Model:
+def model_at(recording: Recording, row: int, change: JointChange, wanted: Wanted, *, closed: bool) -> Model:
     """The hand as its mirror knows it at a row, changed there; `closed`: under a controller. Raises ConfigError for a
     hand that has no mirror."""
     mirror = mirror_of(recording, wanted.hand, None, wanted.gravity)

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from allegro_twin.app.config import RunConfig
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import parse_yaml
-from allegro_twin.sim.model.joints import Change
+from allegro_twin.sim.model.joints import JointChange
 from allegro_twin.spec import HandSpec
 
 Changes: TypeAlias = Mapping[str, Any]
@@ -34,11 +34,11 @@ def changes_of(texts: list[str]) -> dict[str, Any]:
     return found
 
 
-def change_of(changes: Changes, spec: HandSpec) -> Change:
+def change_of(changes: Changes, spec: HandSpec) -> JointChange:
     """Of the hand itself. Raises ConfigError for what nobody can change in such a hand."""
     if "strength" in changes and "torque" not in spec.commands:
         raise ConfigError(f"--set strength: {spec.name} closes its own loop; damping and frictionloss can be set")
-    return Change(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
+    return JointChange(changes.get("damping"), changes.get("frictionloss"), changes.get("strength", 1.0))
 
 
 def of_controller(changes: Changes) -> dict[str, Any]:

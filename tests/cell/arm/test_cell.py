@@ -25,14 +25,14 @@ from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose, placed, seen_from
 from allegro_twin.loop import run, together
 from allegro_twin.sim.model.arm_with_hand import CAMERA
-from allegro_twin.sim.objects.catalogue import Placement, named
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.arm import Load
 from allegro_twin.types import frozen
 
 HANDS = sorted(path.stem for path in (data_root() / "conf" / "mounts").glob("*.yaml") if is_model(path.stem))
 DOWN = np.array([0.0, 0.0, -9.81])
-CAN = Placement(named("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
+CAN = PlacedObject(load_object("tomato_soup_can"), (0.1, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
 
 
 def open_hand(spec: HandSpec) -> Controller[Any]:
@@ -242,7 +242,10 @@ def test_an_arm_may_stand_beside_a_hand_that_does_nothing() -> None:
 
 
 def test_an_arm_picks_up_a_can_and_feels_what_it_weighs() -> None:
-    spec, can = load_spec("model_o"), Placement(named("tomato_soup_can"), (0.05, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0))
+    spec, can = (
+        load_spec("model_o"),
+        PlacedObject(load_object("tomato_soup_can"), (0.05, 0.0, 0.0505), (1.0, 0.0, 0.0, 0.0)),
+    )
     above = Pose(np.array([0.05, 0.0, 0.19]), np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]))
     plan = make_cell("fer", spec)
     cell = make_cell("fer", spec, things=[can], posture=plan.model.reach(plan.flange_for(above), plan.spec.ready))

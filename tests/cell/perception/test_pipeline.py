@@ -20,8 +20,8 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load, parse
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
-from allegro_twin.sim.objects.catalogue import Placement, named
-from allegro_twin.sim.objects.tabletop import standing, tabletop
+from allegro_twin.sim.objects.catalogue import PlacedObject, load_object
+from allegro_twin.sim.objects.tabletop import compile_tabletop, place_standing
 from benchmarks.perception import apart
 
 SETTINGS = load(PerceptionSettings, data_root() / "conf" / "perception" / "table.yaml")
@@ -29,9 +29,9 @@ EYE = (-0.36, 0.05, 0.38)
 
 
 def picture(
-    *things: Placement, eye: tuple[float, float, float] = EYE, towards: tuple[float, float, float] = (0.0, 0.0, 0.03)
+    *things: PlacedObject, eye: tuple[float, float, float] = EYE, towards: tuple[float, float, float] = (0.0, 0.0, 0.03)
 ) -> Frame:
-    model, data = tabletop(list(things))
+    model, data = compile_tabletop(list(things))
     try:
         camera = Camera(model, CameraSettings(mount=Mount(position=eye, towards=towards)), seed=3)
     except ConfigError as error:
@@ -45,8 +45,8 @@ def look(frame: Frame, settings: PerceptionSettings = SETTINGS) -> Found | Refus
     return Pipeline(settings).look(frame.cloud, frame.pose.position, frame.pose.rotation)
 
 
-def put(name: str, up: str = "z", yaw: float = 0.4, x: float = 0.02, y: float = -0.01) -> Placement:
-    return standing(named(name), up, yaw, x, y)
+def put(name: str, up: str = "z", yaw: float = 0.4, x: float = 0.02, y: float = -0.01) -> PlacedObject:
+    return place_standing(load_object(name), up, yaw, x, y)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_level_top_that_is_seen_flatly_does_not_fall_apart(name: str) -> None:
 
 
 def test_what_is_the_robots_own_is_no_thing() -> None:
-    finger = Placement(named("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
+    finger = PlacedObject(load_object("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
     frame = picture(put("rubiks_cube"), finger)
     near = Pipeline(SETTINGS)
     seen = near.look(frame.cloud, frame.pose.position, frame.pose.rotation)

@@ -21,30 +21,30 @@ from allegro_twin.grasping.plan.templates import grasp_templates
 from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.contact.grasp_scene import Meetings, Workbench, coordinates
-from allegro_twin.sim.objects.catalogue import Placement, Thing, named
+from allegro_twin.sim.contact.grasp_scene import GraspScene, TouchPoints, wrist_coordinates
+from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 from allegro_twin.types import Array
 
 SPEC = load_spec()
 TEMPLATES = grasp_templates(SPEC)
 MADE = {
-    "sphere": Thing("a", "sphere", (0.06,), 0.1),
-    "cylinder": Thing("a", "cylinder", (0.06, 0.1), 0.1),
-    "box": Thing("a", "box", (0.03, 0.06, 0.1), 0.1),
-    "ellipsoid": Thing("a", "ellipsoid", (0.05, 0.08), 0.1),
+    "sphere": GraspObject("a", "sphere", (0.06,), 0.1),
+    "cylinder": GraspObject("a", "cylinder", (0.06, 0.1), 0.1),
+    "box": GraspObject("a", "box", (0.03, 0.06, 0.1), 0.1),
+    "ellipsoid": GraspObject("a", "ellipsoid", (0.05, 0.08), 0.1),
 }
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
-def bench() -> Workbench:
+def bench() -> GraspScene:
     return bench_of("tennis_ball")
 
 
-def bench_of(name: str) -> Workbench:
+def bench_of(name: str) -> GraspScene:
     scenario = scenario_of(name, "z", 1.0, None, 0.8)
-    return Workbench(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+    return GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
 
 
 def candidate(position: tuple[float, float, float] = (0.0, 0.0, 0.1), turn: float = 0.0) -> Candidate:
@@ -65,7 +65,7 @@ def test_points_lie_on_the_surface_and_normals_point_out_of_it(shape: str) -> No
     assert not outside.any()
 
 
-def inside_of(thing: Thing, points: Array) -> NDArray[np.bool_]:
+def inside_of(thing: GraspObject, points: Array) -> NDArray[np.bool_]:
     half = thing.half_extents()
     match thing.shape:
         case "box":
@@ -93,7 +93,7 @@ def test_an_ellipsoid_has_no_more_points_at_its_ends_than_their_area() -> None:
 
 def test_an_mjcf_has_no_surface_to_look_at() -> None:
     with pytest.raises(ConfigError, match="give it as a mesh"):
-        sample_surface(Thing("a", "mjcf", (), 0.1, Path("a.xml")), 5, np.random.default_rng(0))
+        sample_surface(GraspObject("a", "mjcf", (), 0.1, Path("a.xml")), 5, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -108,11 +108,11 @@ def test_an_mjcf_has_no_surface_to_look_at() -> None:
     ],
 )
 def test_an_object_has_the_turns_that_leave_it_as_it_is(name: str, count: int) -> None:
-    assert len(object_symmetry(Placement(named(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
+    assert len(object_symmetry(PlacedObject(load_object(name), (0.0, 0.0, 0.0), UPRIGHT))) == count
 
 
 def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
-    can = object_symmetry(Placement(named("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
+    can = object_symmetry(PlacedObject(load_object("tomato_soup_can"), (0.0, 0.0, 0.0), UPRIGHT))
     here, there = candidate((0.1, 0.0, 0.1)), candidate((0.0, 0.1, 0.1), np.pi / 2)
     assert is_different(there, [here])
     assert not is_different(there, [here], can)
@@ -123,7 +123,7 @@ def test_the_same_grasp_from_another_side_of_a_can_is_no_other_grasp() -> None:
 
 @given(st.integers(0, 10_000))
 def test_palms_are_in_front_of_the_points_that_they_look_at(seed: int) -> None:
-    random, thing = np.random.default_rng(seed), Placement(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
+    random, thing = np.random.default_rng(seed), PlacedObject(MADE["box"], (0.1, 0.0, 0.05), UPRIGHT)
     on = sample_placed_surface(thing, 8, random)
     found = guess_poses(on, np.eye(3), TEMPLATES, SPEC, random)
     for row in range(8):
@@ -141,7 +141,7 @@ def test_the_wrists_coordinates_put_the_palm_where_it_was_asked_to_be(seed: int)
     random = np.random.default_rng(seed)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
     rotation *= np.sign(np.linalg.det(rotation))
-    a, b, c = coordinates(np.zeros(3), rotation)[3:]
+    a, b, c = wrist_coordinates(np.zeros(3), rotation)[3:]
     turn = np.eye(3)
     for axis, angle in enumerate((a, b, c)):
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -152,7 +152,7 @@ def test_the_wrists_coordinates_put_the_palm_where_it_was_asked_to_be(seed: int)
     np.testing.assert_allclose(turn, rotation, atol=1e-7)
 
 
-def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
+def test_the_workbench_has_the_palm_where_it_is_put(bench: GraspScene) -> None:
     guess = candidate((0.03, -0.02, 0.2), 0.7)
     bench.place(guess.position, guess.rotation, guess.preshape)
     np.testing.assert_allclose(bench.data.body("palm_link").xpos, guess.position, atol=1e-12)
@@ -162,7 +162,7 @@ def test_the_workbench_has_the_palm_where_it_is_put(bench: Workbench) -> None:
     assert bench.meets_anything()
 
 
-def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Workbench) -> None:
+def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: GraspScene) -> None:
     grasp = next(t for t in TEMPLATES if t.name == "sphere_4_finger")
     guess = replace(
         candidate((-0.02, 0.0, 0.12)), preshape=grasp.preshape, closing=np.sign(grasp.squeeze - grasp.preshape)
@@ -176,7 +176,7 @@ def test_fingers_stop_where_they_meet_the_ball_and_are_not_deep_in_it(bench: Wor
 
 
 def pinched(friction: float, off: float = 0.0) -> float:
-    touch = Meetings(
+    touch = TouchPoints(
         np.array([[0.03, 0.0, 0.0], [-0.03, off, 0.0], [0.0, 0.0, 0.03]]),
         np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.array([0, 1, 2]), np.zeros(3),
     )  # fmt: skip
@@ -186,7 +186,7 @@ def pinched(friction: float, off: float = 0.0) -> float:
 def test_fingers_that_face_each_other_balance_and_fingers_on_one_side_do_not() -> None:
     assert pinched(0.8) < 1e-6
     assert pinched(0.1, off=0.03) > 0.1
-    same = Meetings(
+    same = TouchPoints(
         np.array([[0.03, 0.0, 0.0], [0.03, 0.01, 0.0]]), np.array([[-1.0, 0, 0]] * 2), np.zeros(2, int), np.zeros(2)
     )
     assert imbalance(metric_contacts(same, np.zeros(3), 0.8)) > 0.9

@@ -19,7 +19,7 @@ from allegro_twin.grasping.scenario import load_protocol
 from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.description.hands import load_spec
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 SPEC = load_spec()
@@ -41,7 +41,7 @@ def test_a_region_has_what_is_between_its_bounds() -> None:
 def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
     """The upper half of a can that stands on the table."""
     scenario, upper = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8), parse_region("z>0.01")
-    bench = Workbench(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+    bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=upper)
     found = [candidate for candidate, _ in zip(filter(None, proposer.fresh()), range(5), strict=False)]
     assert len(found) == 5
@@ -53,7 +53,7 @@ def test_fingers_that_are_proposed_touch_mostly_in_the_region() -> None:
 
 def test_a_region_without_a_surface_is_an_error() -> None:
     scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
-    bench = Workbench(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+    bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0), region=parse_region("z>1"))
     with pytest.raises(ConfigError, match="nothing of its surface"):
         next(proposer.fresh())
@@ -83,7 +83,7 @@ def test_a_part_of_an_object_turns_with_it() -> None:
 
 def test_whoever_waits_for_proposals_can_look_at_the_clock_after_every_batch() -> None:
     scenario = scenario_of("tomato_soup_can", "z", 1.0, None, 0.8)
-    bench = Workbench(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
+    bench = GraspScene(SPEC, make_stage(scenario, load_protocol("table_pick"), "right", Path()))
     proposer = Proposer(bench, grasp_templates(SPEC), 0.8, (0.0,), np.random.default_rng(0))
     assert list(proposer.fresh(tries=3 * BATCH)).count(None) == 3
 
@@ -94,7 +94,7 @@ def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[GraspSea
     search, planned = in_the_air
     scenario = search.scenario
     inside, outside = parse_region("z>-1"), parse_region("z>1")
-    bench = Workbench(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path()))
+    bench = GraspScene(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path()))
     for by, kept in ((inside, 1), (outside, 0)):
         prover = GraspValidator(bench, scenario, SPEC, search.templates, Path(), 0, Uncertainty(), None, by)
         validate_in_air(prover, [planned.candidate])
@@ -104,7 +104,7 @@ def test_in_the_air_an_object_is_held_by_its_part_too(in_the_air: tuple[GraspSea
 def test_what_a_push_takes_away_is_not_returned() -> None:
     """A hand that stays open."""
     scenario = scenario_of("tennis_ball", "z", 1.0, None, 0.8).model_copy(update={"protocol": "fc"})
-    bench, known = Workbench(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path())), grasp_templates(SPEC)
+    bench, known = GraspScene(SPEC, make_stage(scenario, load_protocol("fc"), "right", Path())), grasp_templates(SPEC)
     opened = next(filter(None, Proposer(bench, known, 0.8, (0.0,), np.random.default_rng(0)).fresh()))
     opened = replace(opened, close=opened.preshape, squeeze=opened.preshape)
     prover = GraspValidator(bench, scenario, SPEC, known, Path(), 0, Uncertainty(), None)

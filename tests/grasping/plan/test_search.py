@@ -31,7 +31,7 @@ from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.hands.library.sources import read_file
 from allegro_twin.kinematics.orientation import facing
-from allegro_twin.sim.contact.grasp_scene import Workbench
+from allegro_twin.sim.contact.grasp_scene import GraspScene
 from allegro_twin.surfaces.cli.grasps.planning import scenario_of
 
 SPEC = load_spec()
@@ -266,7 +266,7 @@ def test_a_variation_stays_inside_the_limits_and_near(seed: int) -> None:
 def test_a_first_guess_is_free_of_everything_until_its_fingers_close() -> None:
     scenario, grasp = first_guess(scenario_of("mug", "z", 1.0, None, 0.8), SPEC)
     around = make_stage(scenario, load_protocol("table_pick"), "right", Path())
-    bench = Workbench(SPEC, around)
+    bench = GraspScene(SPEC, around)
     rotation = facing(scenario.wrist.facing, scenario.wrist.fingers)
     position = around.position - np.array(scenario.wrist.retreat)
     bench.place(position, rotation, grasp.preshape)

@@ -13,7 +13,7 @@ from allegro_twin.errors import HandError
 from allegro_twin.grasping.plan.improve import (
     GraspVariant,
     VariantResult,
-    Workers,
+    VariantWorkers,
     score,
     try_variants,
     variant_from_json,
@@ -58,8 +58,8 @@ def test_tries_are_the_same_in_this_process_and_in_two_others() -> None:
     version, folder = lemon()
     loose = GraspVariant(version.scenario, replace(version.grasp, squeeze=version.grasp.preshape))
     drawn = sample_perturbations(Uncertainty(), 2, 5, 0)
-    here = try_variants([version, loose], SPEC, "quick", drawn, Workers(Local(0), 1, folder))
-    assert here == try_variants([version, loose], SPEC, "quick", drawn, Workers(Local(2), 2, folder))
+    here = try_variants([version, loose], SPEC, "quick", drawn, VariantWorkers(Local(0), 1, folder))
+    assert here == try_variants([version, loose], SPEC, "quick", drawn, VariantWorkers(Local(2), 2, folder))
     assert [each.held for row in here for each in row] == [True, True, False, False]
 
 
@@ -74,5 +74,5 @@ def test_a_trial_that_cannot_be_made_is_one_error_and_not_a_grasp_that_fails() -
             SPEC,
             "quick",
             sample_perturbations(Uncertainty(), 1, 0, 0),
-            Workers(Local(0), 1, folder),
+            VariantWorkers(Local(0), 1, folder),
         )

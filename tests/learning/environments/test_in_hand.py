@@ -17,7 +17,7 @@ from allegro_twin.learning.tasks.base import Goals
 from allegro_twin.learning.tasks.reorient import NEAREST, REACHED
 from allegro_twin.learning.tasks.start_states import Held, file_name, held
 from allegro_twin.learning.tasks.vectors import tilt, twist
-from allegro_twin.sim.objects import catalogue
+from allegro_twin.sim.objects.catalogue import GraspObject, load_object
 
 N = 8
 ALOFT = (0.0, 0.0, 0.4)  # m: nothing touches an object there while an action lasts.
@@ -246,7 +246,7 @@ def test_a_wanted_size_is_begun_with_and_one_that_nobody_has_tried_is_refused() 
 
 
 def test_the_package_brings_the_states_that_its_search_would_find() -> None:
-    cube = catalogue.named("rubiks_cube")
+    cube = load_object("rubiks_cube")
     assert (data_root() / "conf" / "starts" / file_name(cube)).is_file()
     right, left = (held(cube, side) for side in ("right", "left"))
     assert isinstance(right, Held)
@@ -260,6 +260,6 @@ def test_an_object_that_fingertips_cannot_hold_is_said_to_be_so(monkeypatch: pyt
     from allegro_twin.learning.tasks import start_states as module
 
     monkeypatch.setattr(module, "MOST", 1)
-    thing = catalogue.Thing("anvil", "box", (0.057, 0.057, 0.057), 25.0)
+    thing = GraspObject("anvil", "box", (0.057, 0.057, 0.057), 25.0)
     with pytest.raises(ConfigError, match="no grasp of the fingertips was found that holds anvil above the palm"):
         module.searched(thing, module.SEARCH, 1)

@@ -15,7 +15,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.recording.reader import load
 from allegro_twin.recording.recorder import recorded
-from allegro_twin.sim.open_loop import Player
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.surfaces.cli.hand.calibration import refuse_another_hand
 from allegro_twin.surfaces.cli.twins.identifying import lines, table
 from allegro_twin.surfaces.cli.twins.twin import weight_of
@@ -32,7 +32,7 @@ COUNT = np.radians(333.3 / 65536)
 
 def reasons(motions: list[Motion], name: str) -> tuple[str, ...]:
     """Why values are not determined by some motions, were the fit as good as that of all."""
-    return values(hidden.found().fit, seen(motions, Player(motions[0].spec, 0.003)))[name].reason
+    return values(hidden.found().fit, seen(motions, OpenLoopPlayer(motions[0].spec, 0.003)))[name].reason
 
 
 def motions() -> list[Motion]:
@@ -152,7 +152,7 @@ def test_backlash_whose_interval_holds_none_is_not_written(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_behind_backlash_only_a_joint_that_carries_weight_tells_its_offset() -> None:
-    looked = seen(motions(), Player(motions()[0].spec, 0.003))
+    looked = seen(motions(), OpenLoopPlayer(motions()[0].spec, 0.003))
     said = values(replace(hidden.found().fit, loose=True), looked)["offset"].reason
     light = looked.pull < 0.05
     assert 4 <= light.sum() <= 12
@@ -221,7 +221,7 @@ def test_what_is_determined_goes_into_the_hands_file_and_makes_the_twin(tmp_path
 def test_what_is_not_determined_is_not_written(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     result = hidden.found()
-    one = values(result.fit, seen(motions()[:1] * 2, Player(motions()[0].spec, 0.003)))
+    one = values(result.fit, seen(motions()[:1] * 2, OpenLoopPlayer(motions()[0].spec, 0.003)))
     hand_file.store(file, result.fit, one, result.motions[:1], "2026-01-02")
     written = yaml.safe_load(file.read_text())
     assert written["wire"]["torque_constant"] == [1.0] * 16

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.sim.open_loop import Parameters, Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope, unscaled
 from allegro_twin.twin.identify.fitting.problem import Problem, at_model
 from allegro_twin.twin.identify.fitting.regress import breaking, regress
@@ -18,12 +18,12 @@ JOINT = 6
 
 
 @pytest.fixture(scope="module")
-def made() -> tuple[Problem, Parameters]:
+def made() -> tuple[Problem, DriveParameters]:
     """Of a few short pieces of a hand whose friction breaks away, and a drive near it."""
     motions = [read_motion(path) for path in hidden.recordings(breaking=True)]
-    player = Player(motions[0].spec, motions[0].period)
+    player = OpenLoopPlayer(motions[0].spec, motions[0].period)
     drive = breaking(motions, player, regress(motions, player, np.ones(16)))
-    bristly = Player(motions[0].spec, motions[0].period, bristly=True)
+    bristly = OpenLoopPlayer(motions[0].spec, motions[0].period, bristly=True)
     problem = Problem(motions, bristly, np.full(16, 6e-5), at_model(drive, drive), "known", every=40, length=SHORT)
     problem.shooting.prepare(drive)
     return problem, drive
@@ -37,7 +37,7 @@ def values(problem: Problem, x: Vector) -> Vector:
 
 
 @pytest.mark.slow
-def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None:
+def test_a_drive_comes_back_as_it_went(made: tuple[Problem, DriveParameters]) -> None:
     _, drive = made
     back = unscaled(scaled(drive))
     for name in ("torque_constant", "armature", "damping", "frictionloss", "load_friction", "delay"):
@@ -45,7 +45,7 @@ def test_a_drive_comes_back_as_it_went(made: tuple[Problem, Parameters]) -> None
 
 
 @pytest.mark.slow
-def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]) -> None:
+def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, DriveParameters]) -> None:
     problem, drive = made
     x, names = scaled(drive), ("torque_constant", "armature", "damping", "frictionloss", "load_friction")
     rows = np.concatenate([np.arange(len(x))[index(name, 16)] for name in names])
@@ -58,7 +58,7 @@ def test_the_slope_is_the_derivative_of_a_drive(made: tuple[Problem, Parameters]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_constant", "damping", "frictionloss", "load_friction"])
-def test_the_residuals_follow_the_derivatives(made: tuple[Problem, Parameters], name: str) -> None:
+def test_the_residuals_follow_the_derivatives(made: tuple[Problem, DriveParameters], name: str) -> None:
     problem, drive = made
     x = scaled(drive)
     column = index(name, 16).start + JOINT

@@ -18,8 +18,8 @@ from allegro_twin.hands.library.named import load_posture
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import recorded
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.kalman import Kalman
-from allegro_twin.sim.observer.loop_observer import NOISE, rates
+from allegro_twin.sim.observer.kalman import JointKalman
+from allegro_twin.sim.observer.loop_observer import NOISE, motor_dynamics
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.cli.twins import mirroring
 from allegro_twin.twin.mirror.for_hand import make_loop_mirror, mirrored
@@ -118,8 +118,8 @@ def test_the_filter_corrects_a_heavy_motor_no_faster_and_a_stiff_loop_stays_stab
 
 
 def gains(*of: float) -> Vector:
-    A, Q = rates(*of)
-    return Kalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
+    A, Q = motor_dynamics(*of)
+    return JointKalman(A[None], Q[None], np.array([NOISE]), of[-1]).gains(np.ones(1, dtype=bool))[:, 0]
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.recorder import recorded
-from allegro_twin.sim.observer.observer import NOISE, Observer, kalman
+from allegro_twin.sim.observer.observer import NOISE, Observer, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.cli.twins.mirroring import unnamed
@@ -194,7 +194,7 @@ def test_the_noise_of_encoders_is_that_of_the_hands_file(spec: HandSpec, tmp_pat
 
 def test_gains_after_a_gap_are_kalmans_and_become_the_steady_ones_again_to_the_last_bit() -> None:
     noise, T, M, B = np.full(1, 1e-4), 0.003, 0.003, 0.07
-    one, whole = kalman(np.array([M]), np.array([B]), T, noise), np.ones(1, dtype=bool)
+    one, whole = joint_filter(np.array([M]), np.array([B]), T, noise), np.ones(1, dtype=bool)
     steady = one.gains(whole).copy()
     A = np.array([[1.0, T, 0.0], [0.0, np.exp(-B * T / M), T / M], [0.0, 0.0, 1.0]])
     Q, C = np.diag([1e-14, (T / M * 3e-3) ** 2, 2e-3**2]), np.array([[1.0, 0.0, 0.0]])

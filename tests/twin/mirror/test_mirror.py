@@ -18,7 +18,7 @@ from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.loop import run, until
 from allegro_twin.recording.reader import load
 from allegro_twin.sim.engine.backend import SimBackend
-from allegro_twin.sim.observer.observer import Observer, kalman
+from allegro_twin.sim.observer.observer import Observer, joint_filter
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.surfaces.hand import Hand
@@ -185,7 +185,7 @@ def test_a_short_free_motion_sets_no_thresholds_and_a_hand_without_gravity_has_n
 
 
 def test_heavier_joints_are_corrected_no_faster() -> None:
-    both = kalman(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
+    both = joint_filter(np.array([0.003, 0.006]), np.full(2, 0.07), 0.003, np.full(2, 6e-5))
     light, heavy = both.gains(np.ones(2, dtype=bool)).T
     assert 0.0 < heavy[0] < light[0] < 1.0
     assert (light > 0).all()

@@ -32,6 +32,6 @@ def loosened(spec: HandSpec, faults: FaultSettings | None) -> HandSpec:
     joints |= {finger.joints[-1] for finger in spec.fingers} if faults.failures else set()
     if not joints:
         return spec
-    from allegro_twin.sim.drivetrain.backlash import able
+    from allegro_twin.sim.drivetrain.backlash import allow_backlash
 
-    return able(spec, sorted(joints))
+    return allow_backlash(spec, sorted(joints))

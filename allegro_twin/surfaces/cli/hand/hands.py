@@ -31,7 +31,7 @@ def new(
     """Write the card of a hand from its MJCF, and a config that runs it: what is driven and how far, what follows, and
     guesses of its fingers and of where its palm looks."""
     from allegro_twin.files.templates import written
-    from allegro_twin.sim.mjcf_import.explore import explored
+    from allegro_twin.sim.mjcf_import.explore import explore_mjcf
     from allegro_twin.surfaces.cli import console
 
     called = name or model.stem
@@ -41,7 +41,7 @@ def new(
     for path in (card, config):
         if path.exists() and not force:
             raise ConfigError(f"{path} is there already: --force writes over it, --name calls the hand something else")
-    found = explored(model, root)
+    found = explore_mjcf(model, root)
     content = found.card | {"mjcf": os.path.relpath(model.resolve(), out.resolve()), "side": side}
     written(
         card,

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from allegro_twin.sim.open_loop import STEP, Parameters, Player
+from allegro_twin.sim.open_loop import STEP, DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import descend, standing
 from allegro_twin.twin.identify.fitting.parameterisation import index
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, at_model
@@ -75,8 +75,8 @@ GAIN = 0.1
 class Fit:
     """What came out of it."""
 
-    drive: Parameters
-    start: Parameters
+    drive: DriveParameters
+    start: DriveParameters
     """Of the regression."""
     spread: Spread
     shorter: Spread | None
@@ -92,9 +92,9 @@ class Fit:
     loose: bool
     """Whether there is backlash."""
 
-    def player(self, motion: Motion) -> Player:
+    def player(self, motion: Motion) -> OpenLoopPlayer:
         """What plays a motion with this drive."""
-        return Player(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
+        return OpenLoopPlayer(motion.spec, motion.period, bristly=self.bristly, loose=self.loose)
 
     def columns(self, name: str) -> slice:
         return index(name, len(self.floor))
@@ -102,9 +102,9 @@ class Fit:
 
 def fit(
     motions: list[Motion],
-    start: Parameters,
-    slow: Parameters,
-    nominal: Parameters,
+    start: DriveParameters,
+    slow: DriveParameters,
+    nominal: DriveParameters,
     masses: Masses,
     friction: Friction = "auto",
 ) -> Fit:
@@ -116,7 +116,7 @@ def fit(
     few = max(1, round(sum(len(motion.position) for motion in motions) / LONG / FEW))
 
     def problem(kind: Kind, stage: Stage) -> Problem:
-        player = Player(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
+        player = OpenLoopPlayer(spec, period, stage.step, bristly=kind.bristly, loose=kind.loose)
         return Problem(motions, player, floor, center, masses, stage.every or few, stage.length)
 
     drive, kind = _roughly(problem, start, slow, friction)
@@ -141,14 +141,16 @@ class _Tried(NamedTuple):
     information: float
     """Schwarz's: n ln(mean square) + p ln n, of n residuals and p parameters that move; the least is the best."""
     left: float
-    drive: Parameters
+    drive: DriveParameters
     kind: Kind
 
     def least(self) -> float:
         return self.information
 
 
-def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: Friction) -> tuple[Parameters, Kind]:
+def _roughly(
+    problem: Problems, start: DriveParameters, slow: DriveParameters, friction: Friction
+) -> tuple[DriveParameters, Kind]:
     """A drive by some of the motion, and of which kind its model is. By itself (`auto`) friction breaks away where
     Coulomb's leaves more than SUSPICIOUS, and links are loose where more than PLAIN is left and backlash would take
     away some of that; among what was tried, on the same pieces, Schwarz's criterion (1978) chooses."""
@@ -168,7 +170,7 @@ def _roughly(problem: Problems, start: Parameters, slow: Parameters, friction: F
     return best.drive, best.kind
 
 
-def _tried(problem: Problems, drive: Parameters, kind: Kind) -> _Tried:
+def _tried(problem: Problems, drive: DriveParameters, kind: Kind) -> _Tried:
     stage = ROUGH[True]
     own = problem(kind, stage)
     last = descend(own, drive, stage.rounds, stage.enough)

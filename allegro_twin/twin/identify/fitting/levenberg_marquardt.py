@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.problem import Problem
 from allegro_twin.types import Array, Vector
 
@@ -31,7 +31,7 @@ _FIRST, _MORE, _LESS = 1e-3, 8.0, 0.2  # Damping, and what becomes of it after a
 class Descended(NamedTuple):
     """Where it ended."""
 
-    drive: Parameters
+    drive: DriveParameters
     jacobian: Array
     """Of the residuals, (rows, p), where the last steps began; rows of a piece that counts less are as much smaller."""
     residuals: Vector
@@ -69,7 +69,7 @@ class _Costs:
         return float(np.sqrt((weight * np.concatenate(self.pieces)).sum() / weight.sum()))
 
 
-def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
+def descend(problem: Problem, drive: DriveParameters, rounds: int, enough: float, *, anew: bool = False) -> Descended:
     """At most so many times with new derivatives and new starts of the pieces; fewer where a round gains no finger the
     share `enough` of its cost. `anew`: derivatives by one joint of a finger after the other in every round."""
     damping = np.full(len(problem.fingers), _FIRST)
@@ -90,7 +90,7 @@ def descend(problem: Problem, drive: Parameters, rounds: int, enough: float, *, 
     return Descended(drive, J * weight[:, None], r, weight, costs.left)
 
 
-def standing(problem: Problem, drive: Parameters, scale: Vector | None = None) -> tuple[float, Vector]:
+def standing(problem: Problem, drive: DriveParameters, scale: Vector | None = None) -> tuple[float, Vector]:
     """The cost of a drive as it is, with the best starts of the pieces; and the scale, of each finger, above which its
     pieces count less: what is to be compared must have the same."""
     problem.shooting.prepare(drive)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.types import Array, Vector
 
 NAMES = ("torque_constant", "armature", "damping", "frictionloss", "offset", "mass_scale")
@@ -54,7 +54,7 @@ def least(n: int) -> Vector:
     return np.concatenate([np.full(n, _LEAST[name]) for name in ALL] + [[0.0]]) / units(n)
 
 
-def scaled(drive: Parameters) -> Vector:
+def scaled(drive: DriveParameters) -> Vector:
     """(p,), in the order of `index`."""
     values = [getattr(drive, name) for name in ALL] + [drive.delay[:1]]
     values[0] = pulls = drive.torque_constant * (1.0 - drive.load_friction)
@@ -62,7 +62,7 @@ def scaled(drive: Parameters) -> Vector:
     return np.asarray(np.concatenate(values) / units(len(pulls)))
 
 
-def unscaled(x: Vector) -> Parameters:
+def unscaled(x: Vector) -> DriveParameters:
     """What `scaled` made."""
     n = len(x) // len(ALL)
     values = x * units(n)
@@ -70,10 +70,10 @@ def unscaled(x: Vector) -> Parameters:
     pulls = rows["torque_constant"]
     rows |= {name: rows[name] * pulls for name in PULLED}
     rows["torque_constant"] = pulls / (1.0 - rows["load_friction"])
-    return Parameters(**rows, delay=np.full(n, values[-1]))
+    return DriveParameters(**rows, delay=np.full(n, values[-1]))
 
 
-def slope(drive: Parameters) -> Array:
+def slope(drive: DriveParameters) -> Array:
     """The derivative of a drive's values, in the order of `index`, by the numbers, (p, p)."""
     n = len(drive.torque_constant)
     unit = units(n)

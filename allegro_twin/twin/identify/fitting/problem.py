@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop import Parameters, Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.parameterisation import (
     ALL,
     PLAY,
@@ -47,8 +47,8 @@ class Problem:
     """The descent's numbers of a drive, and back."""
 
     def __init__(
-        self, motions: list[Motion], player: Player, floor: Vector, nominal: Parameters, masses: Masses, every: int = 1,
-        length: int = LONG,
+        self, motions: list[Motion], player: OpenLoopPlayer, floor: Vector, nominal: DriveParameters,
+        masses: Masses, every: int = 1, length: int = LONG,
     ) -> None:  # fmt: skip
         self.player, self.motions, self._masses = player, motions, masses
         self.n, self.fingers = player.spec.n_joints, [list(f.joints) for f in player.spec.fingers]
@@ -87,7 +87,7 @@ class Problem:
             return self.player.loose
         return name != "mass_scale" or self._masses == "weighed"
 
-    def by(self, drive: Parameters, base: Array, name: str, into: Array) -> None:
+    def by(self, drive: DriveParameters, base: Array, name: str, into: Array) -> None:
         """Write the derivatives by one kind of parameter into the rows and columns that are its own."""
         for place, change in enumerate(self.shooting.derivatives(drive, base, name)):
             for finger, rows in self.parts():
@@ -131,7 +131,7 @@ def mass_covariance(problem: Problem) -> Array:
     return found
 
 
-def at_model(nominal: Parameters, start: Parameters) -> Parameters:
+def at_model(nominal: DriveParameters, start: DriveParameters) -> DriveParameters:
     """Where the prior is centred: the nominal drive, with the masses of the start, the shape of friction there, and no
     offsets."""
     shape = {name: getattr(start, name) for name in ("mass_scale", *SHAPE)}

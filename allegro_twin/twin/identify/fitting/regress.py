@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import butter, filtfilt  # type: ignore[import-untyped]  # Its types are a package of their own.
 
 from allegro_twin.sim.drivetrain.backlash import SMALLEST
-from allegro_twin.sim.open_loop import Parameters, Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.twin.identify.motions.motion import Motion
 from allegro_twin.types import Array, Vector
 
@@ -48,7 +48,7 @@ def pushes(motion: Motion) -> Array:
     return _filtered(_shifted(motion.duty, 0.0), motion.period, SMOOTH)
 
 
-def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parameters:
+def regress(motions: list[Motion], player: OpenLoopPlayer, mass_scale: Vector) -> DriveParameters:
     """The best straight line for every joint, with one delay for all."""
     parts = [_sides(motion, player, mass_scale) for motion in motions]
     best: tuple[float, float, Array] | None = None
@@ -60,7 +60,7 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
     _, delay, x = best
     constant = 1.0 / np.clip(x[:, 0], 0.2, 5.0)
     spec = motions[0].spec
-    return Parameters(
+    return DriveParameters(
         torque_constant=constant,
         armature=np.clip(x[:, 1] * constant, 3e-4, 3e-2),
         damping=np.clip(x[:, 2] * constant, 3e-3, 1.0),
@@ -76,7 +76,7 @@ def regress(motions: list[Motion], player: Player, mass_scale: Vector) -> Parame
     )
 
 
-def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parameters:
+def breaking(motions: list[Motion], player: OpenLoopPlayer, start: DriveParameters) -> DriveParameters:
     """The same line with friction that is larger when slow and grows with the motor's torque, (n,) each:
     F sgn(v) (1 + (ratio − 1) exp(−(v / v_s)²)) + share · k |u| sgn(v), linear but for v_s, the best of a few."""
     delay = float(start.delay[0])
@@ -98,7 +98,7 @@ def breaking(motions: list[Motion], player: Player, start: Parameters) -> Parame
     )
 
 
-def _sides(motion: Motion, player: Player, mass_scale: Vector) -> tuple[Smoothed, Array]:
+def _sides(motion: Motion, player: OpenLoopPlayer, mass_scale: Vector) -> tuple[Smoothed, Array]:
     """The motion, and the torque that its links take, (k, n), N·m."""
     smooth = smoothed(motion)
     player.links_only(mass_scale, motion.weight)

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from allegro_twin.sim.open_loop import BEFORE, Parameters, Pieces, Player
+from allegro_twin.sim.open_loop import BEFORE, DriveParameters, OpenLoopPlayer, Segments
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.regress import pushes, smoothed
 from allegro_twin.twin.identify.fitting.sensitivities import Answers
@@ -49,7 +49,7 @@ class Cuts:
     """Where each starts, as reported and smoothed, (w, n), rad."""
     velocity: Array
     """(w, n), rad/s."""
-    pieces: Pieces
+    pieces: Segments
     measured: Array
     """(w, k, n), rad."""
     trust: Array
@@ -75,13 +75,13 @@ def cut(motions: list[Motion], spec: HandSpec, length: int = LONG, stride: int |
             for part, value in zip(parts, found, strict=True):
                 part.append(value)
     arrays = [np.array(part) for part in parts]
-    return Cuts(arrays[0], arrays[1], Pieces(*arrays[2:7]), *arrays[7:])
+    return Cuts(arrays[0], arrays[1], Segments(*arrays[2:7]), *arrays[7:])
 
 
 class Shooting:
     """The residuals of some cuts, and their derivatives."""
 
-    def __init__(self, player: Player, cuts: Cuts, sigma: Vector) -> None:
+    def __init__(self, player: OpenLoopPlayer, cuts: Cuts, sigma: Vector) -> None:
         self._player, self._cuts = player, cuts
         self._fingers = [list(finger.joints) for finger in player.spec.fingers]
         self._sigma = sigma / np.sqrt(MEAN)
@@ -93,11 +93,11 @@ class Shooting:
         self._bases: list[Array] = []
         self._answers = Answers(self._fingers)
 
-    def raw(self, drive: Parameters, player: Player | None = None) -> Array:
+    def raw(self, drive: DriveParameters, player: OpenLoopPlayer | None = None) -> Array:
         """Predicted minus measured, averaged, in standard deviations of the noise, (w, rows, n); 0 where untrusted."""
         return self._means(self._play(drive, self._off, player) - self._cuts.measured)
 
-    def prepare(self, drive: Parameters) -> None:
+    def prepare(self, drive: DriveParameters) -> None:
         """Find out what the starts do, near `drive`."""
         base = self.raw(drive)
 
@@ -122,7 +122,7 @@ class Shooting:
         """Derivatives are to be found by one joint of a finger after the other again."""
         self._answers = Answers(self._fingers)
 
-    def better_starts(self, drive: Parameters) -> None:
+    def better_starts(self, drive: DriveParameters) -> None:
         """Move the starts to where the residuals are least, each finger's in each piece only as far as that is so."""
         residual, before = self.raw(drive), self._off.copy()
         costs, steps = self._costs(residual), self._steps(residual)
@@ -164,18 +164,18 @@ class Shooting:
         """Of a finger's residuals in one piece."""
         return (self.moments + len(self._states)) * len(finger)
 
-    def derivatives(self, drive: Parameters, base: Array, name: str) -> Iterator[Array]:
+    def derivatives(self, drive: DriveParameters, base: Array, name: str) -> Iterator[Array]:
         """By one parameter of the first joint of every finger at once, (w, rows, n), per unit, of the second, …; by
         `torque_constant` with armature, damping and friction in proportion, by `load_friction` with k (1 − μ) as it
         is. `base`: of the same drive."""
         return self._answers.of(name, lambda joints: (self.raw(_nudged(drive, name, joints)) - base) / NUDGE[name])
 
-    def late(self, drive: Parameters, base: Array) -> Array:
+    def late(self, drive: DriveParameters, base: Array) -> Array:
         """By the delay, likewise."""
         everywhere = replace(drive, delay=drive.delay + NUDGE["delay"])
         return (self.raw(everywhere) - base) / NUDGE["delay"]
 
-    def _play(self, drive: Parameters, off: Array, player: Player | None) -> Array:
+    def _play(self, drive: DriveParameters, off: Array, player: OpenLoopPlayer | None) -> Array:
         cuts = self._cuts
         played = (player or self._player).play
         return played(drive, cuts.position + off[0], cuts.velocity + off[1], cuts.pieces, off[2])
@@ -198,7 +198,7 @@ class Shooting:
         return np.concatenate([own, off], axis=1)
 
 
-def _nudged(drive: Parameters, name: str, joints: list[int]) -> Parameters:
+def _nudged(drive: DriveParameters, name: str, joints: list[int]) -> DriveParameters:
     nudged = drive.changed(name, joints, NUDGE[name])
     if name == "torque_constant":
         by = nudged.torque_constant / drive.torque_constant

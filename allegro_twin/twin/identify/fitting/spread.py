@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.sim.open_loop import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.levenberg_marquardt import Descended
 from allegro_twin.twin.identify.fitting.parameterisation import index, scaled, slope
 from allegro_twin.twin.identify.fitting.problem import Masses, Problem, mass_covariance
@@ -36,7 +36,7 @@ class Spread:
     """Root mean square of each joint's residuals in standard deviations of the noise, (n,)."""
 
 
-def spread(problem: Problem, last: Descended, rough: Parameters, masses: Masses) -> Spread:
+def spread(problem: Problem, last: Descended, rough: DriveParameters, masses: Masses) -> Spread:
     """From the last derivatives and residuals, weighted as they were; those of the prior are at their end. `rough`:
     where the descent on all pieces began."""
     drive, data, w = last.drive, len(last.residuals) - len(problem.prior), len(problem.cuts.recording)

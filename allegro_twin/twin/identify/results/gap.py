@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.drivetrain.backlash import SMALLEST as LEAST_PLAY
-from allegro_twin.sim.open_loop import Parameters, Player
+from allegro_twin.sim.open_loop import DriveParameters, OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.spec.drivetrain import Drive
 from allegro_twin.twin.identify.fitting.shooting import Cuts, cut
@@ -53,11 +53,11 @@ class Gap:
     """The hand's own file."""
 
 
-def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> Parameters:
+def drive_of(spec: HandSpec, torque_constant: Vector, offset: Vector) -> DriveParameters:
     """What a hand's file says. `offset`: what reported positions are too high by, (n,), rad, as the file has it."""
     own, n = spec.actuation, spec.n_joints
     drive = spec.drive
-    return Parameters(
+    return DriveParameters(
         torque_constant=torque_constant if drive is None else torque_constant * drive.strength,
         armature=own.armature,
         damping=own.damping,
@@ -78,12 +78,16 @@ def breaks_away(drive: Drive | None) -> bool:
     return drive is not None and bool(drive.bristle.any() or drive.load_friction.any())
 
 
-def player_of(spec: HandSpec, period: float, drive: Drive | None) -> Player:
+def player_of(spec: HandSpec, period: float, drive: Drive | None) -> OpenLoopPlayer:
     """What plays motions of a hand whose file says so."""
-    return Player(spec, period, bristly=breaks_away(drive), loose=drive is not None and bool(drive.backlash.any()))
+    return OpenLoopPlayer(
+        spec, period, bristly=breaks_away(drive), loose=drive is not None and bool(drive.backlash.any())
+    )
 
 
-def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, Parameters]) -> Gap:
+def gap(
+    motion: Motion, before: tuple[OpenLoopPlayer, DriveParameters], after: tuple[OpenLoopPlayer, DriveParameters]
+) -> Gap:
     """Raises ConfigError for a recording shorter than the shortest horizon."""
     horizons = tuple(h for h in HORIZONS if motion.seconds > h + 0.1)
     if not horizons:
@@ -92,7 +96,9 @@ def gap(motion: Motion, before: tuple[Player, Parameters], after: tuple[Player, 
     return Gap(motion.name, horizons, *sides)
 
 
-def side_of(motion: Motion, player: Player, drive: Parameters, horizons: tuple[float, ...] = HORIZONS) -> Side:
+def side_of(
+    motion: Motion, player: OpenLoopPlayer, drive: DriveParameters, horizons: tuple[float, ...] = HORIZONS
+) -> Side:
     """How far a model is from a motion that is longer than the longest of some horizons, s."""
     rows, phase = [], np.full((2, player.spec.n_joints), np.nan)
     for horizon in horizons:

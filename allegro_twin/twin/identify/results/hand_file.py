@@ -18,7 +18,7 @@ from allegro_twin.hands.description.calibration import Calibration, Version
 from allegro_twin.hands.description.hands import load_actuation
 from allegro_twin.hands.description.wiring import load_wiring
 from allegro_twin.sim.engine.backend import ENGINE
-from allegro_twin.sim.open_loop import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
@@ -144,11 +144,11 @@ def _held(values: Mapping[str, Value]) -> Held:
     return held
 
 
-def _before(first: Motion, delay: float, found: Fit) -> Parameters:
+def _before(first: Motion, delay: float, found: Fit) -> DriveParameters:
     """What stands in the place of values that are not written."""
     n, usual = first.spec.n_joints, load_actuation(first.spec.model, first.spec.n_joints)
     none = {name: np.full(n, value) for name, value in (_NONE | SHORTEST).items()}
-    return Parameters(
+    return DriveParameters(
         torque_constant=first.torque_constant, armature=usual.armature, damping=usual.damping,
         frictionloss=usual.frictionloss, offset=np.zeros(n), delay=np.full(n, delay),
         mass_scale=found.drive.mass_scale, **none,

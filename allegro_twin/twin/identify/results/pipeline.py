@@ -11,7 +11,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.description.wiring import load_wiring
-from allegro_twin.sim.open_loop import Player
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.spec import HandSpec
 from allegro_twin.twin.identify.fitting.fit import Fit, Friction, fit
 from allegro_twin.twin.identify.fitting.problem import Masses
@@ -67,7 +67,7 @@ def identify(
     file = load_spec(spec.model, spec.side, hand) if hand and Path(hand).is_file() else None
     own = file.drive.mass_scale if file is not None and file.drive is not None else np.ones(spec.n_joints)
     masses: Masses = "weighed" if weights else "known" if masses_known else "assumed"
-    player = Player(spec, motions[0].period)
+    player = OpenLoopPlayer(spec, motions[0].period)
     looked = seen(motions, player)
     tell("one line through everything")
     start = regress(motions, player, own)
@@ -99,7 +99,7 @@ def _gap(motion: Motion, hand: str) -> Gap:
     nominal = load_spec(spec.model, spec.side)
     ones, zero = np.ones(spec.n_joints), np.zeros(spec.n_joints)
     constant = np.array(wiring.calibration.torque_constant, dtype=float)
-    player = Player(nominal, motion.period)
+    player = OpenLoopPlayer(nominal, motion.period)
     own = player_of(nominal, motion.period, mine.drive)
     after = drive_of(mine, constant, shift(motion.version, motion.calibration, wiring.calibration.encoder_offset))
     return gap(motion, (player, drive_of(nominal, ones, zero)), (own, after))

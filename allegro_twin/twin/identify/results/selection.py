@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop import Parameters
+from allegro_twin.sim.open_loop import DriveParameters
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import index, least, scaled, slope, unscaled
 
@@ -23,7 +23,7 @@ Held = Mapping[str, NDArray[np.bool_]]
 """Which values stay as they were, (n,) for each kind; of the delay one."""
 
 
-def settled(found: Fit, held: Held, before: Parameters) -> Parameters:
+def settled(found: Fit, held: Held, before: DriveParameters) -> DriveParameters:
     """`before`: what is in the file, relative to the calibration of the recordings."""
     drive, n = found.drive, len(found.floor)
     stays = {name: np.where(mask, getattr(before, name), getattr(drive, name)) for name, mask in held.items()}

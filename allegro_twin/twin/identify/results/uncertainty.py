@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.sim.open_loop import Player
+from allegro_twin.sim.open_loop import OpenLoopPlayer
 from allegro_twin.twin.identify.fitting.fit import Fit
 from allegro_twin.twin.identify.fitting.parameterisation import PLAY, SHAPE
 from allegro_twin.twin.identify.fitting.regress import smoothed
@@ -87,7 +87,7 @@ class Seen:
     """Directions of gravity."""
 
 
-def seen(motions: list[Motion], player: Player) -> Seen:
+def seen(motions: list[Motion], player: OpenLoopPlayer) -> Seen:
     """Looks at speeds and postures, not at torques."""
     n = player.spec.n_joints
     smooth = [smoothed(motion) for motion in motions]
