@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from allegro_twin import _lazy
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "allegro_twin"
 # docs/design.md#layers. A module may import from lower layers and from its own folder.
@@ -23,7 +25,7 @@ LAYERS = [
     {"sweep"},
     {"control", "kinematics"},
     {"hands"},
-    {"plugins"},
+    {"plugins", "testing"},
     {"recording", "sim"},
     {"viewing", "drivers"},
     {"grasping"},
@@ -88,7 +90,7 @@ FLOORS: dict[str, list[str | set[str]]] = {
     ],
     "surfaces": ["hand", "ros", "panel", "teleop", "cli"],
     "twin": ["identify", "mirror", "branch"],
-    "twin/identify": ["motions", "fitting", "results", "html_report", "excitation"],
+    "twin/identify": ["motions", "fitting", "results", "pipeline", "report", "record_excitation"],
 }  # fmt: skip
 """Folders that have floors: a module may import from its own floor and from those before it."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -231,6 +233,11 @@ def test_every_name_of_the_package_is_there_and_is_shown() -> None:
     assert raised - {"unknown"} <= set(allegro_twin.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Hnad'"):
         allegro_twin.Hnad  # noqa: B018  # Asking is what fails.
+
+
+@pytest.mark.parametrize("role", _lazy.PROVIDERS)
+def test_what_a_wing_needs_from_a_higher_one_is_there(role: str) -> None:
+    assert callable(_lazy.provided(role))
 
 
 def wings() -> list[str]:

@@ -203,7 +203,7 @@ def _drawn(
     if outputs.rrd is None and outputs.live is None:
         return samples
     viewer_of, shown = rerun_stage()
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     scene = scenery(rig.spec, _look(rig))
     if outputs.rrd is not None:

@@ -35,7 +35,7 @@ from allegro_twin.cell.perception.fits.model import Solid
 from allegro_twin.cell.perception.pipeline import Found
 from allegro_twin.cell.reachability import best_way, way_of
 from allegro_twin.cell.states import End, Now, Seen
-from allegro_twin.control.steered_path import Steering
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.kinematics.arm import turn
@@ -54,7 +54,7 @@ class Work:
 
     def __init__(self, room: Room) -> None:
         self.room, self.guide = room, Guide(room.posture, room.cell.model)
-        self.fingers = Steering(room.open)
+        self.fingers = SmoothSetpoint(room.open)
         self.way: Way | None = None
         self._through: tuple[Vector, ...] = ()
         self._left: list[Vector] = []  # Of these postures, those still to come.

@@ -18,12 +18,11 @@ from allegro_twin.cell.settings import LabSettings, SecuritySettings, ThingSetti
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.hands.library.library import Library
-from allegro_twin.kinematics.model import HandModel
+from allegro_twin.kinematics.hand import HandKinematics, hand_kinematics
 from allegro_twin.kinematics.orientation import facing
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.sim.contact.obstacle_clearance import ObstacleClearance
 from allegro_twin.sim.model.arm_with_hand import MountedHand
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.objects.catalogue import PlacedObject, load_object, standing_orientation
 from allegro_twin.types import Array, Vector
 
@@ -42,7 +41,7 @@ class Room:
     hand: HandBackend
     camera: Camera
     pipeline: Pipeline
-    model: HandModel
+    model: HandKinematics
     """Of the hand."""
     library: Library
     security: Pose
@@ -86,7 +85,7 @@ def make_room(settings: LabSettings) -> Room:
     return Room(
         settings, cell, Disturbed(cell.arm, noise, seed=settings.seed), cell.hand,
         Camera(cell.world.model, settings.camera, settings.seed), Pipeline(settings.perception, settings.seed),
-        hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
+        hand_kinematics(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         ObstacleClearance(cell.spec, MountedHand(spec, cell.mount), cell.base.position),
         Itself(cell, settings.camera),
     )  # fmt: skip

@@ -11,17 +11,17 @@ from allegro_twin.recording.replay import ReplayBackend, samples_of
 from allegro_twin.types import Array, Sample
 
 
-class Moved(NamedTuple):
+class DeviceSample(NamedTuple):
     """A period of a device."""
 
     device: str
     """`arm` or `hand`."""
     sample: Sample
-    beside: Mapping[str, Array]
+    extras: Mapping[str, Array]
     """What is known beside it, (k,) each: further columns of its track."""
 
 
-class Told(NamedTuple):
+class JournalEntry(NamedTuple):
     """An event of a journal."""
 
     track: str
@@ -29,10 +29,10 @@ class Told(NamedTuple):
     """By field; `t`, s, is when."""
 
 
-Happening: TypeAlias = Moved | Told
+SessionEvent: TypeAlias = DeviceSample | JournalEntry
 
 
-def happenings(recording: Tracks) -> Iterator[Happening]:
+def session_events(recording: Tracks) -> Iterator[SessionEvent]:
     """All that was recorded, oldest first. Raises RecordingError."""
     journals = [name for name, track in recording.tracks.items() if track.journal]
     each = [_moved(name, recording.device(name)) for name in recording.devices]
@@ -40,12 +40,12 @@ def happenings(recording: Tracks) -> Iterator[Happening]:
     return (found for _, found in merge(*each, key=lambda pair: pair[0]))
 
 
-def _moved(name: str, recording: Recording) -> Iterator[tuple[float, Happening]]:
+def _moved(name: str, recording: Recording) -> Iterator[tuple[float, SessionEvent]]:
     backend = ReplayBackend(recording)
     for sample in samples_of(backend):
-        yield sample.state.t, Moved(name, sample, backend.extras())
+        yield sample.state.t, DeviceSample(name, sample, backend.extras())
 
 
-def _told(name: str, rows: Iterable[Mapping[str, Any]]) -> Iterator[tuple[float, Happening]]:
+def _told(name: str, rows: Iterable[Mapping[str, Any]]) -> Iterator[tuple[float, SessionEvent]]:
     for row in rows:
-        yield float(row["t"]), Told(name, row)
+        yield float(row["t"]), JournalEntry(name, row)

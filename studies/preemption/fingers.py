@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from allegro_twin.control.controllers import Gains, Gravity
+from allegro_twin.control.controllers import Gains, GravityFeedforward
 from allegro_twin.grasping.batch.batched_control import clamp_torques, pd_torque
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.safety import Limits
@@ -22,7 +22,9 @@ class Fingers:
     jerk, held at 0 and 1 outside its time, and t₀ when the hand begins.
     """
 
-    def __init__(self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: Gravity, limits: Limits) -> None:
+    def __init__(
+        self, grasps: Sequence[Grasp], motion: Motion, gains: Gains, gravity: GravityFeedforward, limits: Limits
+    ) -> None:
         self.open = np.array([grasp.preshape for grasp in grasps])
         closed = np.array([grasp.close for grasp in grasps])
         self._close = closed - self.open

@@ -13,7 +13,7 @@ from allegro_twin.cell.journal.observers import Onlookers
 from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay, Wish, follow
 from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.events import Happening, Moved
+from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.types import Array, Vector
 from tests.cell.test_run import room_of
 
@@ -26,13 +26,13 @@ class Seen:
         self.said: list[str] = []
         self.fingers: list[Vector] = []
 
-    def see(self, happening: Happening) -> None:
-        if not isinstance(happening, Moved):
-            self.said += [happening.row["sentence"]] if happening.row.get("sentence") else []
-        elif happening.device == "arm":
-            self.tool.append(happening.beside["tool"])
+    def on_event(self, event: SessionEvent) -> None:
+        if not isinstance(event, DeviceSample):
+            self.said += [event.row["sentence"]] if event.row.get("sentence") else []
+        elif event.device == "arm":
+            self.tool.append(event.extras["tool"])
         else:
-            self.fingers.append(happening.sample.state.position)
+            self.fingers.append(event.sample.state.position)
 
 
 @pytest.fixture

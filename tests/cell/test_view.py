@@ -11,17 +11,17 @@ from typer.testing import CliRunner
 pytest.importorskip("rerun", reason="needs the extra view")
 
 from allegro_twin.cell.run import Report
-from allegro_twin.recording.events import Moved, happenings
+from allegro_twin.recording.events import DeviceSample, session_events
 from allegro_twin.recording.reader import Tracks
 from allegro_twin.surfaces.cli.main import app
-from allegro_twin.viewing.rerun.cell import write_cell
+from allegro_twin.viewing.rerun.viewer import viewer_of, write_events
 from tests.viewing.test_viewer import Rows, rows_of
 
 
 @pytest.fixture(scope="module")
 def drawn(run: tuple[Tracks, Report], tmp_path_factory: pytest.TempPathFactory) -> Rows:
     path = tmp_path_factory.mktemp("view") / "lab.rrd"
-    write_cell(run[0], happenings(run[0]), path)
+    write_events(session_events(run[0]), viewer_of(run[0]), path)
     return rows_of(path)
 
 
@@ -65,8 +65,8 @@ def test_states_are_marked_at_their_times_with_the_end_and_a_log_of_reasons(
 
 
 def test_the_force_is_smoothed_and_says_the_weight_after_the_lift(drawn: Rows, run: tuple[Tracks, Report]) -> None:
-    samples = [each for each in happenings(run[0]) if isinstance(each, Moved) and each.device == "arm"]
-    noise = float(np.std([each.beside["force"][2] for each in samples[-100:]]))
+    samples = [each for each in session_events(run[0]) if isinstance(each, DeviceSample) and each.device == "arm"]
+    noise = float(np.std([each.extras["force"][2] for each in samples[-100:]]))
     smooth = [row["scalars"][2] for _, row in drawn["cell/force"][-15:]]
     assert noise > 1.0
     assert float(np.std(smooth)) < 0.5

@@ -16,7 +16,7 @@ from allegro_twin.recording import arrow_writer as sink_module
 from allegro_twin.recording import journal as journal_module
 from allegro_twin.recording import recorder as recorder_module
 from allegro_twin.recording.arrow_writer import SharedFile
-from allegro_twin.recording.events import Moved, Told, happenings
+from allegro_twin.recording.events import DeviceSample, JournalEntry, session_events
 from allegro_twin.recording.journal import Journal, Kind
 from allegro_twin.recording.reader import is_shared, load, load_tracks
 from allegro_twin.recording.recorder import BATCH, Recorder
@@ -112,13 +112,13 @@ def test_a_recording_of_one_device_is_what_it_was_and_has_no_tracks(tmp_path: Pa
 
 
 def test_all_that_happened_comes_again_in_the_order_of_time(path: Path) -> None:
-    found = list(happenings(load_tracks(path)))
-    times = [each.row["t"] if isinstance(each, Told) else each.sample.state.t for each in found]
+    found = list(session_events(load_tracks(path)))
+    times = [each.row["t"] if isinstance(each, JournalEntry) else each.sample.state.t for each in found]
     assert times == sorted(times)
-    assert sum(isinstance(each, Moved) and each.device == "left" for each in found) == 2 * BATCH + 7
-    assert [each.track for each in found if isinstance(each, Told)] == ["told", "too"] + ["told"] * 20
-    first = next(each for each in found if isinstance(each, Moved) and each.device == "left")
-    assert set(first.beside) == {"more"}
+    assert sum(isinstance(each, DeviceSample) and each.device == "left" for each in found) == 2 * BATCH + 7
+    assert [each.track for each in found if isinstance(each, JournalEntry)] == ["told", "too"] + ["told"] * 20
+    first = next(each for each in found if isinstance(each, DeviceSample) and each.device == "left")
+    assert set(first.extras) == {"more"}
 
 
 @pytest.mark.parametrize("part", [0.1, 0.37, 0.5, 0.77, 0.93])

@@ -15,7 +15,7 @@ from allegro_twin.hands.description.shapes import Shape
 from allegro_twin.sim.model.appearance import scene_appearance, simplified
 from allegro_twin.sim.model.scene import Stage, compile_scene
 from allegro_twin.sim.objects.catalogue import GraspObject, PlacedObject, load_object, object_catalogue
-from allegro_twin.viewing.rerun.scene import scenery
+from allegro_twin.viewing.scenery import scenery
 from allegro_twin.viewing.surfaces import surface
 from tests.sim.test_foreign import menagerie_like
 

@@ -18,14 +18,14 @@ from allegro_twin.cell.perception.pipeline import Found
 from allegro_twin.cell.states import Now
 from allegro_twin.control.trajectory import Path
 from allegro_twin.kinematics.pose import Pose, placed
-from allegro_twin.recording.events import Happening, Moved, Told
+from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
 
 
 class Onlooker(Protocol):
     """Somebody who looks on."""
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """In the loop: as little as possible. Raises HandError, which ends the run."""
         ...
 
@@ -48,30 +48,30 @@ class Onlookers:
     def follows(self, guide: Guide, fingers: Path) -> None:
         """The cell is led from outside from now on: where its arm and its fingers are to be."""
         self._guide, self._fingers = guide, fingers
-        self._tell(Told("states", {"t": 0.0, "state": "Following", "tries": 1}))
+        self._tell(JournalEntry("states", {"t": 0.0, "state": "Following", "tries": 1}))
 
     def refused(self, t: float, sentence: str) -> None:
         """Something that was wished was not done."""
         row = {"t": t, "state": "Following", "tries": 1, "reason": "refused", "sentence": sentence}
-        self._tell(Told("states", row))
+        self._tell(JournalEntry("states", row))
 
     def entered(self, now: Now) -> None:
         """A state begins."""
         assert self._work is not None
-        self._tell(Told("states", event(now, self._work)))
+        self._tell(JournalEntry("states", event(now, self._work)))
 
     def looked(self, frame: Frame, seen: Found | Refused) -> None:
         """Perception has looked at a picture."""
-        self._tell(Told("perception", perceived(frame, seen, self._room.settings.perception)))
+        self._tell(JournalEntry("perception", perceived(frame, seen, self._room.settings.perception)))
 
     def arm(self, samples: Iterable[Sample]) -> Iterator[Sample]:
         """The stage of the arm."""
         for sample in samples:
             assert self._guide is not None
-            self._tell(Moved("arm", sample, beside_arm(self._room, self._guide.target.pose, sample)))
+            self._tell(DeviceSample("arm", sample, beside_arm(self._room, self._guide.target.pose, sample)))
             picture = None if self._lens is None else self._lens.due(sample.state.t)
             if picture is not None:
-                self._tell(Told("pictures", pictured(picture)))
+                self._tell(JournalEntry("pictures", pictured(picture)))
             yield sample
 
     def hand(self, samples: Iterable[Sample]) -> Iterator[Sample]:
@@ -79,12 +79,12 @@ class Onlookers:
         for sample in samples:
             assert self._fingers is not None
             target = self._fingers(sample.state.t).position
-            self._tell(Moved("hand", sample, {**self._beside_hand(), "target": target}))
+            self._tell(DeviceSample("hand", sample, {**self._beside_hand(), "target": target}))
             yield sample
 
-    def _tell(self, happening: Happening) -> None:
+    def _tell(self, event: SessionEvent) -> None:
         for each in self._each:
-            each.see(happening)
+            each.on_event(event)
 
 
 def beside_arm(room: Room, target: Pose, sample: Sample) -> dict[str, Array]:

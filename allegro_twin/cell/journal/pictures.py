@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from allegro_twin.cell.assembly import Room
-from allegro_twin.recording.events import Happening, Told
+from allegro_twin.recording.events import JournalEntry, SessionEvent
 from allegro_twin.viewing.camera import Camera
 from allegro_twin.viewing.png import save
 from allegro_twin.viewing.views import View
@@ -25,10 +25,10 @@ class Kept:
         self._folder = folder
         self._camera = Camera(room.cell.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """Take a picture where a state begins."""
-        if isinstance(happening, Told) and happening.track == "states":
-            name = PICTURES.get(happening.row["state"])
+        if isinstance(event, JournalEntry) and event.track == "states":
+            name = PICTURES.get(event.row["state"])
             if name is not None:
                 save(self._camera.take(), self._folder / f"{name}.png")
 

@@ -12,7 +12,7 @@ from allegro_twin.cell.journal.rows import EVENTS, PERCEPTION, PICTURES
 from allegro_twin.cell.journal.shapes import cell_look
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.recording.arrow_writer import SharedFile
-from allegro_twin.recording.events import Happening, Moved
+from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.journal import Journal
 from allegro_twin.recording.recorder import Recorder
 from allegro_twin.sim.model.appearance import scene_appearance
@@ -32,12 +32,12 @@ class Recorded:
             meta = {"lab": name, "look": scene_appearance(room.cell.world.model, backend.spec, things)}
             self._recorders[name] = Recorder(self._file.track(name), backend.spec, backend.period, meta)
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """Write it; samples by the hundred, everything else at once."""
-        if isinstance(happening, Moved):
-            self._recorders[happening.device].add(happening.sample, happening.beside)
+        if isinstance(event, DeviceSample):
+            self._recorders[event.device].add(event.sample, event.extras)
         else:
-            self._journals[happening.track].add(**happening.row)
+            self._journals[event.track].add(**event.row)
 
     def close(self) -> None:
         """Write what is left. Idempotent. Raises RecordingError."""

@@ -19,8 +19,8 @@ from allegro_twin.files.schema import load
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.library import Library
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.sim.objects.catalogue import object_catalogue
 from allegro_twin.types import Vector
 
@@ -39,7 +39,7 @@ class Episodes:
             if name not in object_catalogue():
                 raise ConfigError(unknown("object", name, object_catalogue()))
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
-        self._model, self._library = hand_model(self.spec), Library()
+        self._model, self._library = hand_kinematics(self.spec), Library()
         self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
         self._stands: dict[str, Stand] = {}
         self._cameras: dict[str, Camera] = {}

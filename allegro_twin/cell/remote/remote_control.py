@@ -15,10 +15,9 @@ from allegro_twin.cell.journal.observers import Onlookers
 from allegro_twin.cell.motion.arm_motion import Guide
 from allegro_twin.cell.remote.workspace_limits import Fence
 from allegro_twin.cell.run import law_of
-from allegro_twin.control.controllers import PD, Gravity
-from allegro_twin.control.steered_path import Steering
-from allegro_twin.control.timed_path import Timed
-from allegro_twin.control.trajectory import Path, SetPoint
+from allegro_twin.control.controllers import PD, GravityFeedforward
+from allegro_twin.control.setpoint_filter import SmoothSetpoint
+from allegro_twin.control.trajectory import Path, SetPoint, TimedPath
 from allegro_twin.errors import CommandError, ConfigError
 from allegro_twin.hands.library.gains import load_gains
 from allegro_twin.kinematics.pose import Pose
@@ -58,7 +57,7 @@ class Led:
         self.room, self.guide = room, Guide(room.posture, room.cell.model)
         self.guide.let_go()
         self._fence = Fence(room)
-        self._path: Path = Steering(room.open)
+        self._path: Path = SmoothSetpoint(room.open)
         self._since, self._wishes = 0.0, queue.SimpleQueue[Wish]()
         self._goal, self._at, self._t = room.security, room.security, 0.0
         arm = room.settings.arm
@@ -111,9 +110,9 @@ class Led:
                 self._path, self._since = path, arm.t
             case Stay():
                 self._goal = self._at = self.room.cell.palm(arm)
-                self._path, self._since = Steering(self.fingers(arm.t).position), arm.t
+                self._path, self._since = SmoothSetpoint(self.fingers(arm.t).position), arm.t
 
-    def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> Timed:
+    def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> TimedPath:
         times = np.asarray(times, dtype=np.float64)
         if not len(times) or not np.isfinite(times).all() or times[0] <= 0.0 or (np.diff(times) <= 0.0).any():
             raise CommandError(f"fingers: times must ascend from above 0 s; they are {times[:6].tolist()}")
@@ -123,7 +122,7 @@ class Led:
         except ConfigError as error:
             raise CommandError(str(error)) from error
         rates = None if velocities is None else np.vstack([np.zeros_like(here), velocities])
-        return Timed(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
+        return TimedPath(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
 
 
 def follow(
@@ -136,7 +135,7 @@ def follow(
     room, spec = led.room, led.room.hand.spec
     onlookers.follows(led.guide, led.fingers)
     law = law_of(room, led.guide)
-    grip = PD(led, load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
+    grip = PD(led, load_gains(room.settings.hand.gains, spec), GravityFeedforward(room.model.gravity_torque))
     arms: Iterator[Sample] = run(room.arm, law)
     if speed is not None:
         arms = paced(arms, speed)

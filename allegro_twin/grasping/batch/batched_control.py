@@ -10,9 +10,8 @@ import numpy as np
 
 from allegro_twin.backend import position_of, torque_of
 from allegro_twin.control import laws
-from allegro_twin.control.batched_trajectory import Trajectories
-from allegro_twin.control.controllers import PD, Follow, Gains, Gravity
-from allegro_twin.control.trajectory import Trajectory
+from allegro_twin.control.controllers import PD, Gains, GravityFeedforward, PositionControl
+from allegro_twin.control.trajectory import BatchedTrajectories, Trajectory
 from allegro_twin.controller import Controller
 from allegro_twin.safety import Limits, bounded, clamp
 from allegro_twin.sim.batch.cpu import Rows, SimBatch
@@ -35,7 +34,9 @@ class BatchedControllers:
         paths, gains = list[Trajectory](), list[Gains]()
         for row, (each, memory) in enumerate(zip(controllers, self._memory, strict=True)):
             alike = (
-                isinstance(each, Follow) if sims.closes_loop else isinstance(each, PD) and each.gravity is self._gravity
+                isinstance(each, PositionControl)
+                if sims.closes_loop
+                else isinstance(each, PD) and each.gravity is self._gravity
             )
             if not alike or not isinstance(memory.path, Trajectory):
                 continue
@@ -45,7 +46,7 @@ class BatchedControllers:
                 gains.append(each.gains)
             else:
                 self._effort[row] = self._bounded(row, states[row])[1]
-        self._paths = Trajectories(paths) if paths else None
+        self._paths = BatchedTrajectories(paths) if paths else None
         self._kp, self._kd = (np.array([getattr(each, name) for each in gains]) for name in ("kp", "kd"))
 
     def __call__(self, rows: Rows, t: float, state_of: Callable[[int], HandState]) -> Array:
@@ -86,7 +87,12 @@ class BatchedControllers:
 
 
 def pd_torque(
-    sims: SimBatch, rows: Rows, position: Array, velocity: Array, gains: tuple[Array, Array], gravity: Gravity | None
+    sims: SimBatch,
+    rows: Rows,
+    position: Array,
+    velocity: Array,
+    gains: tuple[Array, Array],
+    gravity: GravityFeedforward | None,
 ) -> Array:
     """PD of some hands towards positions, rad, at speeds, rad/s, with their weight carried, (rows, joints), N·m.
     `gains`: kp and kd, (joints,) or (rows, joints)."""

@@ -28,8 +28,8 @@ from allegro_twin.grasping.timeline import make_stage
 from allegro_twin.grasping.uncertainty import Uncertainty
 from allegro_twin.hands.library.gains import load_gains, ruled
 from allegro_twin.hands.library.grasps import Grasp
+from allegro_twin.kinematics.hand import hand_kinematics
 from allegro_twin.sim.contact.grasp_scene import GraspScene
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
 
@@ -157,7 +157,7 @@ class GraspSearch:
 
     def _performer(self, protocol: TrialProtocol) -> FingerGains:
         return FingerGains(
-            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_model(self.spec).gravity_torque
+            load_gains(ruled(protocol.gains, self.spec), self.spec), hand_kinematics(self.spec).gravity_torque
         )
 
     def _apart(self, passed: list[Candidate], prover: GraspValidator) -> list[Candidate]:

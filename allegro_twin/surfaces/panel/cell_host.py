@@ -11,7 +11,7 @@ from allegro_twin.cell.remote.remote_control import Led, Palm, Stay
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
-from allegro_twin.recording.events import Happening, Moved
+from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.surfaces.panel import requests as w
 from allegro_twin.surfaces.panel.cell import CellFrame, CellOpened, Place
 from allegro_twin.surfaces.panel.page_process import Pages
@@ -26,7 +26,7 @@ class CellHost:
     def __init__(self, led: Led, pages: Pages) -> None:
         self._led, self._page, self._next, self._stopped = led, pages.open(), 0.0, False
         self._send = Sender(self._page.frames)
-        self._hand: Moved | None = None
+        self._hand: DeviceSample | None = None
         threading.Thread(target=self._hear, name="wishes", daemon=True).start()
 
     def begin(self) -> str:
@@ -37,24 +37,24 @@ class CellHost:
         self._page.tell(CellOpened(title, arm, hand, cell_look(room), bounds.lower, bounds.upper))
         return self._page.address()
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """In the cell's loop: as little as possible, and nothing that waits."""
-        if not isinstance(happening, Moved):
-            sentence = happening.row.get("sentence") if happening.track == "states" else None
+        if not isinstance(event, DeviceSample):
+            sentence = event.row.get("sentence") if event.track == "states" else None
             if sentence:
                 self._page.tell(Notice(str(sentence), bad=True))
-        elif happening.device == "hand":
-            self._hand = happening
-        elif self._hand is not None and happening.sample.state.t >= self._next:
-            self._next = happening.sample.state.t + 1.0 / RATE
-            self._send(self._frame(happening, self._hand))
+        elif event.device == "hand":
+            self._hand = event
+        elif self._hand is not None and event.sample.state.t >= self._next:
+            self._next = event.sample.state.t + 1.0 / RATE
+            self._send(self._frame(event, self._hand))
 
     def close(self) -> None:
         """End the page."""
         self._page.close()
 
-    def _frame(self, arm: Moved, hand: Moved) -> CellFrame:
-        beside, look = arm.beside, hand.beside
+    def _frame(self, arm: DeviceSample, hand: DeviceSample) -> CellFrame:
+        beside, look = arm.extras, hand.extras
         things = [look["object"], look["others"]] if "others" in look else [look["object"]]
         goal = self._led.goal
         poses = {

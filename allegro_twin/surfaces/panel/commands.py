@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import assert_never
 
-from allegro_twin.control.motion import Motion
+from allegro_twin.control.demonstration import TaughtMotion
 from allegro_twin.errors import ConfigError
 from allegro_twin.hands.library.entries import posture_entry, trajectory_entry
 from allegro_twin.hands.library.library import Library
@@ -80,7 +80,7 @@ class Doing:
         self._opened.teaching = True
         return "lead the fingers now"
 
-    def _motion(self) -> Motion:
+    def _motion(self) -> TaughtMotion:
         if self._opened.teaching:
             self._teach(False)
         return self._shown.motion()

@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.app import Rig
 from allegro_twin.types import Array
-from allegro_twin.viewing.rerun.scene import Scenery, scenery
+from allegro_twin.viewing.scenery import Scenery, scenery
 
 Eyes = Callable[[], Mapping[str, Array]]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.cell import CellFrame
 from allegro_twin.types import Array, Vector
-from allegro_twin.viewing.rerun.scene import Scenery
+from allegro_twin.viewing.scenery import Scenery
 
 _LARGEST = 1 << 16  # Bytes of a frame; one has some 3,000.
 

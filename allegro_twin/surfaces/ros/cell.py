@@ -13,8 +13,8 @@ from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.kinematics.pose import Pose, placed
-from allegro_twin.recording.events import Happening, Moved, Told
-from allegro_twin.recording.messages import cells
+from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell_reports import CellReports
@@ -40,7 +40,7 @@ class CellBridge:
             raise ConfigError(f"the rate must be above 0 and at most 1000 Hz, not {rate:g}")
         self._room, self._node, self._words, self._interval = room, node, words, 1.0 / rate
         self._reports, self._drivers = CellReports(room, words), Drivers()
-        self._hand: Moved | None = None
+        self._hand: DeviceSample | None = None
         self._led: Led | None = None
         self._due, self._over = 0.0, threading.Event()
         self._waiting: queue.Queue[Callable[[], Iterator[Report]]] = queue.Queue(maxsize=_HELD)
@@ -70,16 +70,16 @@ class CellBridge:
         for thread in self._threads:
             thread.join(timeout=2.0)
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """In the cell's loop: as little as possible."""
         stamp = time.time_ns()
-        if isinstance(happening, Told):
-            self._see_event(stamp, happening)
-        elif happening.device == "hand":
-            self._hand = happening
-        elif self._hand is not None and happening.sample.state.t >= self._due - 1e-9:
-            self._due = happening.sample.state.t + self._interval
-            arm, hand = happening, self._hand
+        if isinstance(event, JournalEntry):
+            self._see_event(stamp, event)
+        elif event.device == "hand":
+            self._hand = event
+        elif self._hand is not None and event.sample.state.t >= self._due - 1e-9:
+            self._due = event.sample.state.t + self._interval
+            arm, hand = event, self._hand
             self._put(lambda: self._reports.of(stamp, arm, hand))
 
     def refuse(self, topic: str, why: str) -> None:
@@ -87,7 +87,7 @@ class CellBridge:
         stamp = time.time_ns()
         self._put(lambda: iter([self._reports.said(stamp, topic, why, bad=True)]))
 
-    def _see_event(self, stamp: int, told: Told) -> None:
+    def _see_event(self, stamp: int, told: JournalEntry) -> None:
         row = told.row
         if told.track == "pictures":
             self._put(lambda: self._reports.picture(stamp, row))
@@ -146,11 +146,11 @@ class CellBridge:
 
     def _pose(self, data: bytes) -> Pose:
         message = self._words.decode(data, v.POSE)
-        pose, frame, base = cells.pose_in(message, "target_frame"), message.header.frame_id, self._reports.base
+        pose, frame, base = build.pose_in(message, "target_frame"), message.header.frame_id, self._reports.base
         if frame == base:
             return placed(self._room.cell.base, pose)
-        if frame not in ("", cells.WORLD):
-            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {cells.WORLD!r} and {base!r}")
+        if frame not in ("", build.WORLD):
+            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {build.WORLD!r} and {base!r}")
         return pose
 
 

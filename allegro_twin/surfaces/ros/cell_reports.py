@@ -9,8 +9,8 @@ import numpy as np
 
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.camera.intrinsics import Intrinsics
-from allegro_twin.recording.events import Moved
-from allegro_twin.recording.messages import cells
+from allegro_twin.recording.events import DeviceSample
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames
 from allegro_twin.surfaces.ros import cell_topics as topics
@@ -48,20 +48,20 @@ class CellReports:
         words = self._words
         still = self._hand.still(words, stamp)
         base = np.array([*self._foot, 1.0, 0.0, 0.0, 0.0])
-        still.transforms.append(cells.transform(words, stamp, cells.WORLD, self._arm.root, base))
+        still.transforms.append(build.transform(words, stamp, build.WORLD, self._arm.root, base))
         yield "/tf_static", still
 
-    def of(self, stamp: int, arm: Moved, hand: Moved) -> Iterator[Report]:
+    def of(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Report]:
         """What is said of a moment; `stamp`: ns since 1970."""
-        words, beside = self._words, arm.beside
+        words, beside = self._words, arm.extras
         states = (arm.sample.state, hand.sample.state)
-        yield topics.STATES, cells.joint_states(words, stamp, list(zip(self._specs, states, strict=True)))
-        yield topics.POSE, cells.pose(words, stamp, cells.WORLD, beside["tool"])
-        yield topics.WRENCH, cells.wrench(words, stamp, cells.WORLD, beside["force"])
+        yield topics.STATES, build.joint_states(words, stamp, list(zip(self._specs, states, strict=True)))
+        yield topics.POSE, build.pose(words, stamp, build.WORLD, beside["tool"])
+        yield topics.WRENCH, build.wrench(words, stamp, build.WORLD, beside["force"])
         links = self._arm.at(words, stamp, states[0].position)
         links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
         for frame, name in ((self._hand.root, "tool"), (TARGET, "goal")):
-            links.transforms.append(cells.transform(words, stamp, cells.WORLD, frame, beside[name]))
+            links.transforms.append(build.transform(words, stamp, build.WORLD, frame, beside[name]))
         yield "/tf", links
 
     def picture(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Report]:
@@ -70,8 +70,8 @@ class CellReports:
         fx, fy, cx, cy = row["lens"]
         metres = np.where(depth == 0, np.nan, depth / 1000.0).astype(np.float32)
         points = Intrinsics(depth.shape[1], depth.shape[0], fx, fy, cx, cy).cloud(metres)
-        yield topics.POINTS, cells.cloud(words, stamp, CAMERA, points)
-        place = cells.transform(words, stamp, cells.WORLD, CAMERA, row["camera"])
+        yield topics.POINTS, build.cloud(words, stamp, CAMERA, points)
+        place = build.transform(words, stamp, build.WORLD, CAMERA, row["camera"])
         yield "/tf", words.make(v.TF, transforms=[place])
 
     def said(self, stamp: int, topic: str, text: str, *, bad: bool) -> Report:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from allegro_twin.recording.messages import states
+from allegro_twin.kinematics.hand import hand_kinematics
+from allegro_twin.recording.messages import build
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames, description
-from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.ros.topics import WRENCH
 from allegro_twin.types import Sample, Vector
@@ -23,7 +23,7 @@ class Reports:
 
     def __init__(self, hand: Hand, words: v.Vocabulary) -> None:
         self._hand, self._words, self._spec = hand, words, hand.spec
-        self._frames, self._model = Frames(hand.spec), hand_model(hand.spec)
+        self._frames, self._model = Frames(hand.spec), hand_kinematics(hand.spec)
         self._missed, self._tick = 0, -1
 
     def at_first(self, stamp: int) -> Iterator[Report]:
@@ -34,10 +34,13 @@ class Reports:
     def of(self, stamp: int, sample: Sample) -> Iterator[Report]:
         """What is said of every sample that is published; `stamp`: ns since 1970."""
         words, state = self._words, sample.state
-        yield "joint_states", states.joint_state(words, stamp, self._spec, state)
+        yield "joint_states", build.joint_states(words, stamp, [(self._spec, state)])
         yield "/tf", self._frames.at(words, stamp, state.position)
         for finger, force in self._pushed(sample).items():
-            yield WRENCH.format(finger=finger), states.wrench(words, stamp, self._spec.finger(finger).tip, force)
+            yield (
+                WRENCH.format(finger=finger),
+                build.wrench(words, stamp, self._spec.finger(finger).tip, np.append(force, np.zeros(3))),
+            )
 
     def seen(self, sample: Sample) -> None:
         """Count a sample, whether it is published or not."""
@@ -49,7 +52,7 @@ class Reports:
     def health(self, stamp: int, sample: Sample, error: str = "") -> Report:
         """The once-a-second status; `error`: what ended the hand."""
         stalled, hottest = self._hand.stalled, _hottest(sample.state.temperature)
-        level = states.ERROR if error else states.WARN if stalled is not None else states.OK
+        level = build.ERROR if error else build.WARN if stalled is not None else build.OK
         text = error or str(stalled or f"driven by {self._hand.controller}")
         values = {
             "controller": self._hand.controller,
@@ -58,7 +61,7 @@ class Reports:
             "clipped set-points": str(self._hand.clipped),
             "hottest motor": hottest,
         }
-        return "/diagnostics", states.diagnostics(self._words, stamp, self._name, level, text, values)
+        return "/diagnostics", build.diagnostics(self._words, stamp, self._name, level, text, values)
 
     def refused(self, stamp: int, topic: str, why: str) -> Report:
         """A wish that was not carried out."""

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from allegro_twin.errors import ConfigError
-from allegro_twin.kinematics.closed_form.finger import FingerKinematics
-from allegro_twin.kinematics.closed_form.geometry import load_geometry
+from allegro_twin.kinematics.closed_form.finger import ClosedFormFinger
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.teleop.landmarks import TIPS, finger_length, in_palm
 from allegro_twin.types import Array, Vector
@@ -46,10 +45,9 @@ class Targets:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
         self.vectors, self.side = vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
-        mirrored = np.array([1.0, 1.0 if spec.side == "right" else -1.0, 1.0])
-        self._base: Vector = load_geometry(spec.model, LONGEST).origin * mirrored
-        straight = FingerKinematics(spec, LONGEST).tip(np.zeros(4))
-        self._length = float(np.linalg.norm(straight - self._base))
+        longest = ClosedFormFinger(spec, LONGEST)
+        self._base: Vector = longest.base
+        self._length = float(np.linalg.norm(longest.tip(np.zeros(4)) - self._base))
         self._lengths: deque[float] = deque(maxlen=_RECENT)
 
     @property

@@ -13,8 +13,8 @@ from allegro_twin.twin.mirror.faults import words
 from allegro_twin.twin.mirror.mirror import Mirror
 from allegro_twin.types import Array, HandState, Sample
 from allegro_twin.viewing.rerun.layout import MORE
-from allegro_twin.viewing.rerun.scene import Scenery, scenery
 from allegro_twin.viewing.rerun.viewer import Viewer
+from allegro_twin.viewing.scenery import Scenery, scenery
 
 if TYPE_CHECKING:
     from allegro_twin.drivers.can.driver.health import Health

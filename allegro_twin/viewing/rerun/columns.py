@@ -1,30 +1,35 @@
-"""What moves, sent to Rerun in columns: a row a message would take a browser a minute to swallow."""
+"""Moving quantities, sent to Rerun in columns: a row a message would take a browser a minute to swallow."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
 
 from allegro_twin.errors import ConfigError
+from allegro_twin.recording.events import DeviceSample
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample, TorqueCommand, Vector
 from allegro_twin.viewing.rerun.layout import MORE
-from allegro_twin.viewing.rerun.scene import Scenery
-from allegro_twin.viewing.rerun.static import draw_ghost, draw_ghost_object
+from allegro_twin.viewing.rerun.static import FRAMES, draw_ghost, draw_ghost_object
+from allegro_twin.viewing.scenery import Scenery
 from allegro_twin.viewing.skeleton import Skeleton
 
 AT_ONCE = 4  # Messages: 0.5 ms of a period of 3 ms, where all 65 of a moment would take 8.
+SMOOTHED = 33
+"""Samples of the force whose mean is drawn, 0.1 s at 3 ms: one alone is lost in the sensor's noise."""
 _ARROW = 0.012  # m for each newton of contact force.
 _STATE = ("position", "velocity", "torque", "command")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One moment."""
+    """One moment of one device."""
 
     t: float
     joints: Mapping[str, Vector]
@@ -46,68 +51,95 @@ class Row:
         return Row(state.t, joints, look)
 
 
-class Rows:
-    """Collects moments and sends them together."""
+class _Message(NamedTuple):
+    """One entity's components at several moments."""
 
-    def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> None:
+    path: str
+    rows: Sequence[Row]
+    columns: Any
+
+
+class Rows:
+    """Collects moments of the hand, and of the arm that carries it, and sends them together."""
+
+    def __init__(self, stream: rr.RecordingStream, spec: HandSpec, scene: Scenery, arm: HandSpec | None = None) -> None:
         self._stream, self._spec, self._skeleton = stream, spec, Skeleton(scene.bodies, spec)
-        self._object, self._ghosts = next(iter(scene.objects), None), False
+        self._objects, self._ghosts = list(scene.objects), False
         self._scene = scene
+        self._arm = Skeleton(scene.arm.bodies, arm) if arm is not None and scene.arm is not None else None
         self._wanted: Vector | None = None
-        self._rows: list[Row] = []
-        self._sending: Iterator[None] = iter(())
+        self._rows: dict[str, list[Row]] = {"hand": [], "arm": []}
+        self._forces: deque[Array] = deque(maxlen=SMOOTHED)
+        self._sending: Iterator[_Message] = iter(())
 
     @property
     def begin(self) -> float:
-        """Of what was collected, s."""
-        return self._rows[0].t
+        """Time of the first collected moment, s."""
+        return min(rows[0].t for rows in self._rows.values() if rows)
 
-    def add(self, row: Row) -> None:
-        self._rows.append(row)
+    def smooth(self, event: DeviceSample) -> None:
+        """Take every sample's force on the flange, (6,), N and N·m, into the mean, whether it is drawn or not."""
+        if "force" in event.extras:
+            self._forces.append(event.extras["force"])
+
+    def add(self, event: DeviceSample) -> None:
+        """Collect a moment. Raises ConfigError."""
+        look = dict(event.extras)
+        if self._forces and event.device == "arm":
+            look["force"] = np.mean(self._forces, axis=0)
+        self._rows[event.device].append(Row.of(event.sample, look))
 
     def send(self) -> None:
         """Send what has been collected."""
         self.start()
-        for _ in self._sending:
-            pass
+        self._send(self._sending)
 
     def start(self) -> None:
         """Begin to send what has been collected, and end what was begun before."""
-        for _ in self._sending:
-            pass
-        rows, self._rows = self._rows, []
-        self._sending = self._messages(rows) if rows else iter(())
+        self._send(self._sending)
+        rows, self._rows = self._rows, {"hand": [], "arm": []}
+        self._sending = self._messages(rows["hand"], rows["arm"])
 
     def advance(self) -> None:
         """Send some more of what was begun."""
-        for _ in islice(self._sending, AT_ONCE):
-            pass
+        self._send(islice(self._sending, AT_ONCE))
 
-    def _messages(self, rows: list[Row]) -> Iterator[None]:
+    def _send(self, messages: Iterator[_Message]) -> None:
+        for path, rows, columns in messages:
+            times = rr.TimeColumn("time", duration=[row.t for row in rows])
+            self._stream.send_columns(path, indexes=[times], columns=columns)
+
+    def _messages(self, hand: list[Row], arm: list[Row]) -> Iterator[_Message]:
+        if hand:
+            yield from self._hand_messages(hand)
+        if arm and self._arm is not None:
+            yield from self._links("world/arm", self._arm, arm, np.array([row.joints["position"] for row in arm]))
+            for name in ("flange", *FRAMES):
+                yield _poses(f"world/{name}", arm, np.array([row.look[name] for row in arm]))
+            yield _scalars("arm/torque", arm, np.array([row.joints["torque"] for row in arm]))
+            force = np.array([row.look["force"] for row in arm])
+            yield _scalars("cell/force", arm, force[:, :3])
+            yield _scalars("cell/moment", arm, force[:, 3:])
+
+    def _hand_messages(self, rows: list[Row]) -> Iterator[_Message]:
         for name in (*_STATE, "target", *self._scene.more):
             having = [row for row in rows if name in row.joints]
-            yield from self._series(name, having, np.array([row.joints[name] for row in having]))
-        yield from self._hand("world/palm", rows, np.array([row.joints["position"] for row in rows]))
+            values = np.array([row.joints[name] for row in having])
+            for finger in self._spec.fingers if having else ():
+                yield _scalars(f"joints/{name}/{finger.name}", having, values[:, list(finger.joints)])
+        yield from self._links("world/palm", self._skeleton, rows, np.array([row.joints["position"] for row in rows]))
         yield from self._ghost([row for row in rows if "target" in row.joints])
         yield from self._limits(rows)
-        yield from self._beside(rows)
+        yield from self._surroundings(rows)
 
-    def _series(self, name: str, rows: list[Row], values: Array) -> Iterator[None]:
-        for finger in self._spec.fingers if rows else ():
-            column = values[:, list(finger.joints)]
-            data = rr.Scalars.columns(scalars=column.reshape(-1)).partition([column.shape[1]] * len(rows))
-            self._stream.send_columns(f"joints/{name}/{finger.name}", indexes=_times(rows), columns=data)
-            yield
-
-    def _hand(self, root: str, rows: list[Row], position: Array) -> Iterator[None]:
-        for body, (place, rotation) in zip(self._skeleton.bodies, self._skeleton.places(position), strict=True):
+    def _links(self, root: str, skeleton: Skeleton, rows: list[Row], position: Array) -> Iterator[_Message]:
+        for body, (place, rotation) in zip(skeleton.bodies, skeleton.places(position), strict=True):
             if body.parent >= 0:
                 moved = rr.Transform3D.columns(translation=place, mat3x3=rotation.reshape(-1, 9))  # Row by row.
-                self._stream.send_columns(f"{root}/{body.name}", indexes=_times(rows), columns=moved)
-                yield
+                yield _Message(f"{root}/{body.name}", rows, moved)
 
-    def _ghost(self, rows: list[Row]) -> Iterator[None]:
-        """The hand that is wanted; it is sent again only when something else is, for what was sent stays."""
+    def _ghost(self, rows: list[Row]) -> Iterator[_Message]:
+        """The hand at its target; it is sent again only when the target changes, for what was sent stays."""
         if not rows:
             return
         wanted = np.array([row.joints["target"] for row in rows])
@@ -118,22 +150,22 @@ class Rows:
         new[0] |= self._wanted is None
         self._wanted = wanted[-1]
         if new.any():
-            yield from self._hand("world/palm/target", [rows[k] for k in np.flatnonzero(new)], wanted[new])
+            changed = [rows[k] for k in np.flatnonzero(new)]
+            yield from self._links("world/palm/target", self._skeleton, changed, wanted[new])
 
-    def _limits(self, rows: list[Row]) -> Iterator[None]:
+    def _limits(self, rows: list[Row]) -> Iterator[_Message]:
         """Lines need two points: the first and the last moment."""
         ends = [rows[0], rows[-1]] if len(rows) > 1 else rows
         for finger in self._spec.fingers:
             values = np.unique(self._spec.actuation.torque_limit[list(finger.joints)])
-            lines = np.tile(np.concatenate([values, -values]), len(ends))
-            data = rr.Scalars.columns(scalars=lines).partition([2 * len(values)] * len(ends))
-            self._stream.send_columns(f"joints/torque_limit/{finger.name}", indexes=_times(ends), columns=data)
-            yield
+            lines = np.tile(np.concatenate([values, -values]), (len(ends), 1))
+            yield _scalars(f"joints/torque_limit/{finger.name}", ends, lines)
 
-    def _beside(self, rows: list[Row]) -> Iterator[None]:
+    def _surroundings(self, rows: list[Row]) -> Iterator[_Message]:
         paths = {"palm": "world/palm"}
-        if self._object is not None:
-            paths |= {"object": f"world/objects/{self._object}", "target_object": f"world/ghosts/{self._object}"}
+        if self._objects:
+            first = self._objects[0]
+            paths |= {"object": f"world/objects/{first}", "target_object": f"world/ghosts/{first}"}
         for name, path in paths.items():
             having = [row for row in rows if name in row.look]
             if not having:
@@ -141,33 +173,35 @@ class Rows:
             if name == "target_object" and not self._ghosts:
                 self._ghosts = True
                 draw_ghost_object(self._stream, self._scene)
-            poses = np.array([row.look[name] for row in having])
-            moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, [4, 5, 6, 3]])
-            self._stream.send_columns(path, indexes=_times(having), columns=moved)
-            yield
+            yield _poses(path, having, np.array([row.look[name] for row in having]))
+        if having := [row for row in rows if "others" in row.look]:
+            others = np.array([row.look["others"] for row in having]).reshape(len(having), -1, 7)
+            for number, name in enumerate(self._objects[1:]):
+                yield _poses(f"world/objects/{name}", having, others[:, number])
         for name, path in (("contact_force", "contact/force"), ("link", "mirror/link")):
-            having = [row for row in rows if name in row.look]
-            if having:
-                values = np.array([row.look[name] for row in having])
-                data = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(having))
-                self._stream.send_columns(path, indexes=_times(having), columns=data)
-                yield
-        having = [row for row in rows if "contact_vector" in row.look]
-        if having:
-            self._arrows(having)
-            yield
-
-    def _arrows(self, rows: list[Row]) -> None:
-        """From where each part of the hand presses on the object, the way it pushes."""
-        points = np.array([row.look["contact_point"] for row in rows]).reshape(len(rows), -1, 3)
-        vectors = _ARROW * np.array([row.look["contact_vector"] for row in rows]).reshape(points.shape)
-        # An arrow is drawn towards its contact, so that the object does not hide it.
-        origins = np.nan_to_num(points) - np.nan_to_num(vectors)
-        drawn = rr.Arrows3D.columns(
-            vectors=np.nan_to_num(vectors).reshape(-1, 3), origins=origins.reshape(-1, 3)
-        ).partition([points.shape[1]] * len(rows))
-        self._stream.send_columns("world/contact", indexes=_times(rows), columns=drawn)
+            if having := [row for row in rows if name in row.look]:
+                yield _scalars(path, having, np.array([row.look[name] for row in having]))
+        if having := [row for row in rows if "contact_vector" in row.look]:
+            yield _arrows(having)
 
 
-def _times(rows: list[Row]) -> list[rr.TimeColumn]:
-    return [rr.TimeColumn("time", duration=[row.t for row in rows])]
+def _poses(path: str, rows: Sequence[Row], poses: Array) -> _Message:
+    """Positions, m, and quaternions w x y z, (k, 7)."""
+    moved = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, [4, 5, 6, 3]])
+    return _Message(path, rows, moved)
+
+
+def _scalars(path: str, rows: Sequence[Row], values: Array) -> _Message:
+    """Series, (k, series)."""
+    data = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(rows))
+    return _Message(path, rows, data)
+
+
+def _arrows(rows: Sequence[Row]) -> _Message:
+    """From where each part of the hand presses on the object, the way it pushes."""
+    points = np.array([row.look["contact_point"] for row in rows]).reshape(len(rows), -1, 3)
+    vectors = _ARROW * np.array([row.look["contact_vector"] for row in rows]).reshape(points.shape)
+    # An arrow is drawn towards its contact, so that the object does not hide it.
+    origins = np.nan_to_num(points) - np.nan_to_num(vectors)
+    drawn = rr.Arrows3D.columns(vectors=np.nan_to_num(vectors).reshape(-1, 3), origins=origins.reshape(-1, 3))
+    return _Message("world/contact", rows, drawn.partition([points.shape[1]] * len(rows)))

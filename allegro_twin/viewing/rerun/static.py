@@ -1,4 +1,4 @@
-"""What Rerun is told once: the shapes, the names and colours of the series, the phases, and the verdict."""
+"""Static entities of a Rerun recording: shapes, names and colours of series, phases, and the verdict."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import rerun as rr
 from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
 from allegro_twin.hands.description.shapes import Shape
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.viewing.rerun.scene import Scenery
+from allegro_twin.viewing.scenery import ArmScenery, Scenery
 from allegro_twin.viewing.surfaces import joined, surface
 
+FRAMES = {"goal": 0.12, "tool": 0.08}
+"""Axes that are drawn in the world, and how long, m: the goal of the flange, and the palm."""
+_AXES, _MOMENTS = ("x", "y", "z"), ("about x", "about y", "about z")
 _GHOST = (40, 140, 240, 90)
 """RGBA of a hand that is only wanted, or expected."""
 _THINNER = 0.0012  # m: such a hand is hidden in the real one where that is where it should be.
@@ -38,6 +41,19 @@ def draw_still(stream: rr.RecordingStream, spec: HandSpec, scene: Scenery) -> No
     if scene.phases:
         begins = [begin for _, begin, _ in scene.phases]
         _states(stream, "trial/phase", begins, [name for name, _, _ in scene.phases])
+
+
+def draw_arm(stream: rr.RecordingStream, spec: HandSpec, arm: ArmScenery) -> None:
+    """The arm of a cell, its frames, and its series."""
+    stream.log("world/arm", rr.Transform3D(translation=arm.base), static=True)
+    for body in arm.bodies:
+        draw_shapes(stream, f"world/arm/{body.name}/look", body.shapes)
+    draw_shapes(stream, "world/flange/look", arm.adapter)
+    for name, length in FRAMES.items():
+        stream.log(f"world/{name}", rr.TransformAxes3D(length), static=True)
+    for path, names in {"arm/torque": spec.readable, "cell/force": _AXES, "cell/moment": _MOMENTS}.items():
+        colors = [_rgb(of_series(k)) for k in range(len(names))]
+        stream.log(path, rr.SeriesLines(names=list(names), colors=colors, widths=[1.5]), static=True)
 
 
 def draw_ghost(stream: rr.RecordingStream, scene: Scenery) -> None:

@@ -1,76 +1,150 @@
-"""The Rerun stage: the hand and what it holds in 3-D, and the series that explain them, on any backend."""
+"""The Rerun viewer: a hand, or a cell with its arm and its camera, in 3-D with the series that explain it.
+
+One of `spawn`, `serve` and `to_file` says where it goes. It draws what any session reports, live or from a recording.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Self
 
 import rerun as rr
 
+from allegro_twin.errors import ConfigError, RecordingError
 from allegro_twin.files.atomic_write import whole_file
+from allegro_twin.recording.events import DeviceSample, SessionEvent
+from allegro_twin.recording.reader import Tracks
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Sample
-from allegro_twin.viewing.rerun.columns import Row, Rows
-from allegro_twin.viewing.rerun.layout import layout
-from allegro_twin.viewing.rerun.scene import Scenery, scenery
-from allegro_twin.viewing.rerun.static import draw_still, draw_verdict
-from allegro_twin.viewing.rerun.target import TOGETHER, Canvas
+from allegro_twin.viewing.rerun import server
+from allegro_twin.viewing.rerun.columns import Rows
+from allegro_twin.viewing.rerun.journals import draw_entry
+from allegro_twin.viewing.rerun.layout import cell_layout, hand_layout
+from allegro_twin.viewing.rerun.static import draw_arm, draw_still, draw_verdict
+from allegro_twin.viewing.scenery import Scenery, scenery
 from allegro_twin.viewing.views import DEFAULT
 
 Look = Callable[[], Mapping[str, Array]]
 """What is known beside the hand's state: `target` (n,), `palm`, `object`, `target_object` (7,), `contact_force` (p,),
 `contact_point`, `contact_vector` (3 p,)."""
+_TOGETHER = 0.1  # s of the device's clock that are sent together to somebody who watches.
 
 
-class Viewer(Canvas):
-    """Draws samples into a Rerun recording. One of `spawn`, `serve`, `to_file` says where it goes."""
+class Viewer:
+    """Draws the events of a session into a Rerun recording.
+
+    `arm`: the spec of the arm that carries the hand, whose shapes `scene` has; `rate`: pictures a second of each
+    device's clock; `live`: send them as they come; `view`: the first view of a hand, as `views.NAMES` has it.
+    """
 
     def __init__(
         self,
         spec: HandSpec,
         scene: Scenery | None = None,
         *,
+        arm: HandSpec | None = None,
         rate: float = 30.0,
         live: bool = False,
         view: str = DEFAULT,
     ) -> None:
-        super().__init__()
-        self._spec, self._interval, self._next = spec, 1.0 / rate, 0.0
+        self._stream = rr.RecordingStream("allegro_twin")
+        self._server: server.Server | None = None
+        self._spec, self._arm, self._interval, self._next = spec, arm, 1.0 / rate, {"hand": 0.0, "arm": 0.0}
         self._scene, self._view = scene or scenery(spec, {}), view
-        self._rows = Rows(self._stream, spec, self._scene)
-        self._together = TOGETHER if live else float("inf")
+        self._rows = Rows(self._stream, spec, self._scene, arm)
+        self._together = _TOGETHER if live else float("inf")
 
-    def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
-        """Draw a sample, unless the last one drawn is nearer than the frame rate. Whoever watches gets it over the next
-        calls, a little in each, so that no period is late."""
-        t = sample.state.t
-        if t < self._next - 1e-9:
+    def on_event(self, event: SessionEvent) -> None:
+        """Draw an event; of a device's samples no more than the frame rate has. Whoever watches gets them over the next
+        calls, a few messages in each, so that no period is late. Raises ConfigError for a pose that is not one."""
+        if not isinstance(event, DeviceSample):
+            draw_entry(self._stream, event)
+            return
+        t = event.sample.state.t
+        self._rows.smooth(event)
+        if t < self._next[event.device] - 1e-9:
             self._rows.advance()
             return
-        self._next = t + self._interval
-        self._rows.add(Row.of(sample, look))
+        self._next[event.device] = t + self._interval
+        self._rows.add(event)
         if t - self._rows.begin >= self._together:
             self._rows.start()
 
+    def draw(self, sample: Sample, look: Mapping[str, Array]) -> None:
+        """Draw a sample of the hand, with what is known beside it."""
+        self.on_event(DeviceSample("hand", sample, look))
+
     def happens(self, t: float, what: str) -> None:
-        """Mark that from a moment, s, on something is so; an empty word ends it."""
+        """Mark that from a moment, s, on something is so; an empty text ends it."""
         self._stream.set_time("time", duration=t)
         self._stream.log("mirror/event", rr.StateChange(state=what))
         self._stream.reset_time()
 
     def conclude(self, held: Mapping[str, bool], words: str) -> None:
-        """Say how the trial ended: in each phase that was checked, and in words (Markdown)."""
+        """Show how the trial ended: in each phase that was checked, and as text (Markdown)."""
         self._rows.send()
         draw_verdict(self._stream, self._scene, held, words)
 
-    def _begin(self) -> None:
-        draw_still(self._stream, self._spec, self._scene)
+    def spawn(self) -> Self:
+        """Open the native viewer. Raises ConfigError where there is no screen for it."""
+        self._server = server.window()
+        return self._connected()
 
-    def _send(self) -> None:
+    def serve(self, *, open_browser: bool = True, web_port: int = 9090) -> str:
+        """Serve a page to this machine's browser; its address. Raises ConfigError when the port is taken."""
+        self._server, address = server.page(web_port)
+        self._connected()
+        if open_browser:
+            server.browse(address)
+        return address
+
+    def to_file(self, path: Path) -> Self:
+        """Write a file that `rerun` and https://app.rerun.io open. Raises ConfigError where it cannot be made."""
+        try:
+            self._stream.save(str(path), default_blueprint=self._layout())
+        except (OSError, RuntimeError) as error:
+            raise ConfigError(f"cannot write {path}: {error}") from error
+        self._draw_static()
+        return self
+
+    def flush(self) -> None:
+        """Wait until everything drawn has left this process."""
         self._rows.send()
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Let go of the viewer or the file. Raises RecordingError when the disk did not take all that was drawn."""
+        try:
+            self.flush()
+        except RuntimeError as error:
+            raise RecordingError(f"cannot write the Rerun recording: {error}; is the disk full?") from error
+        finally:
+            self._stream.disconnect()
+            if self._server is not None:
+                self._server.close()
+
+    def _connected(self) -> Self:
+        assert self._server is not None
+        self._stream.connect_grpc(self._server.url, default_blueprint=self._layout())
+        self._draw_static()
+        return self
 
     def _layout(self) -> rr.blueprint.Blueprint:
-        return layout(self._spec, self._scene, self._view)
+        if self._arm is not None and self._scene.arm is not None:
+            return cell_layout(self._spec, self._arm, self._scene.arm.base)
+        return hand_layout(self._spec, self._scene, self._view)
+
+    def _draw_static(self) -> None:
+        draw_still(self._stream, self._spec, self._scene)
+        if self._arm is not None and self._scene.arm is not None:
+            draw_arm(self._stream, self._arm, self._scene.arm)
+
+
+def viewer_of(recording: Tracks, *, live: bool = False) -> Viewer:
+    """A viewer for a recording of a cell. Raises RecordingError where it has no arm or no hand."""
+    hand = recording.device("hand").spec
+    return Viewer(hand, scenery(hand, recording.meta), arm=recording.device("arm").spec, live=live)
 
 
 def shown(samples: Iterable[Sample], viewer: Viewer, look: Look | None = None) -> Iterator[Sample]:
@@ -81,11 +155,17 @@ def shown(samples: Iterable[Sample], viewer: Viewer, look: Look | None = None) -
 
 
 def write_rrd(samples: Iterable[Sample], viewer: Viewer, path: Path, look: Look | None = None) -> None:
-    """Consume all samples into a `.rrd` file, which is there only when it is whole."""
+    """Consume all samples of a hand into a `.rrd` file, which is there only when it is whole."""
+    events = (DeviceSample("hand", sample, look() if look is not None else {}) for sample in samples)
+    write_events(events, viewer, path)
+
+
+def write_events(events: Iterable[SessionEvent], viewer: Viewer, path: Path) -> None:
+    """Consume all events of a session into a `.rrd` file, which is there only when it is whole."""
     with whole_file(path) as temporary:
         viewer.to_file(temporary)
         try:
-            for _ in shown(samples, viewer, look):
-                pass
+            for event in events:
+                viewer.on_event(event)
         finally:
             viewer.close()

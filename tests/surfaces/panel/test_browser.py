@@ -217,7 +217,7 @@ def on_screen(page: Any, finger: str, above: float) -> tuple[float, float]:
     from allegro_twin.hands.description.hands import load_spec
     from allegro_twin.surfaces.panel.page.scene import eye
     from allegro_twin.surfaces.panel.page.tip_ik import Reach
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     spec = load_spec()
     place, target = eye(spec, scenery(spec, {}))

@@ -16,7 +16,7 @@ from allegro_twin.surfaces.panel.page.groups import groups, units
 from allegro_twin.surfaces.panel.page.pictures import pictures
 from allegro_twin.surfaces.panel.stream import Frame
 from allegro_twin.types import Vector
-from allegro_twin.viewing.rerun.scene import scenery
+from allegro_twin.viewing.scenery import scenery
 
 
 def frame(spec: HandSpec, position: Vector, temperature: float = np.nan) -> Frame:

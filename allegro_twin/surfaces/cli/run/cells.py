@@ -9,7 +9,7 @@ from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
-    from allegro_twin.viewing.rerun.cell import CellViewer
+    from allegro_twin.viewing.rerun.viewer import Viewer
 
 
 def recording_in(path: Path) -> Path | None:
@@ -25,7 +25,7 @@ def recording_in(path: Path) -> Path | None:
 def show(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
     """Play a cell's recording into a Rerun viewer. The viewer, whose page lives as long as it, and the page's
     address."""
-    from allegro_twin.recording.events import happenings
+    from allegro_twin.recording.events import session_events
     from allegro_twin.recording.reader import load_tracks
 
     recording = load_tracks(path, partial=partial)
@@ -33,34 +33,36 @@ def show(path: Path, *, web: bool, port: int, partial: bool) -> tuple[Any, str]:
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
     if not web:
         viewer.spawn()
-    for happening in happenings(recording):
-        viewer.see(happening)
+    for event in session_events(recording):
+        viewer.on_event(event)
     viewer.flush()
     return viewer, url
 
 
 def to_rrd(path: Path, target: Path, *, partial: bool) -> int:
-    """Write a cell's recording for Rerun; how many happenings it has."""
-    from allegro_twin.recording.events import happenings
+    """Write a cell's recording for Rerun; how many events it has."""
+    from allegro_twin.recording.events import session_events
     from allegro_twin.recording.reader import load_tracks
 
     recording = load_tracks(path, partial=partial)
-    found = list(happenings(recording))
-    _rerun().write_cell(recording, found, target)
+    found = list(session_events(recording))
+    _rerun().write_events(found, _rerun().viewer_of(recording), target)
     return len(found)
 
 
-def live(room: Room) -> CellViewer:
+def live(room: Room) -> Viewer:
     """A viewer for a cell that works now. Raises ConfigError without Rerun."""
     from allegro_twin.cell.journal.shapes import cell_look
+    from allegro_twin.viewing.scenery import scenery
 
-    found: CellViewer = _rerun().CellViewer(cell_look(room), room.cell.spec, room.hand.spec, live=True)
+    scene = scenery(room.hand.spec, {"look": cell_look(room)})
+    found: Viewer = _rerun().Viewer(room.hand.spec, scene, arm=room.cell.spec, live=True)
     return found
 
 
 def _rerun() -> Any:
     try:
-        from allegro_twin.viewing.rerun import cell
+        from allegro_twin.viewing.rerun import viewer
     except ImportError as error:
         raise ConfigError(f"looking needs Rerun: pip install 'allegro-twin[view]' ({error})") from error
-    return cell
+    return viewer

@@ -108,7 +108,7 @@ def show(
     recording = load(path, partial=partial)
     total(len(recording))
     viewer_of, shown = rerun_stage()
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     viewer = viewer_of(recording.spec, scenery(recording.spec, recording.meta), view=camera)
     url = viewer.serve(open_browser=True, web_port=port) if web else ""
@@ -149,7 +149,7 @@ def from_log(path: Path, target: Path, config: str | None, bus: str | None) -> t
 
 
 def _mcap(recording: Any, target: Path) -> None:
-    from allegro_twin.recording.exchange.to_rosbag import to_mcap
+    from allegro_twin.recording.exchange.rosbag import to_mcap
 
     to_mcap(recording, target)
 
@@ -172,7 +172,7 @@ def _rrd(recording: Any, target: Path) -> None:
 
     viewer_of, shown = rerun_stage()
     from allegro_twin.files.atomic_write import whole_file
-    from allegro_twin.viewing.rerun.scene import scenery
+    from allegro_twin.viewing.scenery import scenery
 
     backend = ReplayBackend(recording)
     with whole_file(target) as temporary:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
     from allegro_twin.cell.journal.observers import Onlooker
     from allegro_twin.cell.journal.second_camera import Lens
-    from allegro_twin.recording.events import Happening
+    from allegro_twin.recording.events import SessionEvent
     from allegro_twin.surfaces.ros.cell import CellBridge
 
 
@@ -61,10 +61,10 @@ def lead(
 class Refusals:
     """An onlooker that says what was refused."""
 
-    def see(self, happening: Happening) -> None:
+    def on_event(self, event: SessionEvent) -> None:
         """Print it."""
-        from allegro_twin.recording.events import Told
+        from allegro_twin.recording.events import JournalEntry
         from allegro_twin.surfaces.cli import console
 
-        if isinstance(happening, Told) and happening.track == "states" and happening.row.get("sentence"):
-            console.warn(str(happening.row["sentence"]))
+        if isinstance(event, JournalEntry) and event.track == "states" and event.row.get("sentence"):
+            console.warn(str(event.row["sentence"]))

@@ -71,7 +71,7 @@ def branched(path: Path, at: float, texts: list[str], kept: Kept, wanted: Wanted
                 samples = recorded(samples, kept.record, origin.spec, origin.period, meta=meta, extras=beside)
             if kept.rrd is not None:
                 viewer_of, shown = rerun_stage()
-                from allegro_twin.viewing.rerun.scene import scenery
+                from allegro_twin.viewing.scenery import scenery
 
                 viewer = viewer_of(origin.spec, replace(scenery(origin.spec, origin.meta), ghost="as it was"))
                 stack.callback(viewer.close)

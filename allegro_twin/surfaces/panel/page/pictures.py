@@ -9,7 +9,7 @@ import numpy as np
 from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.bars import hexed
 from allegro_twin.types import Array, Vector
-from allegro_twin.viewing.rerun.scene import Scenery
+from allegro_twin.viewing.scenery import Scenery
 from allegro_twin.viewing.skeleton import Skeleton
 from allegro_twin.viewing.surfaces import joined, surface
 

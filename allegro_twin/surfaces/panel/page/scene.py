@@ -16,7 +16,7 @@ from allegro_twin.spec import HandSpec
 from allegro_twin.surfaces.panel.page.glb import glb
 from allegro_twin.surfaces.panel.stream import Frame, Opened
 from allegro_twin.types import Array, Vector
-from allegro_twin.viewing.rerun.scene import Scenery
+from allegro_twin.viewing.scenery import Scenery
 from allegro_twin.viewing.skeleton import Skeleton
 from allegro_twin.viewing.surfaces import joined, surface
 from allegro_twin.viewing.views import seen
