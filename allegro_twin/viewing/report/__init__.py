@@ -8,8 +8,8 @@ from allegro_twin._lazy import exports
 
 if TYPE_CHECKING:
     from allegro_twin.viewing.report.charts import (
+        ChartLine,
         IntervalRow,
-        Line,
         interval_chart,
         line_chart,
         rate_chart,
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from allegro_twin.viewing.report.html import html_page, html_table
 
 __all__ = [
+    "ChartLine",
     "IntervalRow",
-    "Line",
     "html_page",
     "html_table",
     "interval_chart",
@@ -39,7 +39,7 @@ __getattr__, __dir__ = exports(
     __name__,
     {
         "charts": (
-            "IntervalRow", "Line", "interval_chart", "line_chart", "rate_chart", "round_ticks", "scatter_chart",
+            "ChartLine", "IntervalRow", "interval_chart", "line_chart", "rate_chart", "round_ticks", "scatter_chart",
             "strip_chart", "svg", "svg_text",
         ),
         "html": ("html_page", "html_table"),

@@ -27,7 +27,7 @@ class IntervalRow(NamedTuple):
     note: str
 
 
-class Line(NamedTuple):
+class ChartLine(NamedTuple):
     """One line of a line chart, (k,) each."""
 
     x: Array
@@ -103,7 +103,7 @@ def scatter_chart(values: Array, outcome: Array, good: Array, name: str, axis: s
     return svg(width, height, "".join(body), f"{axis} against {name}, {len(known)} results")
 
 
-def line_chart(lines: Sequence[Line], across: str, upwards: str) -> str:
+def line_chart(lines: Sequence[ChartLine], across: str, upwards: str) -> str:
     """All lines in one frame that holds them; `across` and `upwards` name the axes."""
     width, height, left, foot, top, right = 340, 210, 52, 40, 12, 14
     (x0, x1), (y0, y1) = (_range(np.concatenate([line[k] for line in lines])) for k in (0, 1))
