@@ -1,12 +1,31 @@
-"""Every topic of a cell: its name, type and quality. docs/ros.md has the same table (a test)."""
+"""The ROS topics of a cell: states, forces, points and frames out, targets of the palm and the fingers in."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+from uuid import UUID
+
+import numpy as np
+
+from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.camera.intrinsics import Intrinsics
+from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay
+from allegro_twin.errors import ConfigError
+from allegro_twin.kinematics.pose import Pose, placed
+from allegro_twin.recording.events import DeviceSample, SessionEvent
+from allegro_twin.recording.messages import cells
 from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.surfaces.ros.node_api import Quality
-from allegro_twin.surfaces.ros.topics import TRAJECTORY, Entry
+from allegro_twin.recording.messages.frames import Frames
+from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, timing
+from allegro_twin.surfaces.ros.node_api import Quality, Topic
 
 NAMESPACE = "/"
+CAMERA = "camera_depth_optical_frame"
+"""The camera's frame, as realsense-ros names it."""
+_GOAL = "target_frame"  # Where the flange is to be.
 _CONTROLLER = "cartesian_compliance_controller"
 """As FZI's cartesian_controllers name the one of the lab's report, and its topics."""
 STATES = "joint_states"
@@ -16,15 +35,100 @@ WRENCH = f"{_CONTROLLER}/ft_sensor_wrench"
 POSE = f"{_CONTROLLER}/current_pose"
 TARGET = f"{_CONTROLLER}/target_frame"
 PUBLISHED = (
-    Entry(STATES, v.JOINT_STATE, Quality(), "arm and hand in one: positions, speeds, applied torques"),
-    Entry(POSE, v.POSE, Quality(), "the palm in `world`"),
-    Entry(WRENCH, v.WRENCH, Quality(), "what the world does to the hand at the flange, in the axes of `world`"),
-    Entry(POINTS, v.CLOUD, Quality(), "what the depth camera sees, a point a pixel, in its optical frame"),
-    Entry("/tf", v.TF, Quality(100), "links of arm and hand, palm, target and camera"),
-    Entry("/tf_static", v.TF, Quality(1, latched=True), "the arm's base in `world`, fingertips on their links"),
-    Entry("/rosout", v.LOG, Quality(1000, latched=True), "states, and every wish that was refused, and why"),
+    Topic(STATES, v.JOINT_STATE, Quality(), "arm and hand in one: positions, speeds, applied torques"),
+    Topic(POSE, v.POSE, Quality(), "the palm in `world`"),
+    Topic(WRENCH, v.WRENCH, Quality(), "what the world does to the hand at the flange, in the axes of `world`"),
+    Topic(POINTS, v.CLOUD, Quality(), "what the depth camera sees, a point a pixel, in its optical frame"),
+    Topic("/tf", v.TF, Quality(100), "links of arm and hand, palm, target and camera"),
+    Topic("/tf_static", v.TF, Quality(1, latched=True), "the arm's base in `world`, fingertips on their links"),
+    Topic("/rosout", v.LOG, Quality(1000, latched=True), "states, and every command that was refused, and why"),
 )
-HEARD = (
-    Entry(TARGET, v.POSE, Quality(), "where the palm is to be, in `world` or the arm's base"),
-    Entry(TRAJECTORY, v.TRAJECTORY, Quality(), "postures of the fingers, rad, and when, s; no points: stay"),
+SUBSCRIBED = (
+    Topic(TARGET, v.POSE, Quality(), "where the palm is to be, in `world` or the arm's base"),
+    Topic(TRAJECTORY, v.TRAJECTORY, Quality(), "postures of the fingers, rad, and when, s; no points: stay"),
 )
+
+
+class CellTopics(SessionTopics):
+    """Makes messages of a cell's events, and moves the targets of a cell under remote control."""
+
+    published, subscribed, backlog = PUBLISHED, SUBSCRIBED, 20
+    occupied = f"another program leads the cell; this one is obeyed after {QUIET:g} s of quiet"
+
+    def __init__(self, room: Room, words: v.Vocabulary, led: Led | None = None, *, rate: float = 100.0) -> None:
+        """`led` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz, that
+        is not positive."""
+        super().__init__(words, room.hand.spec.name, rate)
+        self._room, self._led, self._sample = room, led, None
+        self._arm, self._hand = Frames(room.cell.spec), Frames(room.hand.spec)
+        self._latest: DeviceSample | None = None
+
+    def closed(self) -> str:
+        return "" if self._led else "the state machine leads the cell; begin it with --follow to lead it from here"
+
+    def first(self, stamp: int) -> Iterator[Publication]:
+        still = self._hand.still(self._words, stamp)
+        base = np.array([*self._room.cell.base.position, 1.0, 0.0, 0.0, 0.0])
+        still.transforms.append(cells.transform(self._words, stamp, cells.WORLD, self._arm.root, base))
+        yield "/tf_static", still
+
+    def messages(self, event: SessionEvent) -> Maker | None:
+        if not isinstance(event, DeviceSample):
+            row = event.row
+            if event.track == "pictures":
+                return lambda stamp: self._picture(stamp, row)
+            return (lambda stamp: self._state(stamp, row)) if event.track == "states" else None
+        if event.device == "hand":
+            self._latest = event
+        elif self._latest is not None and self._is_due(event.sample.state.t):
+            hand = self._latest
+            return lambda stamp: self._moment(stamp, event, hand)
+        return None
+
+    def _moment(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Publication]:
+        words, extras, specs = self._words, arm.extras, (self._room.cell.spec, self._room.hand.spec)
+        states = (arm.sample.state, hand.sample.state)
+        yield STATES, cells.joint_states(words, stamp, list(zip(specs, states, strict=True)))
+        yield POSE, cells.pose(words, stamp, cells.WORLD, extras["tool"])
+        yield WRENCH, cells.wrench(words, stamp, cells.WORLD, extras["force"])
+        links = self._arm.at(words, stamp, states[0].position)
+        links.transforms.extend(self._hand.at(words, stamp, states[1].position).transforms)
+        for frame, name in ((self._hand.root, "tool"), (_GOAL, "goal")):
+            links.transforms.append(cells.transform(words, stamp, cells.WORLD, frame, extras[name]))
+        yield "/tf", links
+
+    def _picture(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
+        words, depth = self._words, row["depth"]
+        fx, fy, cx, cy = row["lens"]
+        metres = np.where(depth == 0, np.nan, depth / 1000.0).astype(np.float32)
+        points = Intrinsics(depth.shape[1], depth.shape[0], fx, fy, cx, cy).cloud(metres)
+        yield POINTS, cells.cloud(words, stamp, CAMERA, points)
+        place = cells.transform(words, stamp, cells.WORLD, CAMERA, row["camera"])
+        yield "/tf", words.make(v.TF, transforms=[place])
+
+    def _state(self, stamp: int, row: Mapping[str, Any]) -> Iterator[Publication]:
+        end, reason, sentence = (row.get(name) or "" for name in ("end", "reason", "sentence"))
+        parts = [end, reason, sentence] if end else [sentence or str(row["state"])]
+        yield self.log(stamp, "states", ": ".join(filter(None, parts)), bad=bool(sentence))
+
+    def execute(self, topic: str, data: bytes, sender: UUID) -> float:
+        assert self._led is not None
+        if topic == TARGET:
+            self._led.wish(Palm(self._pose(data)))
+            return 0.0
+        message = self._words.decode(data, v.TRAJECTORY)
+        if not message.points:
+            self._led.wish(Stay())
+            return 0.0
+        times, postures, rates, late = timing(message, self._room.hand.spec, time.time_ns)
+        self._led.wish(Fingers(times + late, postures, rates))
+        return float(times[-1]) + late
+
+    def _pose(self, data: bytes) -> Pose:
+        message = self._words.decode(data, v.POSE)
+        pose, frame, base = cells.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
+        if frame == base:
+            return placed(self._room.cell.base, pose)
+        if frame not in ("", cells.WORLD):
+            raise ConfigError(f"target_frame is in {frame!r}; this cell knows {cells.WORLD!r} and {base!r}")
+        return pose

@@ -1,4 +1,4 @@
-"""What a bridge asks of a node, of ROS 2 or ROS 1, and what both have in common."""
+"""What a bridge needs of a ROS node, of ROS 2 or ROS 1, and what both have in common."""
 
 from __future__ import annotations
 
@@ -30,10 +30,20 @@ class Quality(NamedTuple):
 
 
 PLAIN = Quality()
-"""What ROS 2 has where nothing is said."""
+"""ROS 2's default."""
 
 
-class Wire(Protocol):
+class Topic(NamedTuple):
+    """One topic; a name without a slash in front is in the session's namespace."""
+
+    name: str
+    kind: str
+    quality: Quality
+    what: str
+    """For the table in docs/ros.md."""
+
+
+class RosNode(Protocol):
     """A node, as far as a bridge knows it."""
 
     def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None: ...

@@ -19,9 +19,9 @@ from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.messages import cells
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros import cell_topics as topics
-from allegro_twin.surfaces.ros.cell import CellBridge, open_cell
+from allegro_twin.surfaces.ros import open_cell
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
 from allegro_twin.surfaces.ros.node_api import Quality
-from allegro_twin.surfaces.ros.topics import TRAJECTORY
 from allegro_twin.types import Vector
 from tests.cell.test_run import room_of
 from tests.surfaces.ros.conftest import DOMAIN, Peer, waited
@@ -36,7 +36,6 @@ class Served(NamedTuple):
     """A cell that lives in a thread."""
 
     room: Room
-    bridge: CellBridge
 
     @property
     def palm(self) -> Vector:
@@ -49,8 +48,7 @@ class Served(NamedTuple):
 def cell(namespace: str) -> Iterator[Served]:
     room, over = room_of(), threading.Event()
     led = Led(room)
-    with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
-        bridge.obeyed_by(led)
+    with open_cell(room, led, namespace=namespace, domain=DOMAIN) as bridge:
 
         def live() -> None:
             lens = Lens(room, 5.0)  # A thread's pictures are its own.
@@ -59,7 +57,7 @@ def cell(namespace: str) -> Iterator[Served]:
 
         thread = threading.Thread(target=live, daemon=True)
         thread.start()
-        served = Served(room, bridge)
+        served = Served(room)
         waited(lambda: bool(served.palm.any()), "the cell did not begin", 30.0)
         yield served
         over.set()
@@ -181,9 +179,9 @@ def test_a_trajectory_moves_the_fingers_and_one_that_cannot_be_does_not(
 
 def test_while_the_state_machine_leads_nobody_else_does(namespace: str, peer: Peer, words: v.Vocabulary) -> None:
     room = room_of()
-    with open_cell(room, namespace=namespace, domain=DOMAIN) as bridge:
+    with open_cell(room, namespace=namespace, domain=DOMAIN):
         peer.hear("/rosout", v.LOG, LOG)
-        peer.say(topics.TARGET, target(words, Served(room, bridge), [-0.1, 0.0, 0.4]))
+        peer.say(topics.TARGET, target(words, Served(room), [-0.1, 0.0, 0.4]))
         assert "the state machine leads the cell; begin it with --follow" in peer.refusal()
     room.close()
 

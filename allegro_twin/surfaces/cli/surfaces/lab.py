@@ -54,6 +54,7 @@ def lab(
     """An arm with a hand and a camera takes a thing off the table: every state with its time, and the verdict."""
     from allegro_twin.cell.assembly import make_room
     from allegro_twin.cell.journal.observers import Onlookers
+    from allegro_twin.cell.remote.remote_control import Led
     from allegro_twin.cell.settings import LabSettings
     from allegro_twin.files.assets import find
     from allegro_twin.files.schema import load
@@ -72,11 +73,11 @@ def lab(
         onlookers, lens = _onlookers(room, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
             onlookers.append(_viewer(room, stack, web=web))
-        bridge = bridged(room, namespace, stack) if ros else None
-        if bridge is not None:
-            onlookers.append(bridge)
-        if follow or panel:
-            lead(room, (onlookers, lens), bridge, port if panel else 0, stack)
+        led = Led(room) if follow or panel else None
+        if ros:
+            onlookers.append(bridged(room, led, namespace, stack))
+        if led is not None:
+            lead(led, (onlookers, lens), port if panel else 0, stack)
             return
         report = _performed(room, Onlookers(room, onlookers, lens), live=view or web or ros)
     for line in told(report):

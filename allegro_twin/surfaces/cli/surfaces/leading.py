@@ -11,37 +11,34 @@ if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
     from allegro_twin.cell.journal.observers import Onlooker
     from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.remote.remote_control import Led
     from allegro_twin.recording.events import SessionEvent
-    from allegro_twin.surfaces.ros.cell import CellBridge
+    from allegro_twin.surfaces.ros.bridge import Bridge
 
 
-def bridged(room: Room, namespace: str, stack: ExitStack) -> CellBridge:
-    """Put a cell on ROS 2. Raises ConfigError without Cyclone DDS."""
+def bridged(room: Room, led: Led | None, namespace: str, stack: ExitStack) -> Bridge:
+    """Put a cell on ROS 2, where `led` carries out commands. Raises ConfigError without Cyclone DDS."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.surfaces.ros import domain_of
 
     domain = domain_of()
     try:
-        from allegro_twin.surfaces.ros.cell import open_cell
+        from allegro_twin.surfaces.ros import open_cell
 
-        bridge = stack.enter_context(open_cell(room, namespace=namespace, domain=domain))
+        bridge = stack.enter_context(open_cell(room, led, namespace=namespace, domain=domain))
     except ImportError as error:
         raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
     console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
     return bridge
 
 
-def lead(
-    room: Room, looking: tuple[list[Onlooker], Lens | None], bridge: CellBridge | None, port: int, stack: ExitStack
-) -> None:
+def lead(led: Led, looking: tuple[list[Onlooker], Lens | None], port: int, stack: ExitStack) -> None:
     """Until Ctrl-C: whoever moves the marker at a port, 0: none, or the target on ROS, is obeyed."""
     from allegro_twin.cell.journal.observers import Onlookers
-    from allegro_twin.cell.remote.remote_control import Led, follow
+    from allegro_twin.cell.remote.remote_control import follow
     from allegro_twin.surfaces.cli.console import console
 
-    led, (onlookers, lens) = Led(room), looking
-    if bridge is not None:
-        bridge.obeyed_by(led)
+    onlookers, lens = looking
     if port:
         from allegro_twin.surfaces.panel.cell_host import CellHost
         from allegro_twin.surfaces.panel.page_process import Pages
@@ -53,7 +50,7 @@ def lead(
     else:
         console.print("Ctrl-C ends it")
     try:
-        follow(led, Onlookers(room, [*onlookers, Refusals()], lens))
+        follow(led, Onlookers(led.room, [*onlookers, Refusals()], lens))
     except KeyboardInterrupt:
         return
 

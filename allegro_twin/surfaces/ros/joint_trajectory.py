@@ -1,4 +1,4 @@
-"""A JointTrajectory as times and postures of a hand."""
+"""JointTrajectory messages: times and postures of a hand."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from allegro_twin.recording.messages.states import in_order, row
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array, Vector
 
+TRAJECTORY = "allegro_hand_trajectory_controller/joint_trajectory"
+"""The topic, as joint_trajectory_controller of ros2_controllers names it under a controller."""
 LATE, SOON = 0.5, 60.0
 """s. A trajectory whose beginning is further in the past, or in the future, is refused: clocks differ."""
 _WHAT = "joint_trajectory"
 
 
 class Timing(NamedTuple):
-    """Postures, and when."""
+    """The postures of a trajectory, and their times."""
 
     times: Vector
     """(k,), s from its beginning."""
@@ -33,7 +35,8 @@ class Timing(NamedTuple):
 
 
 def timing(message: Any, spec: HandSpec, clock: Callable[[], int]) -> Timing:
-    """Of a message with points; `clock`: ns since 1970. Raises ConfigError for one that is not of this hand."""
+    """The postures of a message with points; `clock`: ns since 1970. Raises ConfigError for a message that this hand
+    cannot follow."""
     points = message.points
     order = in_order(spec, message.joint_names or ["(none)"], _WHAT)
     late = _wait(v.nanoseconds(message.header.stamp), clock)
