@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import mujoco
@@ -36,13 +37,23 @@ class Scene(Protocol):
 class Camera:
     """Takes pictures of a scene, looking at the middle of the grasp and following the palm.
 
-    `view` is a View or the name of one (`look.views`). Raises ConfigError where nothing can be rendered.
+    `view` is a View or the name of one (`viewing.views`), and `aside` turns it about the
+    vertical, degrees. Raises ConfigError where nothing can be rendered.
     """
 
-    def __init__(self, scene: Scene, *, width: int = 480, height: int = 480, view: str | View = DEFAULT) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        width: int = 480,
+        height: int = 480,
+        view: str | View = DEFAULT,
+        aside: float = 0.0,
+    ) -> None:
         self._scene, self._eye = scene, mujoco.MjvCamera()
         self._root = scene.model.body(scene.spec.root).id
         self._aim, place = _looking(scene, view)
+        place = replace(place, azimuth=place.azimuth + aside)
         direction = place.direction(scene.spec.side)
         self._eye.distance, self._eye.elevation = place.distance, place.elevation
         self._eye.azimuth = float(np.degrees(np.arctan2(direction[1], direction[0])))

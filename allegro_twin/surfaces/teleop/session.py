@@ -11,8 +11,8 @@ from allegro_twin.spec import Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.teleop.dex import Retargeting
 from allegro_twin.surfaces.teleop.follower import Follower, Told
-from allegro_twin.surfaces.teleop.process import Apart
 from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.surfaces.worker_process import WorkerProcess
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def open_follower(
     targets = Targets(spec, side)
     # The hand comes last: it is not kept waiting, motors on, for what takes seconds or is not installed.
     with (
-        Apart(Retargeting(spec, targets.vectors)) as retarget,
+        WorkerProcess(Retargeting(spec, targets.vectors)) as retarget,
         Hand.open(config, background=background) as hand,
     ):
         yield hand, Follower(hand, targets, retarget, told, speed=speed, patience=patience)

@@ -23,9 +23,9 @@ from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.teleop import camera
 from allegro_twin.surfaces.teleop.camera import Webcam, points_of
 from allegro_twin.surfaces.teleop.dex import Retargeting
-from allegro_twin.surfaces.teleop.process import Apart
 from allegro_twin.surfaces.teleop.session import open_follower
 from allegro_twin.surfaces.teleop.targets import Targets, vectors
+from allegro_twin.surfaces.worker_process import WorkerProcess
 from tests.surfaces.teleop.conftest import led, sim_config
 from tests.surfaces.teleop.synthetic import ROOT, hand, performed, write_csv
 
@@ -54,7 +54,7 @@ class Absent:
 
 
 def test_a_question_is_answered_elsewhere_and_may_wait() -> None:
-    with Apart(Doubling()) as work:
+    with WorkerProcess(Doubling()) as work:
         assert work(21) == 42
         work.ask(np.ones(3))
         assert work.ready(10.0)
@@ -65,13 +65,13 @@ def test_a_question_is_answered_elsewhere_and_may_wait() -> None:
 @pytest.mark.slow
 def test_what_is_raised_there_is_raised_here() -> None:
     with pytest.raises(ConfigError, match="it is not installed"):
-        Apart(Absent())
-    with Apart(Doubling()) as work, pytest.raises(ConfigError, match="'two' is no number"):
+        WorkerProcess(Absent())
+    with WorkerProcess(Doubling()) as work, pytest.raises(ConfigError, match="'two' is no number"):
         work("two")
 
 
 def test_a_process_that_dies_is_told_of_by_name_and_leaves_nothing_behind() -> None:
-    with Apart(Doubling()) as work:
+    with WorkerProcess(Doubling()) as work:
         with pytest.raises(HandError, match="the process of doubling has died"):
             work("die")
         with pytest.raises(HandError, match="the process of doubling has died"):
@@ -195,7 +195,7 @@ def test_a_track_leads_a_hand_through_dex_retargeting(side: Side) -> None:
     spec = load_spec(side=side)
     times, frames = performed()
     with (
-        Apart(Retargeting(spec, Targets(spec, "right").vectors)) as retarget,
+        WorkerProcess(Retargeting(spec, Targets(spec, "right").vectors)) as retarget,
         led(sim_config(side), retarget=retarget) as it,
     ):
         stills = times < 1.0

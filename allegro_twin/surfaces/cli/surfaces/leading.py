@@ -40,13 +40,15 @@ def lead(led: Led, looking: tuple[list[Onlooker], Lens | None], port: int, stack
 
     onlookers, lens = looking
     if port:
-        from allegro_twin.surfaces.panel.cell_host import CellHost
+        from allegro_twin.surfaces.panel.cell_session import CellSession
+        from allegro_twin.surfaces.panel.host import Host
         from allegro_twin.surfaces.panel.page_process import Pages
 
-        host = CellHost(led, Pages("127.0.0.1", port, "hold", cell=True))
+        session = CellSession(led)
+        host = Host(session, Pages("127.0.0.1", port, "hold"))
         stack.callback(host.close)
-        onlookers.append(host)
-        console.print(f"Open {host.begin()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
+        onlookers.append(session)
+        console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
     else:
         console.print("Ctrl-C ends it")
     try:

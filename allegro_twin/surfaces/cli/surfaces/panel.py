@@ -49,7 +49,8 @@ def panel(
     from allegro_twin.app.config import load_config
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.performers import on_hand
-    from allegro_twin.surfaces.panel.host import Habits, Host
+    from allegro_twin.surfaces.panel.hand_session import Folders, HandSessions
+    from allegro_twin.surfaces.panel.host import Host
     from allegro_twin.surfaces.panel.page_process import Pages
     from allegro_twin.viewing.rerun.server import browse
 
@@ -62,7 +63,7 @@ def panel(
             browse(address)
 
     try:
-        Host(settings, Habits(gone.value, out, into), pages).serve(tell)
+        Host(HandSessions(settings, Folders(out, into)), pages).serve(tell)
     except KeyboardInterrupt:
         return
 

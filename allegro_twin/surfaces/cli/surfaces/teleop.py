@@ -52,10 +52,10 @@ def teleop(
     from allegro_twin.surfaces.cli.performers import on_hand
     from allegro_twin.surfaces.cli.run.looking import show_live
     from allegro_twin.surfaces.teleop.camera import Webcam
-    from allegro_twin.surfaces.teleop.process import Apart
     from allegro_twin.surfaces.teleop.run import live, replay
     from allegro_twin.surfaces.teleop.session import open_follower
     from allegro_twin.surfaces.teleop.tracks import read_track
+    from allegro_twin.surfaces.worker_process import WorkerProcess
 
     if view and web:
         raise ConfigError("--view and --web are two ways to watch one hand: choose one")
@@ -68,7 +68,7 @@ def teleop(
     with ExitStack() as stack:
         watcher = None
         if model is not None and track is None:
-            watcher = stack.enter_context(Apart(Webcam(model, side, camera)))
+            watcher = stack.enter_context(WorkerProcess(Webcam(model, side, camera)))
         opened = open_follower(settings, side, _told, speed=speed, patience=patience)
         hand, follower = stack.enter_context(opened)
         console.console.print(f"{hand.spec.name} follows {source}; Ctrl-C ends it", soft_wrap=True, highlight=False)

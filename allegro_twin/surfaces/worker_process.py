@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -12,22 +13,22 @@ from typing import Any, Protocol, Self
 
 from allegro_twin.errors import ConfigError, HandError
 
-_START = 120.0  # s that it may take to begin: it imports PyTorch, from a cold disk.
+_START = 120.0  # s that it may take to begin: it may import PyTorch, from a cold disk.
 
 
 class Job(Protocol):
-    """What the process is told first, pickled. `open` is called there and gives what answers."""
+    """The first message to the process, pickled. `open` is called there and gives the function that answers."""
 
     def open(self) -> Callable[[Any], Any]: ...
 
 
-class Apart:
-    """A job that is done elsewhere. One question at a time, in order."""
+class WorkerProcess:
+    """A process that does a job. One question at a time, in order."""
 
-    def __init__(self, job: Job) -> None:
-        """Begin. Raises what `open` of the job raised, or ConfigError when the process does not start."""
+    def __init__(self, job: Job, *, nice: int = 0) -> None:
+        """Begin, with so much less priority than this process. Raises what `open` of the job raised, or ConfigError when the process does not start."""
         ours, theirs = socket.socketpair()
-        command = [sys.executable, "-m", "allegro_twin.surfaces.teleop.worker", str(theirs.fileno())]
+        command = [sys.executable, "-m", "allegro_twin.surfaces.worker_process", str(theirs.fileno()), str(nice)]
         # A session of its own: Ctrl-C is for the hand's process, which then lets go of this one.
         self._process = subprocess.Popen(
             command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, start_new_session=True
@@ -46,13 +47,11 @@ class Apart:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
     def __call__(self, question: Any) -> Any:
-        """Ask, and wait for the answer. Raises what was raised there."""
+        """Ask, and wait for the answer."""
         self.ask(question)
         return self.answer()
 
@@ -78,10 +77,30 @@ class Apart:
         return found
 
     def close(self) -> None:
-        """Let it go. Idempotent."""
+        """End the process. Idempotent."""
         self._line.close()
         self._process.terminate()
         self._process.wait()
 
     def _died(self) -> HandError:
-        return HandError(f"the process of {self._what.lower()} has died; what it said stands above")
+        return HandError(f"the process of {self._what.lower()} has died; its output stands above")
+
+
+def serve(line: Connection) -> None:
+    """In that process: take the job, then answer until nobody asks any more. A HandError is an answer."""
+    try:
+        try:
+            work = line.recv().open()
+            line.send(None)
+            while True:
+                question = line.recv()
+                line.send(work(question))
+        except HandError as error:
+            line.send(error)
+    except (EOFError, OSError):
+        return  # Nobody is there to answer.
+
+
+if __name__ == "__main__":
+    os.nice(int(sys.argv[2]))
+    serve(Connection(int(sys.argv[1])))

@@ -10,12 +10,12 @@ import pytest
 
 pytest.importorskip("viser", reason="needs viser: extra panel")
 
-from allegro_twin.surfaces.panel import requests as w  # Behind the check for the extra.
-from allegro_twin.surfaces.panel.page.controller_view import _NONE, _OWN, Choosing, _with
+from allegro_twin.surfaces.panel import requests as r  # Behind the check for the extra.
+from allegro_twin.surfaces.panel.page.controller_view import _NONE, _OWN, ControllerView, choices
 
 
 @pytest.mark.parametrize(
-    ("chosen", "choices"),
+    ("chosen", "expected"),
     [
         (None, ("(none)", "lemon", "mug")),
         ("mug", ("(none)", "lemon", "mug")),
@@ -23,9 +23,9 @@ from allegro_twin.surfaces.panel.page.controller_view import _NONE, _OWN, Choosi
     ],
 )
 def test_what_was_chosen_by_a_path_is_one_of_the_choices_and_none_is_there_twice(
-    chosen: str | None, choices: tuple[str, ...]
+    chosen: str | None, expected: tuple[str, ...]
 ) -> None:
-    assert _with("(none)", ("lemon", "mug"), chosen) == choices
+    assert choices("(none)", ("lemon", "mug"), chosen) == expected
 
 
 class Gui:
@@ -37,12 +37,15 @@ class Gui:
     def __getattr__(self, name: str) -> Any:
         def add(label: str, *what: Any, initial_value: Any = None, **more: Any) -> Any:
             begins = what[0] if name == "add_vector3" else initial_value
-            made = SimpleNamespace(value=begins, disabled=False, visible=True)
+            made = SimpleNamespace(value=begins, disabled=False, visible=True, icon=None, color=more.get("color"))
             made.on_click = made.on_update = lambda call: setattr(made, "call", call)
             self.made[label] = made
             return Folder() if name == "add_folder" else made
 
         return add
+
+
+Made = tuple[Gui, ControllerView, list[Any]]
 
 
 class Folder:
@@ -59,33 +62,39 @@ def chosen(gui: Gui, label: str, value: Any = None, client: int | None = 1) -> N
 
 
 @pytest.fixture
-def panel() -> tuple[Gui, list[Any]]:
+def panel() -> Made:
     asked: list[Any] = []
-    opened = SimpleNamespace(
+    info = SimpleNamespace(
         kinds=("torque", "gravity", "pd"), gains=("default", "soft"), used="default", scenarios=("lemon", "mug"),
         things=("apple",), scenario=None, thing=None,
     )  # fmt: skip
     gui = Gui()
-    Choosing(SimpleNamespace(ask=asked.append), SimpleNamespace(opened=opened), gui)
-    return gui, asked
+    view = ControllerView(SimpleNamespace(ask=asked.append, info=info, client=SimpleNamespace(gui=gui)))  # type: ignore[arg-type]  # Looks alike.
+    return gui, view, asked
 
 
-def test_without_a_scenario_the_scene_is_the_configs_and_has_no_object_of_another(panel: tuple[Gui, list[Any]]) -> None:
-    gui, asked = panel
+def test_without_a_scenario_the_scene_is_the_configs_and_has_no_object_of_another(
+    panel: Made,
+) -> None:
+    gui, _, asked = panel
     gui.made["Object"].value = "apple"
     chosen(gui, "Set the scene")
     gui.made["Scenario"].value = "mug"
     chosen(gui, "Perform it")
     gui.made["Object"].value = _OWN
     chosen(gui, "Set the scene")
-    assert asked == [w.Scene(None, None, False), w.Scene("mug", "apple", True), w.Scene("mug", None, False)]
+    assert asked == [
+        r.OpenScene(None, None, False),
+        r.OpenScene("mug", "apple", True),
+        r.OpenScene("mug", None, False),
+    ]
     assert gui.made["Scenario"].value != _NONE
 
 
 def test_gains_and_gravity_count_at_once_and_what_the_program_itself_sets_asks_for_nothing(
-    panel: tuple[Gui, list[Any]],
+    panel: Made,
 ) -> None:
-    gui, asked = panel
+    gui, _, asked = panel
     chosen(gui, "Gains", "soft")
     chosen(gui, "As the hand reports", False)
     assert gui.made["m/s², palm"].visible
@@ -93,4 +102,16 @@ def test_gains_and_gravity_count_at_once_and_what_the_program_itself_sets_asks_f
     assert not gui.made["m/s², palm"].visible
     chosen(gui, "Gains", "default", client=None)
     chosen(gui, "m/s², palm", (1.0, 2.0, 3.0), client=None)
-    assert asked == [w.UseGains("soft"), w.Gravity((0.0, 0.0, -9.81)), w.Gravity(None)]
+    assert asked == [r.ChooseGains("soft"), r.SetGravity((0.0, 0.0, -9.81)), r.SetGravity(None)]
+
+
+def test_the_active_controller_is_marked_and_a_button_changes_it(panel: Made) -> None:
+    gui, view, asked = panel
+    for kind in ("gravity", "pd"):
+        view.refresh(SimpleNamespace(kind=kind))  # type: ignore[arg-type]  # All that is looked at.
+        marked = {name for name in ("torque", "gravity", "pd") if gui.made[name].icon is not None}
+        assert marked == {name for name in ("torque", "gravity", "pd") if gui.made[name].color == "blue"} == {kind}
+    view.refresh(SimpleNamespace(kind="the task's own"))  # type: ignore[arg-type]
+    assert gui.made["pd"].icon is None
+    chosen(gui, "torque")
+    assert asked == [r.ChooseController("torque")]

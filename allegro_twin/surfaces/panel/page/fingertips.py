@@ -1,46 +1,41 @@
-"""Fingertips that are dragged in the picture."""
+"""Handles at the fingertips, which are dragged in the picture."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import viser
 
 from allegro_twin.hands.description.appearance import of_series
-from allegro_twin.surfaces.panel import requests as w
+from allegro_twin.surfaces.panel.page.html import BAD, CALM
+from allegro_twin.surfaces.panel.page.page_state import Browser, update
 from allegro_twin.surfaces.panel.page.scene import PALM
-from allegro_twin.surfaces.panel.stream import Frame
-
-if TYPE_CHECKING:
-    from allegro_twin.surfaces.panel.page.parts import Board, Tab
+from allegro_twin.surfaces.panel.requests import MoveJoints
+from allegro_twin.surfaces.panel.stream import StreamFrame
 
 _SCALE = 0.035
 """m: how long the arrows are that one drags."""
 _DOT = 0.006  # m: of the mark where a tip cannot be.
-_BAD, _CALM = "#c8102e", "#777"
 _PAUSE, _SAME = 3, 1e-4  # Refreshes, as of the sliders; m.
 
 
-class Tips:
+class TipHandles:
     """Three arrows at each tip. A tip that cannot be where it was dragged to says so: a red mark there, a line to the
     nearest place in reach, and the joints' goals stay."""
 
-    def __init__(self, tab: Tab, board: Board, client: viser.ClientHandle) -> None:
-        self._tab, self._board, self._client = tab, board, client
+    def __init__(self, browser: Browser) -> None:
+        self._browser, self._state, self._client = browser, browser.state, browser.client
         self._on, self._left_alone, self._able = True, 0, False
         self._controls: dict[str, Any] = {}
         self._marks: list[Any] = []
-        opened, gui = board.opened, client.gui
-        assert opened is not None
-        self._said = gui.add_html("")
-        if board.reach is None:
-            self._say(f"fingertips of this hand cannot be dragged: {opened.no_tips}", _CALM)
-            self._box = None
+        info, gui = browser.info, self._client.gui
+        self._text = gui.add_html("")
+        if self._state.tip_ik is None:
+            self._say(f"fingertips of this hand cannot be dragged: {info.no_tips}", CALM)
             return
-        self._box = gui.add_checkbox("Drag fingertips", initial_value=True, hint="Three arrows at each tip")
-        self._box.on_update(self._switched)
-        for finger in opened.spec.fingers:
+        box = gui.add_checkbox("Drag fingertips", initial_value=True, hint="Three arrows at each tip")
+        box.on_update(self._switched)
+        for finger in info.spec.fingers:
             self._controls[finger.name] = self._control(finger.name)
 
     def _control(self, finger: str) -> Any:
@@ -62,24 +57,24 @@ class Tips:
         return control
 
     def _drag(self, finger: str, point: Any) -> None:
-        board = self._board
-        if not self._able or board.reach is None or board.frame is None:
+        state = self._state
+        if not self._able or state.tip_ik is None or state.frame is None:
             return
-        found = board.reach.drag(finger, point, board.goal)
+        found = state.tip_ik.drag(finger, point, state.goal)
         if found.posture is not None:
             self._unmark()
-            self._tab.ask(w.Joints(tuple(found.posture.tolist())))
+            self._browser.ask(MoveJoints(tuple(found.posture.tolist())))
             return
         self._mark(point, found.nearest)
         self._say(f"{finger}: out of reach by {1000 * found.distance:.0f} mm; the joints stay")
 
-    def refresh(self, frame: Frame) -> None:
+    def refresh(self, frame: StreamFrame) -> None:
         self._left_alone -= 1
-        if self._left_alone >= 0 or self._board.reach is None:
+        if self._left_alone >= 0 or self._state.tip_ik is None:
             return
         self._unmark()
         for finger, control in self._controls.items():
-            tip = self._board.reach.tip(finger, self._board.goal)
+            tip = self._state.tip_ik.tip(finger, self._state.goal)
             if np.abs(tip - control.position).max() > _SAME:
                 control.position = tip
 
@@ -118,10 +113,9 @@ class Tips:
         self._marks = []
         self._say("")
 
-    def _say(self, text: str, color: str = _BAD) -> None:
+    def _say(self, text: str, color: str = BAD) -> None:
         content = f'<div style="font:12px system-ui;padding:2px 12px;color:{color}">{text}</div>' if text else ""
-        if self._said.content != content:
-            self._said.content = content
+        update(self._text, content=content)
 
 
 def _rgb() -> tuple[int, int, int]:

@@ -8,9 +8,9 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from allegro_twin.surfaces.panel.access import TRIES, Gate
+from allegro_twin.surfaces.panel.access import TRIES, TokenGate
 from allegro_twin.surfaces.panel.overlay import page
-from allegro_twin.surfaces.panel.server import Door
+from allegro_twin.surfaces.panel.server import PanelServer
 
 PAGE = b"<html>the page</html>"
 TOKEN = "a-token-of-some-length"
@@ -30,8 +30,8 @@ def asked(steps: Callable[[Ask], Awaitable[None]], token: str | None = None, sto
     async def run() -> None:
         behind = await asyncio.start_server(echo, "127.0.0.1", 0)
         names = ("127.0.0.1", "localhost") if token is None else ()
-        gate = Gate(token, asyncio.get_running_loop().time)
-        door = Door(PAGE, behind.sockets[0].getsockname(), gate, lambda: (stops or []).append(1), names)
+        gate = TokenGate(token, asyncio.get_running_loop().time)
+        door = PanelServer(PAGE, behind.sockets[0].getsockname(), gate, lambda: (stops or []).append(1), names)
         front = await asyncio.start_server(door, "127.0.0.1", 0, limit=1 << 14)
         port = front.sockets[0].getsockname()[1]
 

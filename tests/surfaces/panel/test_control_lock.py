@@ -1,4 +1,4 @@
-"""One drives, the others look on, and nobody is pushed off the wheel."""
+"""One drives, the others look on, and nobody is pushed off the lock."""
 
 from __future__ import annotations
 
@@ -7,84 +7,84 @@ import threading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from allegro_twin.surfaces.panel.control_lock import Wheel
+from allegro_twin.surfaces.panel.page.page_state import ControlLock
 
 
 def test_the_first_who_comes_drives_and_the_second_looks_on() -> None:
-    wheel = Wheel()
-    assert wheel.join(1)
-    assert not wheel.join(2)
-    assert wheel.drives(1)
-    assert not wheel.take(2)
-    assert wheel.drives(1)
+    lock = ControlLock()
+    assert lock.join(1)
+    assert not lock.join(2)
+    assert lock.drives(1)
+    assert not lock.take(2)
+    assert lock.drives(1)
 
 
 def test_who_leaves_lets_go_and_nobody_is_made_to_drive() -> None:
-    wheel = Wheel()
-    wheel.join(1)
-    wheel.join(2)
-    assert wheel.leave(1)
-    assert wheel.driver is None
-    assert wheel.take(2)
+    lock = ControlLock()
+    lock.join(1)
+    lock.join(2)
+    assert lock.leave(1)
+    assert lock.driver is None
+    assert lock.take(2)
 
 
 def test_who_comes_back_alone_drives_again() -> None:
-    wheel = Wheel()
-    wheel.join(1)
-    wheel.leave(1)
-    assert wheel.join(2)
+    lock = ControlLock()
+    lock.join(1)
+    lock.leave(1)
+    assert lock.join(2)
 
 
 def test_who_comes_while_others_look_on_does_not_drive() -> None:
-    wheel = Wheel()
-    wheel.join(1)
-    wheel.join(2)
-    wheel.let_go(1)
-    assert not wheel.join(3)
+    lock = ControlLock()
+    lock.join(1)
+    lock.join(2)
+    lock.let_go(1)
+    assert not lock.join(3)
 
 
 def test_one_who_looks_on_may_leave_without_the_hand_being_told() -> None:
-    wheel = Wheel()
-    wheel.join(1)
-    wheel.join(2)
-    assert not wheel.leave(2)
-    assert not wheel.let_go(2)
-    assert wheel.drives(1)
+    lock = ControlLock()
+    lock.join(1)
+    lock.join(2)
+    assert not lock.leave(2)
+    assert not lock.let_go(2)
+    assert lock.drives(1)
 
 
 def test_who_is_not_there_does_not_drive() -> None:
-    wheel = Wheel()
-    wheel.join(1)
-    wheel.leave(1)
-    assert not wheel.take(1)
+    lock = ControlLock()
+    lock.join(1)
+    lock.leave(1)
+    assert not lock.take(1)
 
 
 @given(st.lists(st.tuples(st.sampled_from(["join", "leave", "take", "let_go"]), st.integers(0, 3)), max_size=40))
 def test_whatever_happens_only_somebody_who_is_there_drives(steps: list[tuple[str, int]]) -> None:
-    wheel, there = Wheel(), list[int]()
+    lock, there = ControlLock(), list[int]()
     for step, who in steps:
         if (step == "join") == (who in there):
             continue
-        getattr(wheel, step)(who)
+        getattr(lock, step)(who)
         if step == "join":
             there.append(who)
         if step == "leave":
             there.remove(who)
-        assert wheel.driver is None or wheel.driver in there
-        assert wheel.count == len(there)
+        assert lock.driver is None or lock.driver in there
+        assert lock.count == len(there)
 
 
 def test_of_many_who_take_the_wheel_at_once_one_has_it() -> None:
-    wheel = Wheel()
+    lock = ControlLock()
     for who in range(20):
-        wheel.join(who)
-    wheel.let_go(0)
+        lock.join(who)
+    lock.let_go(0)
     got: list[int] = []
     start = threading.Barrier(20)
 
     def take(who: int) -> None:
         start.wait()
-        if wheel.take(who):
+        if lock.take(who):
             got.append(who)
 
     threads = [threading.Thread(target=take, args=(who,)) for who in range(20)]
@@ -92,4 +92,4 @@ def test_of_many_who_take_the_wheel_at_once_one_has_it() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert got == [wheel.driver]
+    assert got == [lock.driver]
