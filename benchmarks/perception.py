@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Camera, Frame
 from allegro_twin.cell.camera.mount import Mount
 from allegro_twin.cell.camera.settings import CameraSettings, Noise
 from allegro_twin.cell.perception.cloud import voxel

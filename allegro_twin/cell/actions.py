@@ -9,7 +9,7 @@ import numpy as np
 
 from allegro_twin.cell.arm.limits import at_limit
 from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Frame
 from allegro_twin.cell.checks.camera_check import Sight, sighted
 from allegro_twin.cell.checks.force_sensor_check import doubted, drifted, with_doubt
 from allegro_twin.cell.checks.grasp_check import (

@@ -26,7 +26,8 @@ class WorkerProcess:
     """A process that does a job. One question at a time, in order."""
 
     def __init__(self, job: Job, *, nice: int = 0) -> None:
-        """Begin, with so much less priority than this process. Raises what `open` of the job raised, or ConfigError when the process does not start."""
+        """Begin, with so much less priority than this process. Raises what `open` of the job raised, or ConfigError
+        when the process does not start."""
         ours, theirs = socket.socketpair()
         command = [sys.executable, "-m", "allegro_twin.surfaces.worker_process", str(theirs.fileno()), str(nice)]
         # A session of its own: Ctrl-C is for the hand's process, which then lets go of this one.

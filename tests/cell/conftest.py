@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from allegro_twin.cell.journal.observers import Onlookers
+from allegro_twin.cell.journal.observers import Lens, Onlookers
 from allegro_twin.cell.journal.recording import Recorded
-from allegro_twin.cell.journal.second_camera import Lens
 from allegro_twin.cell.run import Report, perform
 from allegro_twin.recording.reader import Tracks, load_tracks
 from tests.cell.test_run import room_of

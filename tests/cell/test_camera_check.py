@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Frame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.checks.camera_check import Sight, sighted
 from allegro_twin.cell.perception.pipeline import Found

@@ -11,8 +11,7 @@ import pytest
 
 from allegro_twin.cell.arm.faults import Silent
 from allegro_twin.cell.assembly import Room, make_room
-from allegro_twin.cell.journal.observers import Onlookers
-from allegro_twin.cell.journal.pictures import Kept
+from allegro_twin.cell.journal.observers import Kept, Onlookers
 from allegro_twin.cell.run import Report, perform
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.cell.states import Now

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Frame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.motion.clutter import among
 from allegro_twin.cell.perception.cloud import finite, pass_through

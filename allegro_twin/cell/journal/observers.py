@@ -1,25 +1,78 @@
-"""Who looks on while the cell works: a recording, a viewer, ROS. Each hears of the same happenings, in plain data."""
+"""Observers of a cell: recordings, viewers, ROS and pages get the same events, in plain data."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import pathlib
 from typing import Protocol
 
 import numpy as np
 
 from allegro_twin.cell.actions import Work
 from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Camera, Frame
 from allegro_twin.cell.journal.rows import event, perceived, pictured
-from allegro_twin.cell.journal.second_camera import Lens
 from allegro_twin.cell.motion.arm_motion import Guide
 from allegro_twin.cell.perception.errors import Refused
 from allegro_twin.cell.perception.pipeline import Found
 from allegro_twin.cell.states import Now
 from allegro_twin.control.trajectory import Path
+from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.recording.events import DeviceSample, JournalEntry, SessionEvent
 from allegro_twin.types import Array, Sample, Vector
+from allegro_twin.viewing.camera import Camera
+from allegro_twin.viewing.stills import save_png
+from allegro_twin.viewing.views import View
+
+
+class Lens:
+    """Pictures with colour at a rate, Hz. Raises ConfigError where nothing can be rendered, or for no rate."""
+
+    def __init__(self, room: Room, rate: float) -> None:
+        if not 0.0 < rate <= 30.0:
+            raise ConfigError(f"pictures are taken at more than 0 and at most 30 Hz, not {rate:g}")
+        settings, world = room.settings, room.cell.world
+        self._data, self._rate, self._count = world.data, rate, 0
+        self._camera = Camera(world.model, settings.camera.model_copy(update={"colour": True}), settings.seed)
+
+    def due(self, t: float) -> Frame | None:
+        """A picture of now, s, where one is due."""
+        if t < self._count / self._rate - 1e-9:
+            return None
+        self._count = int(t * self._rate + 1e-6) + 1
+        return self._camera.capture(self._data)
+
+    def close(self) -> None:
+        """Idempotent."""
+        self._camera.close()
+
+
+PICTURES = {"ToTargetPose": "before", "ToLiftedPose": "grasp", "Done": "end"}
+"""What is taken when a state begins, by the name of the file."""
+RECORDING = "lab.arrow"
+"""What `recorded.Recorded` writes beside them."""
+_VIEW = View(azimuth=125.0, elevation=-25.0, distance=1.35)
+_SIZE = (640, 480)
+
+
+class Kept:
+    """An onlooker that writes them into a folder. Raises ConfigError where nothing can be rendered."""
+
+    def __init__(self, room: Room, folder: pathlib.Path) -> None:
+        self._folder = folder
+        self._camera = Camera(room.cell.hand_sim, width=_SIZE[0], height=_SIZE[1], view=_VIEW)
+
+    def on_event(self, event: SessionEvent) -> None:
+        """Take a picture where a state begins."""
+        if isinstance(event, JournalEntry) and event.track == "states":
+            name = PICTURES.get(event.row["state"])
+            if name is not None:
+                save_png(self._camera.take(), self._folder / f"{name}.png")
+
+    def close(self) -> None:
+        """Let go of the pictures' screen."""
+        self._camera.close()
 
 
 class Onlooker(Protocol):

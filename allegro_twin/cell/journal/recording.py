@@ -1,4 +1,4 @@
-"""Everything of a run in one recording: arm and hand, states, what perception said, pictures, the config."""
+"""Everything of a run in one recording: arm and hand, states, detections, pictures, shapes and the config."""
 
 from __future__ import annotations
 
@@ -9,14 +9,29 @@ from typing import Any
 
 from allegro_twin.cell.assembly import Room
 from allegro_twin.cell.journal.rows import EVENTS, PERCEPTION, PICTURES
-from allegro_twin.cell.journal.shapes import cell_look
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.recording.arrow_writer import SharedFile
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.recording.journal import Journal
 from allegro_twin.recording.recorder import Recorder
-from allegro_twin.sim.model.appearance import scene_look
+from allegro_twin.sim.model.appearance import hand_bodies, scene_look, shapes_on
 from allegro_twin.version import __version__
+from allegro_twin.viewing.skeleton import bodies_of
+
+
+def cell_look(room: Room) -> dict[str, Any]:
+    """Links of `arm` and `hand`, `adapter` on the flange, `objects` and `fixed`; `base`: where the arm stands, m."""
+    cell, things = room.cell, tuple(thing.name for thing in room.settings.objects)
+    scene = scene_look(cell.world.model, room.hand.spec, things)
+    adapter = shapes_on(cell.world.model, f"{cell.spec.name}_adapter")
+    return {
+        "arm": [body.to_json() for body in hand_bodies(cell.spec)],
+        "hand": [body.to_json() for body in bodies_of(room.hand.spec)],
+        "adapter": [shape.to_json() for shape in adapter],
+        "base": [float(x) for x in cell.base.position],
+        "objects": scene["objects"],
+        "fixed": scene["fixed"],
+    }
 
 
 class Recorded:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from allegro_twin.cell.actions import Work
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Frame
 from allegro_twin.cell.perception.cloud import finite
 from allegro_twin.cell.perception.errors import Refused
 from allegro_twin.cell.perception.pipeline import Found

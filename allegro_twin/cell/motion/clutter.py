@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Frame
 from allegro_twin.cell.camera.intrinsics import Cloud
 from allegro_twin.cell.perception.cloud import Mask, finite
 from allegro_twin.cell.perception.clusters import clusters

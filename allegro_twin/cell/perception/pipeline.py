@@ -6,16 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from allegro_twin.cell.perception.cloud import Points
+from allegro_twin.cell.perception.cloud import Points, View
 from allegro_twin.cell.perception.clusters import image_functions
 from allegro_twin.cell.perception.errors import Refused, place
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.fits.sample import sample
+from allegro_twin.cell.perception.fits.model import Solid, sample
 from allegro_twin.cell.perception.fits.solids import fitted
-from allegro_twin.cell.perception.plane import Plane
-from allegro_twin.cell.perception.segmentation import Cluster, largest, scatter
+from allegro_twin.cell.perception.segmentation import Cluster, Plane, largest, scatter
 from allegro_twin.cell.perception.settings import PerceptionSettings
-from allegro_twin.cell.perception.view import View
 from allegro_twin.types import Array, Vector
 
 _LEVEL = 10

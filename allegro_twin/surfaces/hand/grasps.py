@@ -17,8 +17,7 @@ from allegro_twin.hands.library.grasps import Grasp
 from allegro_twin.hands.library.named import load_grasp
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.motion import Mover
-from allegro_twin.surfaces.hand.motion_monitor import Goal
+from allegro_twin.surfaces.hand.motion import Goal, Mover
 from allegro_twin.types import HandState, Vector
 
 SQUEEZE = 0.5  # s.

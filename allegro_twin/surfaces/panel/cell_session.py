@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from allegro_twin.cell.journal.shapes import cell_look
+from allegro_twin.cell.journal.recording import cell_look
 from allegro_twin.cell.remote.remote_control import Led, Palm, Stay
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion

@@ -10,8 +10,7 @@ import numpy as np
 from allegro_twin.errors import SelfCollision
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.hand.external_setpoints import Outside
-from allegro_twin.surfaces.teleop.landmarks import TIPS, in_palm, seen
-from allegro_twin.surfaces.teleop.targets import Targets
+from allegro_twin.surfaces.teleop.targets import TIPS, Targets, in_palm, seen
 from allegro_twin.types import Array, Vector
 
 _FASTEST, _NOISE = 2.0, 0.02

@@ -15,7 +15,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError
 from allegro_twin.spec import SIDES, Side
-from allegro_twin.surfaces.teleop.landmarks import COUNT, PALM, palm_length
+from allegro_twin.surfaces.teleop.targets import COUNT, PALM, palm_length
 from allegro_twin.types import Array, Vector
 
 HEADER = ["t", *(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.sample import Sample, sample
+from allegro_twin.cell.perception.fits.model import Sample, sample
 from allegro_twin.types import Array
 
 ELEVATION = np.radians(45.0)

@@ -7,7 +7,7 @@ import pytest
 
 from allegro_twin.cell.camera.intrinsics import D435I_DEPTH
 from allegro_twin.cell.camera.mount import looking
-from allegro_twin.cell.perception.fits.sample import sample
+from allegro_twin.cell.perception.fits.model import sample
 from allegro_twin.cell.perception.fits.solids import fitted
 from allegro_twin.cell.perception.pipeline import Found, Pipeline
 from allegro_twin.cell.perception.settings import PerceptionSettings

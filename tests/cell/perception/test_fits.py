@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from allegro_twin.cell.perception.fits.model import Solid
-from allegro_twin.cell.perception.fits.sample import Sample
+from allegro_twin.cell.perception.fits.model import Sample, Solid
 from allegro_twin.cell.perception.fits.solids import fitted
 from allegro_twin.cell.perception.principal import principal_frame
 from allegro_twin.types import Array

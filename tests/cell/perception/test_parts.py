@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree  # type: ignore[import-untyped]
 
 from allegro_twin.cell.perception.cloud import finite, pass_through, voxel
 from allegro_twin.cell.perception.clusters import clusters
-from allegro_twin.cell.perception.fits.solver import solve
-from allegro_twin.cell.perception.plane import find_plane
+from allegro_twin.cell.perception.fits.model import solve
+from allegro_twin.cell.perception.segmentation import find_plane
 from allegro_twin.types import Array
 
 UP = np.array([0.0, 0.0, 1.0])

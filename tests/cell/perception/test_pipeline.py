@@ -7,8 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.camera.frame import Frame
+from allegro_twin.cell.camera.camera import Camera, Frame
 from allegro_twin.cell.camera.mount import Mount
 from allegro_twin.cell.camera.settings import CameraSettings
 from allegro_twin.cell.perception.cloud import Points

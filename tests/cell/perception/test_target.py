@@ -10,7 +10,7 @@ import pytest
 from allegro_twin.cell.perception.errors import Refused
 from allegro_twin.cell.perception.fits.model import Shape, Solid
 from allegro_twin.cell.perception.pipeline import Found
-from allegro_twin.cell.perception.plane import Plane
+from allegro_twin.cell.perception.segmentation import Plane
 from allegro_twin.cell.perception.settings import TargetSettings
 from allegro_twin.cell.perception.target import Target, half_width, main_axis, target
 from allegro_twin.types import Array

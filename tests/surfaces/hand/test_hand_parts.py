@@ -23,7 +23,7 @@ from allegro_twin.surfaces.hand.cartesian import straight
 from allegro_twin.surfaces.hand.demonstration import Demonstration
 from allegro_twin.surfaces.hand.grasps import aperture, felt
 from allegro_twin.surfaces.hand.loop_thread import Driver
-from allegro_twin.surfaces.hand.motion_monitor import Goal, Watch
+from allegro_twin.surfaces.hand.motion import Goal, Watch
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector
 from tests.test_safety import state
 

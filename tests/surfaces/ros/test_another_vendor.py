@@ -16,8 +16,8 @@ import pytest
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.surfaces.ros import cell_topics as topics
 from allegro_twin.surfaces.ros.cell_topics import CAMERA
-from allegro_twin.surfaces.ros.idl import dds_name
 from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
+from allegro_twin.surfaces.ros.node import dds_name
 from allegro_twin.types import Vector
 from tests.surfaces.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 from tests.surfaces.ros.test_bridge import trajectory

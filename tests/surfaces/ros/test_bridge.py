@@ -92,7 +92,7 @@ def test_other_nodes_find_the_node_its_topics_and_the_hashes_of_their_types(
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
 
-    from allegro_twin.surfaces.ros.idl import wire
+    from allegro_twin.surfaces.ros.node import wire
 
     participant = peer.node._participant
     reader = DataReader(participant, Topic(participant, "ros_discovery_info", wire(words, v.NODES)), qos_of(LATCHED))

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.journal.observers import Onlookers
-from allegro_twin.cell.journal.second_camera import Lens
+from allegro_twin.cell.journal.observers import Lens, Onlookers
 from allegro_twin.cell.remote.remote_control import Led, follow
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose

@@ -17,7 +17,7 @@ from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.ros import cell_topics
 from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, SUBSCRIBED
-from allegro_twin.surfaces.ros.idl import struct
+from allegro_twin.surfaces.ros.node import struct
 from allegro_twin.types import Array
 
 KINDS = sorted(

@@ -13,7 +13,7 @@ from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.teleop.follower import Follower
-from allegro_twin.surfaces.teleop.run import replay
+from allegro_twin.surfaces.teleop.session import replay
 from allegro_twin.surfaces.teleop.targets import Targets
 from allegro_twin.surfaces.teleop.tracks import Track
 from allegro_twin.types import Array, Vector

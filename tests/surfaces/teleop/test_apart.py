@@ -20,11 +20,11 @@ from allegro_twin.errors import ConfigError, HandError, LinkError
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.kinematics.model import HandModel
 from allegro_twin.spec import HandSpec, Side
-from allegro_twin.surfaces.teleop import camera
-from allegro_twin.surfaces.teleop.camera import Webcam, points_of
-from allegro_twin.surfaces.teleop.dex import Retargeting
+from allegro_twin.surfaces.teleop import webcam as camera
+from allegro_twin.surfaces.teleop.retargeting import Retargeting
 from allegro_twin.surfaces.teleop.session import open_follower
 from allegro_twin.surfaces.teleop.targets import Targets, vectors
+from allegro_twin.surfaces.teleop.webcam import Webcam, points_of
 from allegro_twin.surfaces.worker_process import WorkerProcess
 from tests.surfaces.teleop.conftest import led, sim_config
 from tests.surfaces.teleop.synthetic import ROOT, hand, performed, write_csv

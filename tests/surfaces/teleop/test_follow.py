@@ -13,7 +13,7 @@ from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.kinematics.orientation import matrix_from_euler
 from allegro_twin.spec import HandSpec, Side
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.teleop.run import live
+from allegro_twin.surfaces.teleop.session import live
 from allegro_twin.surfaces.teleop.targets import Targets
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config

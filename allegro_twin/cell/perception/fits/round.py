@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import UP, Model, Shape, Solid, along, behind, level, main_direction
-from allegro_twin.cell.perception.fits.sample import Sample
-from allegro_twin.cell.perception.fits.solver import Residuals
+from allegro_twin.cell.perception.fits.model import (
+    UP,
+    Model,
+    Residuals,
+    Sample,
+    Shape,
+    Solid,
+    along,
+    behind,
+    level,
+    main_direction,
+)
 from allegro_twin.types import Array, Vector
 
 _ROUND = 1.08

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import Model, Solid
+from allegro_twin.cell.perception.fits.model import Fit, Model, Sample, Solid, solve, thinned
 from allegro_twin.cell.perception.fits.round import LYING_EGG, SPHERE, STANDING_EGG
-from allegro_twin.cell.perception.fits.sample import Sample, thinned
-from allegro_twin.cell.perception.fits.solver import Fit, solve
 from allegro_twin.cell.perception.fits.straight import BOX, LYING_CYLINDER, STANDING_CYLINDER
 from allegro_twin.types import Vector
 

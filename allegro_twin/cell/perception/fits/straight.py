@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.perception.fits.model import UP, Model, Solid, along, level
-from allegro_twin.cell.perception.fits.sample import DIRECTIONS, N_DIRECTIONS, Sample
-from allegro_twin.cell.perception.fits.solver import Residuals
+from allegro_twin.cell.perception.fits.model import (
+    DIRECTIONS,
+    N_DIRECTIONS,
+    UP,
+    Model,
+    Residuals,
+    Sample,
+    Solid,
+    along,
+    level,
+)
 from allegro_twin.types import Array, Vector
 
 _OUTLINE = 0.3

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def recording_in(path: Path) -> Path | None:
     """A cell's recording: the file itself, or the one in a run's folder. None: it is something else."""
-    from allegro_twin.cell.journal.pictures import RECORDING
+    from allegro_twin.cell.journal.observers import RECORDING
     from allegro_twin.recording.reader import is_shared
 
     if path.is_dir():
@@ -52,7 +52,7 @@ def to_rrd(path: Path, target: Path, *, partial: bool) -> int:
 
 def live(room: Room) -> Viewer:
     """A viewer for a cell that works now. Raises ConfigError without Rerun."""
-    from allegro_twin.cell.journal.shapes import cell_look
+    from allegro_twin.cell.journal.recording import cell_look
     from allegro_twin.viewing.scenery import scenery
 
     scene = scenery(room.hand.spec, {"look": cell_look(room)})

@@ -14,8 +14,7 @@ from allegro_twin.surfaces.cli.surfaces.leading import bridged, lead
 
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Onlooker, Onlookers
-    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.journal.observers import Lens, Onlooker, Onlookers
     from allegro_twin.cell.run import Report, Stage
     from allegro_twin.cell.states import Now
 
@@ -89,9 +88,8 @@ def lab(
 
 def _onlookers(room: Room, out: Path | None, pictures: float, stack: ExitStack) -> tuple[list[Onlooker], Lens | None]:
     """Who looks on, and by which camera; `stack` lets go of them."""
-    from allegro_twin.cell.journal.pictures import RECORDING, Kept
+    from allegro_twin.cell.journal.observers import RECORDING, Kept, Lens
     from allegro_twin.cell.journal.recording import Recorded
-    from allegro_twin.cell.journal.second_camera import Lens
 
     found: list[Onlooker] = []
     lens = Lens(room, pictures) if pictures else None

@@ -9,8 +9,7 @@ from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
     from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Onlooker
-    from allegro_twin.cell.journal.second_camera import Lens
+    from allegro_twin.cell.journal.observers import Lens, Onlooker
     from allegro_twin.cell.remote.remote_control import Led
     from allegro_twin.recording.events import SessionEvent
     from allegro_twin.surfaces.ros.bridge import Bridge

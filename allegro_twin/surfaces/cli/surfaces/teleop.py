@@ -51,10 +51,9 @@ def teleop(
     from allegro_twin.surfaces.cli import console
     from allegro_twin.surfaces.cli.performers import on_hand
     from allegro_twin.surfaces.cli.run.looking import show_live
-    from allegro_twin.surfaces.teleop.camera import Webcam
-    from allegro_twin.surfaces.teleop.run import live, replay
-    from allegro_twin.surfaces.teleop.session import open_follower
+    from allegro_twin.surfaces.teleop.session import live, open_follower, replay
     from allegro_twin.surfaces.teleop.tracks import read_track
+    from allegro_twin.surfaces.teleop.webcam import Webcam
     from allegro_twin.surfaces.worker_process import WorkerProcess
 
     if view and web:

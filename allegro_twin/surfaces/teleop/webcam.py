@@ -11,7 +11,7 @@ import numpy as np
 
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.spec import Side
-from allegro_twin.surfaces.teleop.landmarks import COUNT
+from allegro_twin.surfaces.teleop.targets import COUNT
 from allegro_twin.types import Array
 
 
