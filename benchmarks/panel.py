@@ -25,7 +25,7 @@ from allegro_twin.surfaces.hand import Hand
 from allegro_twin.surfaces.panel import requests
 from allegro_twin.surfaces.panel.hand_session import Folders, HandSession, HandSessions
 from allegro_twin.surfaces.panel.host import Host
-from allegro_twin.surfaces.panel.page_process import Pages
+from allegro_twin.surfaces.panel.page_process import PageServer
 from allegro_twin.types import Sample
 from benchmarks.two_processes import Figure, _hand
 
@@ -99,7 +99,7 @@ def _wishes(lower: Any, upper: Any, seconds: float) -> Iterator[requests.MoveJoi
 @contextmanager
 def served(config: RunConfig, folder: Path) -> Iterator[tuple[Host, str]]:
     """A panel whose hand is in this process, and its address."""
-    host = Host(HandSessions(config, Folders(folder, folder / "taught.yaml")), Pages("127.0.0.1", 0, "hold"))
+    host = Host(HandSessions(config, Folders(folder, folder / "taught.yaml")), PageServer("127.0.0.1", 0, "hold"))
     over = threading.Event()
     host.begin()
     address = host._page.address()

@@ -14,9 +14,9 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.sim.model.postures import Posed
 from allegro_twin.spec import HandSpec
 from allegro_twin.types import Array
-from allegro_twin.viewing.gl_context import Screen
+from allegro_twin.viewing.gl_context import OffscreenRenderer
 from allegro_twin.viewing.overlays import Mark
-from allegro_twin.viewing.views import DEFAULT, Aim, View, seen
+from allegro_twin.viewing.views import DEFAULT, Aim, View, aimed_view
 
 Picture = NDArray[np.uint8]
 """Rows, columns, RGB."""
@@ -60,7 +60,7 @@ class Camera:
         screen = scene.model.vis.global_
         screen.offwidth, screen.offheight = max(screen.offwidth, width), max(screen.offheight, height)
         try:
-            self._screen = Screen(scene.model, height, width)
+            self._screen = OffscreenRenderer(scene.model, height, width)
         except (ImportError, AttributeError, RuntimeError, OSError, mujoco.FatalError) as error:
             raise ConfigError(f"cannot render: {_HINT} ({str(error).strip().splitlines()[0]})") from error
 
@@ -96,4 +96,4 @@ def _looking(scene: Scene, name: str | View) -> tuple[Aim, View]:
 
     straight = distal(np.clip(np.zeros(spec.n_joints), spec.lower, spec.upper))
     bent = distal((spec.lower + spec.upper) / 2)
-    return seen(name, spec.side, straight, bent, data.xmat[palm].reshape(3, 3))
+    return aimed_view(name, spec.side, straight, bent, data.xmat[palm].reshape(3, 3))

@@ -15,11 +15,11 @@ import pytest
 from allegro_twin.backend import HandBackend
 from allegro_twin.cell import run as plain
 from allegro_twin.cell import states
-from allegro_twin.cell.arm.faults import Silent
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.run import perform, rules_of
+from allegro_twin.cell.arm.faults import SilentBackend
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.run import perform, state_rules
 from allegro_twin.types import HandState, Sample
-from tests.cell.test_run import SETTINGS, room_of
+from tests.cell.test_run import SETTINGS
 
 SHORT: dict[str, Any] = {
     "timeouts": dict.fromkeys(("security", "look", "target", "approach", "close", "lift", "check"), 0.3),
@@ -40,7 +40,7 @@ def watched(samples: Iterable[Sample]) -> Iterator[Sample]:
         yield sample
 
 
-class Standing(Silent):
+class Standing(SilentBackend):
     """A device whose clock stands still from a tick on."""
 
     def __init__(self, inner: HandBackend, at: int) -> None:
@@ -56,22 +56,22 @@ class Standing(Silent):
 
 @pytest.mark.parametrize("device", ["arm", "hand"])
 def test_a_clock_that_stands_still_ends_in_a_fault_by_its_name(device: str) -> None:
-    room = room_of(**SHORT)
-    stopped = Standing(room.arm if device == "arm" else room.hand, 20)
-    room = replace(room, arm=stopped) if device == "arm" else replace(room, hand=stopped)
-    report = perform(room, arm=watched, hand=watched)
+    cell = cell_of(**SHORT)
+    stopped = Standing(cell.arm if device == "arm" else cell.hand, 20)
+    cell = replace(cell, arm=stopped) if device == "arm" else replace(cell, hand=stopped)
+    report = perform(cell, arm=watched, hand=watched)
     assert str(report.end) == "fault: endless"
     assert f"of the {device}'s periods" in report.end.sentence
 
 
 def test_a_clock_that_stands_still_does_not_hold_up_the_end_after_the_other_has_fallen_silent() -> None:
-    room = room_of(**SHORT)
-    report = perform(replace(room, arm=Silent(room.arm, 0.1), hand=Standing(room.hand, 40)), hand=watched)
+    cell = cell_of(**SHORT)
+    report = perform(replace(cell, arm=SilentBackend(cell.arm, 0.1), hand=Standing(cell.hand, 40)), hand=watched)
     assert str(report.end) == "fault: arm silent"
 
 
 def test_a_run_may_last_as_long_as_all_its_states_in_every_try() -> None:
-    rules = rules_of(SETTINGS)
+    rules = state_rules(SETTINGS)
     assert rules.longest > (rules.retries + 1) * sum(rules.timeouts.values()) + rules.timeouts["Validate"]
 
 
@@ -126,16 +126,16 @@ DECIDED = [(name, place) for name in ("decided", "kept", "_again", "_over")
 QUICK = 3
 
 
-def ends(room: Room, runner: ModuleType) -> None:
+def ends(cell: Cell, runner: ModuleType) -> None:
     """It ends, whichever way, and says nothing false."""
     try:
-        report = runner.perform(room, arm=watched, hand=watched)
+        report = runner.perform(cell, arm=watched, hand=watched)
     except Hang:
         raise
     except Exception:  # noqa: BLE001  # Whatever a mutant breaks down with is a failure too.
         return
     finally:
-        room.close()
+        cell.close()
     assert report.truly or report.end.word != "held"
 
 
@@ -148,7 +148,7 @@ def rows(places: list[Any]) -> list[Any]:
 @pytest.mark.parametrize("changes", [SHORT, pytest.param({}, marks=pytest.mark.long)])
 def test_a_loop_without_one_of_its_exits_ends(place: int, changes: dict[str, Any]) -> None:
     mutant = module_of(without(SOURCES[plain.__name__], "perform", place), "tests.cell.mutant_run")
-    ends(room_of(**changes), mutant)
+    ends(cell_of(**changes), mutant)
 
 
 @pytest.mark.parametrize("place", rows(DECIDED))
@@ -159,4 +159,4 @@ def test_a_state_machine_without_one_of_its_exits_ends(
     machine = module_of(without(SOURCES[states.__name__], *place), "tests.cell.mutant_states")
     for name in ("decided", "kept"):
         monkeypatch.setattr(plain, name, getattr(machine, name))
-    ends(room_of(**changes), plain)
+    ends(cell_of(**changes), plain)

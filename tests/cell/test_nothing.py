@@ -4,31 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.motion.empty_grasp import around_nothing, meeting
-from allegro_twin.cell.motion.grasp_selection import cards
-from allegro_twin.cell.settings import HandSettings
+from allegro_twin.cell.motion.empty_grasp import empty_grasp, touching_joints
+from allegro_twin.cell.motion.grasp_selection import stored_grasps
+from allegro_twin.cell.settings import CellHandSettings
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.library import Library
 
-HAND = HandSettings()
+HAND = CellHandSettings()
 
 
 def card_of(name: str) -> tuple[str, np.ndarray]:
-    card = next(card for card in cards("allegro") if card.name == name)
+    card = next(card for card in stored_grasps("allegro") if card.name == name)
     return card.grasp, card.palm.rotation
 
 
 def test_where_no_finger_meets_another_they_end_where_the_squeeze_wants_them() -> None:
     grasp, palm = card_of("orange")
-    nothing = around_nothing(HAND, grasp, palm)
+    nothing = empty_grasp(HAND, grasp, palm)
     squeeze = Library().grasp(grasp, load_spec()).squeeze
     assert nothing.telling.all()
     np.testing.assert_allclose(nothing.position, squeeze, atol=2.0 * 0.02 / 12.0)  # Dry friction over stiffness.
 
 
 def test_motors_that_creep_are_waited_for() -> None:
-    card = next(card for card in cards("model_o") if card.name == "lemon")
-    nothing = around_nothing(HandSettings(model="model_o"), card.grasp, card.palm.rotation)
+    card = next(card for card in stored_grasps("model_o") if card.name == "lemon")
+    nothing = empty_grasp(CellHandSettings(model="model_o"), card.grasp, card.palm.rotation)
     squeeze = Library().grasp(card.grasp, load_spec("model_o")).squeeze
     np.testing.assert_allclose(
         nothing.position, squeeze, atol=0.025
@@ -36,7 +36,7 @@ def test_motors_that_creep_are_waited_for() -> None:
 
 
 def test_fingers_that_meet_are_known_beforehand() -> None:
-    nothing = around_nothing(HAND, *card_of("pear"))
+    nothing = empty_grasp(HAND, *card_of("pear"))
     by_finger = nothing.telling.reshape(4, 4)
     assert by_finger.all(axis=1).tolist() == by_finger.any(axis=1).tolist() == [True, False, False, True]
 
@@ -45,11 +45,11 @@ def test_which_way_down_is_hardly_matters_for_a_hand_that_carries_itself() -> No
     grasp, palm = card_of("orange")
     turned = palm @ np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     np.testing.assert_allclose(
-        around_nothing(HAND, grasp, palm).position, around_nothing(HAND, grasp, turned).position, atol=2e-3
+        empty_grasp(HAND, grasp, palm).position, empty_grasp(HAND, grasp, turned).position, atol=2e-3
     )
 
 
 def test_fingers_that_touch_each_other_are_known_by_their_joints() -> None:
-    together = meeting(HAND, around_nothing(HAND, *card_of("tuna_fish_can")).position).reshape(4, 4)
+    together = touching_joints(HAND, empty_grasp(HAND, *card_of("tuna_fish_can")).position).reshape(4, 4)
     assert together.all(axis=1).tolist() == together.any(axis=1).tolist() == [False, True, True, False]
-    assert not meeting(HAND, around_nothing(HAND, *card_of("orange")).position).any()
+    assert not touching_joints(HAND, empty_grasp(HAND, *card_of("orange")).position).any()

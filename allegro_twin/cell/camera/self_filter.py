@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from allegro_twin.cell.arm.arm_with_hand import Cell
-from allegro_twin.cell.camera.camera import Camera
+from allegro_twin.cell.arm.arm_with_hand import ArmWithHand
+from allegro_twin.cell.camera.camera import DepthCamera
 from allegro_twin.cell.camera.intrinsics import Cloud
-from allegro_twin.cell.camera.settings import CameraSettings
+from allegro_twin.cell.camera.settings import DepthCameraSettings
 from allegro_twin.sim.model.arm_with_hand import Mounted
 from allegro_twin.sim.model.postures import Posed
 from allegro_twin.sim.model.scene import Stage, compile_scene
@@ -21,12 +21,12 @@ AROUND = 4
 """Pixels: by so many it is taken larger on every side, for a camera's edges are not exact."""
 
 
-class Alone:
+class RobotMask:
     """A model without surroundings. For one thread; `close` it. Raises ConfigError where nothing can be rendered."""
 
-    def __init__(self, model: mujoco.MjModel, settings: CameraSettings) -> None:
+    def __init__(self, model: mujoco.MjModel, settings: DepthCameraSettings) -> None:
         self._model, self._data = model, mujoco.MjData(model)
-        self._camera = Camera(model, settings)
+        self._camera = DepthCamera(model, settings)
 
     def seen(self, pose: Callable[[Array], None]) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), once `pose` has written its joints into `qpos`."""
@@ -49,14 +49,14 @@ class Alone:
         self._camera.close()
 
 
-class Itself:
+class SelfFilter:
     """The arm and the hand of a cell, without things and table. For one thread; `close` it."""
 
-    def __init__(self, cell: Cell, camera: CameraSettings) -> None:
-        stage = Stage(cell.base.position, np.array([1.0, 0.0, 0.0, 0.0]))
-        model = compile_scene(cell.spec, stage, Mounted(cell.hand.spec, cell.mount))
-        self._arm, self._hand = Posed(cell.spec, model), Posed(cell.hand.spec, model)
-        self._alone = Alone(model, camera)
+    def __init__(self, robot: ArmWithHand, camera: DepthCameraSettings) -> None:
+        stage = Stage(robot.base.position, np.array([1.0, 0.0, 0.0, 0.0]))
+        model = compile_scene(robot.spec, stage, Mounted(robot.hand.spec, robot.mount))
+        self._arm, self._hand = Posed(robot.spec, model), Posed(robot.hand.spec, model)
+        self._alone = RobotMask(model, camera)
 
     def seen(self, arm: Vector, hand: Vector) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), at joint positions of both, (n,), rad."""

@@ -17,7 +17,7 @@ OPENING = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wish:
+class SteeredReference:
     """A reference whose path is steered from outside."""
 
     path: Path
@@ -27,7 +27,7 @@ class Wish:
         return self.path
 
 
-def fingers(wish: Wish, gains: str, spec: HandSpec, model: HandModel) -> Controller[Following]:
+def finger_controller(wish: SteeredReference, gains: str, spec: HandSpec, model: HandModel) -> Controller[Following]:
     """The controller of a hand in the cell. Raises ConfigError for gains that it does not have."""
     if "torque" in spec.commands:
         return PD(wish, load_gains(gains, spec), Gravity(model.gravity_torque))

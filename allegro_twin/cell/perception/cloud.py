@@ -48,7 +48,7 @@ _ROWS = 24  # One of so many is looked at for the focal length.
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class OrganizedCloud:
     """What the camera saw and from where. Raises ConfigError unless the shapes fit and the pose is finite."""
 
     cloud: Points

@@ -90,7 +90,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
             return None
         if self._camera is None:
             width, height = self._size
-            self._camera = Camera(self.episodes.stand.cell.hand_sim, width=width, height=height, view=_VIEW)
+            self._camera = Camera(self.episodes.stand.robot.hand_sim, width=width, height=height, view=_VIEW)
         return self._camera.take()
 
     def close(self) -> None:
@@ -113,7 +113,7 @@ class ArmPick(gymnasium.Env[Floats, Floats], EzPickle):
     def _seen(self) -> Floats:
         now, stand = self.episodes, self.episodes.stand
         arm, hand, palm, spec = stand.arm, stand.hand, stand.palm, self.episodes.spec
-        thing, mine = now.track.pose, stand.cell.spec
+        thing, mine = now.track.pose, stand.robot.spec
         parts: list[Array] = [
             _part(arm.position, mine.lower, mine.upper), arm.velocity / 2.0,
             _part(hand.position, spec.lower, spec.upper), hand.velocity / 5.0, (stand.path.goal - hand.position) / 0.3,

@@ -7,13 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from allegro_twin.cell.assembly import waiting
-from allegro_twin.cell.camera.camera import Camera
-from allegro_twin.cell.motion.grasp_selection import Body, Way, about, body_of, standing
-from allegro_twin.cell.perception.pipeline import Found, Pipeline
-from allegro_twin.cell.pick.scene import Stand
+from allegro_twin.cell.assembly import waiting_pose
+from allegro_twin.cell.camera.camera import DepthCamera
+from allegro_twin.cell.motion.grasp_selection import (
+    GraspCandidate,
+    TableObject,
+    standing_object,
+    table_object,
+    yaw_rotation,
+)
+from allegro_twin.cell.perception.pipeline import Detection, PerceptionPipeline
+from allegro_twin.cell.pick.scene import PickScene
 from allegro_twin.cell.pick.settings import PickOptions, PickSettings
-from allegro_twin.cell.reachability import best_of
+from allegro_twin.cell.reachability import nearest_grasp
 from allegro_twin.cell.settings import LabSettings
 from allegro_twin.errors import ConfigError, unknown
 from allegro_twin.files.assets import data_root
@@ -30,25 +36,25 @@ from allegro_twin.types import Vector
 _ROUND = ("sphere", "cylinder")
 
 
-def told(stand: Stand, yaw: float) -> Body:
+def known_object(stand: PickScene, yaw: float) -> TableObject:
     """The thing as it stands, turned by `yaw`, rad."""
-    return _plain(replace(standing(stand.thing, yaw), position=stand.there.position))
+    return _plain(replace(standing_object(stand.thing, yaw), position=stand.there.position))
 
 
-def pictured(stand: Stand, camera: Camera, pipeline: Pipeline) -> Body | None:
+def detected_object(stand: PickScene, camera: DepthCamera, pipeline: PerceptionPipeline) -> TableObject | None:
     """The thing as a picture shows it now; None where perception refuses."""
-    frame = camera.capture(stand.cell.world.data)
+    frame = camera.capture(stand.robot.world.data)
     seen = pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
-    return _plain(body_of(seen.solid)) if isinstance(seen, Found) else None
+    return _plain(table_object(seen.solid)) if isinstance(seen, Detection) else None
 
 
-class Track:
+class ObjectTracker:
     """The thing's frame over an episode: x along its longer level extent and z up while it stands, carried along."""
 
-    def __init__(self, stand: Stand, body: Body) -> None:
+    def __init__(self, stand: PickScene, body: TableObject) -> None:
         settings, there = stand.settings, stand.there
         self._stand, self._fixed = stand, settings.perception
-        self.pose = Pose(body.position, about(body.yaw))
+        self.pose = Pose(body.position, yaw_rotation(body.yaw))
         self._own = there.rotation.T @ self.pose.rotation
         self._noise = (settings.camera_shift, settings.camera_turn)
         self._past = deque([self.pose], maxlen=settings.camera_delay + 1)
@@ -66,7 +72,7 @@ class Track:
         )
 
 
-def _plain(body: Body) -> Body:
+def _plain(body: TableObject) -> TableObject:
     """Of the turns that look the same, one: of what is round none, else within a quarter turn."""
     yaw = 0.0 if body.kind in _ROUND else float((body.yaw + np.pi / 2.0) % np.pi - np.pi / 2.0)
     return replace(body, yaw=yaw)
@@ -89,13 +95,13 @@ class Episodes:
         self.settings, self.spec = settings, load_spec(settings.hand, settings.side)
         self._model, self._library = hand_model(self.spec), Library()
         self._lab = load(LabSettings, data_root() / "conf" / "lab_allegro.yaml")
-        self._stands: dict[str, Stand] = {}
-        self._cameras: dict[str, Camera] = {}
-        self._pipeline = Pipeline(self._lab.perception) if settings.perception else None
+        self._stands: dict[str, PickScene] = {}
+        self._cameras: dict[str, DepthCamera] = {}
+        self._pipeline = PerceptionPipeline(self._lab.perception) if settings.perception else None
         self._wait: Vector | None = None
         self.count, self.closed = 0, 0.0
         self.stand = self._of(settings.objects[0])
-        self.numbers = 2 * self.stand.cell.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
+        self.numbers = 2 * self.stand.robot.spec.n_joints + 3 * self.spec.n_joints + _OTHERS
         """In an observation."""
         self.seconds = settings.period * settings.decimation
         """Between two decisions."""
@@ -157,39 +163,39 @@ class Episodes:
     def _start(self, at: Vector, yaw: float, off: Vector) -> None:
         stand, wait = self.stand, self._waiting()
         stand.rest(at, yaw, wait, self.spec.rest)
-        body: Body | None = told(stand, yaw)
+        body: TableObject | None = known_object(stand, yaw)
         if self._pipeline is not None:
             eye = self._eye(stand)
             eye.restart(int(self._draws.integers(2**31)))
-            body = pictured(stand, eye, self._pipeline)
+            body = detected_object(stand, eye, self._pipeline)
         if body is None:
             raise ConfigError("perception refuses the picture")
-        reached = best_of(body, stand.cell, wait, _LIFT)
-        self.way: Way = reached.way
+        reached = nearest_grasp(body, stand.robot, wait, _LIFT)
+        self.way: GraspCandidate = reached.way
         self.grasp: Grasp = self._library.grasp(self.way.card.grasp, self.spec)
         palm = Pose(self.way.before.position + off, self.way.before.rotation)
-        posture = stand.cell.model.reach(stand.cell.flange_for(palm), reached.through[-1], _NEAR)
+        posture = stand.robot.model.reach(stand.robot.flange_for(palm), reached.through[-1], _NEAR)
         stand.rest(at, yaw, posture, self.grasp.preshape)
         stand.begin()
         self.body, self.at, self.yaw = body, at, yaw
         self.error = float(np.linalg.norm(body.position - stand.there.position))
-        self.track, self._first = Track(stand, body), stand.there.position
+        self.track, self._first = ObjectTracker(stand, body), stand.there.position
         self.count, self.closed = 0, 0.0
 
     def _waiting(self) -> Vector:
         if self._wait is None:
-            self._wait = waiting(self.stand.cell, self._lab.security)[1]
+            self._wait = waiting_pose(self.stand.robot, self._lab.security)[1]
         return self._wait
 
-    def _of(self, name: str) -> Stand:
+    def _of(self, name: str) -> PickScene:
         if name not in self._stands:
             arm = self.settings.arm or self._lab.arm.model
-            self._stands[name] = Stand(self.settings, arm, self.spec, self._model, name)
+            self._stands[name] = PickScene(self.settings, arm, self.spec, self._model, name)
         return self._stands[name]
 
-    def _eye(self, stand: Stand) -> Camera:
+    def _eye(self, stand: PickScene) -> DepthCamera:
         if stand.name not in self._cameras:
-            self._cameras[stand.name] = Camera(stand.cell.world.model, self._lab.camera)
+            self._cameras[stand.name] = DepthCamera(stand.robot.world.model, self._lab.camera)
         return self._cameras[stand.name]
 
 

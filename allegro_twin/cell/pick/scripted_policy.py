@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.cell.motion.empty_grasp import squeezing
+from allegro_twin.cell.motion.empty_grasp import squeeze_speed
 from allegro_twin.cell.pick.env import ArmPick, Floats
 from allegro_twin.cell.pick.episode import posture_at
 from allegro_twin.kinematics.arm import turn
@@ -17,7 +17,7 @@ _HELD = 0.2  # s. After the squeeze.
 _UP = 0.15  # m.
 
 
-class Script:
+class ScriptedPick:
     """Of one episode; made after its reset, and asked before every step."""
 
     def __init__(self, env: ArmPick) -> None:
@@ -47,7 +47,7 @@ class Script:
         if self._closed < 1.0:
             speed, far = grasp.speed, grasp.close - grasp.preshape
         else:
-            speed, far = squeezing(grasp), grasp.squeeze - grasp.close
+            speed, far = squeeze_speed(grasp), grasp.squeeze - grasp.close
         most = self._settings.close if self._settings.control == "grasp" else np.inf
         return min(self._now.seconds * speed / max(float(np.abs(far).max()), 1e-6), most)
 

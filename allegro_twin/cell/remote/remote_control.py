@@ -9,12 +9,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from allegro_twin.cell.arm.target import Smoothing, approached
-from allegro_twin.cell.assembly import Room
-from allegro_twin.cell.journal.observers import Onlookers
-from allegro_twin.cell.motion.arm_motion import Guide
-from allegro_twin.cell.remote.workspace_limits import Fence
-from allegro_twin.cell.run import law_of
+from allegro_twin.cell.arm.target import Smoothing, approach
+from allegro_twin.cell.assembly import Cell
+from allegro_twin.cell.journal.observers import Observers
+from allegro_twin.cell.motion.arm_motion import ArmGuide
+from allegro_twin.cell.remote.workspace_limits import WorkspaceLimits
+from allegro_twin.cell.run import arm_controller
 from allegro_twin.control.controllers import PD, Gravity
 from allegro_twin.control.steered_path import Steering
 from allegro_twin.control.timed_path import Timed
@@ -27,14 +27,14 @@ from allegro_twin.types import Array, HandState, Sample, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Palm:
+class PalmCommand:
     """Be with the palm at a pose of the world."""
 
     pose: Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fingers:
+class FingersCommand:
     """Go through postures, (k, n), rad, at times from now on, (k,), s; with velocities, (k, n), rad/s, on cubics."""
 
     times: Vector
@@ -43,25 +43,25 @@ class Fingers:
 
 
 @dataclass(frozen=True, slots=True)
-class Stay:
+class StayCommand:
     """Arm and fingers stay where they are."""
 
 
-Wish: TypeAlias = Palm | Fingers | Stay
+RemoteCommand: TypeAlias = PalmCommand | FingersCommand | StayCommand
 
 
-class Led:
+class RemoteControl:
     """Where arm and fingers are to be. `wish` may be called by any thread; what is wished is looked at, and done, in
     the loop's own."""
 
-    def __init__(self, room: Room) -> None:
-        self.room, self.guide = room, Guide(room.posture, room.cell.model)
+    def __init__(self, cell: Cell) -> None:
+        self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)
         self.guide.let_go()
-        self._fence = Fence(room)
-        self._path: Path = Steering(room.open)
-        self._since, self._wishes = 0.0, queue.SimpleQueue[Wish]()
-        self._goal, self._at, self._t = room.security, room.security, 0.0
-        arm = room.settings.arm
+        self._fence = WorkspaceLimits(cell)
+        self._path: Path = Steering(cell.open)
+        self._since, self._wishes = 0.0, queue.SimpleQueue[RemoteCommand]()
+        self._goal, self._at, self._t = cell.security, cell.security, 0.0
+        arm = cell.settings.arm
         self._smoothing = Smoothing(arm.speed, arm.turning)
 
     @property
@@ -69,7 +69,7 @@ class Led:
         """Where the palm is to be in the end, in the world."""
         return self._goal
 
-    def wish(self, wish: Wish) -> None:
+    def wish(self, wish: RemoteCommand) -> None:
         """Soon."""
         self._wishes.put(wish)
 
@@ -85,10 +85,10 @@ class Led:
         """Look at what was wished, of several places of the palm in a row only at the last; what was refused, a
         sentence each."""
         refused: list[str] = []
-        waiting: list[Wish] = []
+        waiting: list[RemoteCommand] = []
         while not self._wishes.empty():
             wish = self._wishes.get()
-            if waiting and isinstance(wish, Palm) and isinstance(waiting[-1], Palm):
+            if waiting and isinstance(wish, PalmCommand) and isinstance(waiting[-1], PalmCommand):
                 waiting.pop()
             waiting.append(wish)
         for wish in waiting:
@@ -97,27 +97,27 @@ class Led:
             except CommandError as error:
                 refused.append(str(error))
         # The palm goes straight and turns about itself; a flange that did would swing it.
-        self._at, self._t = approached(self._at, self._goal, arm.t - self._t, self._smoothing), arm.t
-        self.guide.target.move(self.room.cell.flange_for(self._at))
+        self._at, self._t = approach(self._at, self._goal, arm.t - self._t, self._smoothing), arm.t
+        self.guide.target.move(self.cell.robot.flange_for(self._at))
         return refused
 
-    def _do(self, wish: Wish, arm: HandState) -> None:
+    def _do(self, wish: RemoteCommand, arm: HandState) -> None:
         match wish:
-            case Palm(pose):
+            case PalmCommand(pose):
                 self._goal = self._fence.arm(pose, self._at, arm.position, self.fingers(arm.t).position)
-            case Fingers(times, postures, velocities):
+            case FingersCommand(times, postures, velocities):
                 path = self._timed(times, postures, velocities, arm.t)
-                self._fence.fingers(path, self.room.cell.palm(arm))
+                self._fence.fingers(path, self.cell.robot.palm(arm))
                 self._path, self._since = path, arm.t
-            case Stay():
-                self._goal = self._at = self.room.cell.palm(arm)
+            case StayCommand():
+                self._goal = self._at = self.cell.robot.palm(arm)
                 self._path, self._since = Steering(self.fingers(arm.t).position), arm.t
 
     def _timed(self, times: Vector, postures: Array, velocities: Array | None, t: float) -> Timed:
         times = np.asarray(times, dtype=np.float64)
         if not len(times) or not np.isfinite(times).all() or times[0] <= 0.0 or (np.diff(times) <= 0.0).any():
             raise CommandError(f"fingers: times must ascend from above 0 s; they are {times[:6].tolist()}")
-        here, spec = self.fingers(t).position, self.room.hand.spec
+        here, spec = self.fingers(t).position, self.cell.hand.spec
         try:
             postures = np.array([spec.reachable(row, "fingers") for row in postures])
         except ConfigError as error:
@@ -126,22 +126,25 @@ class Led:
         return Timed(np.concatenate([[0.0], times]), np.vstack([here, postures]), rates)
 
 
-def follow(
-    led: Led, onlookers: Onlookers, until: Callable[[float], bool] = lambda t: False, speed: float | None = 1.0
+def run_remote_control(
+    led: RemoteControl,
+    onlookers: Observers,
+    until: Callable[[float], bool] = lambda t: False,
+    speed: float | None = 1.0,
 ) -> None:
     """Turn the cell's loop until that is so at a time, s, at `speed` times real time; None: as fast as it goes.
 
     Raises HandFault and LinkError, which end it.
     """
-    room, spec = led.room, led.room.hand.spec
+    cell, spec = led.cell, led.cell.hand.spec
     onlookers.follows(led.guide, led.fingers)
-    law = law_of(room, led.guide)
-    grip = PD(led, load_gains(room.settings.hand.gains, spec), Gravity(room.model.gravity_torque))
-    arms: Iterator[Sample] = run(room.arm, law)
+    law = arm_controller(cell, led.guide)
+    grip = PD(led, load_gains(cell.settings.hand.gains, spec), Gravity(cell.model.gravity_torque))
+    arms: Iterator[Sample] = run(cell.arm, law)
     if speed is not None:
         arms = paced(arms, speed)
-    hands = onlookers.hand(run(room.hand, grip))
-    for which, sample in together((onlookers.arm(arms), room.arm.period), (hands, room.hand.period)):
+    hands = onlookers.hand(run(cell.hand, grip))
+    for which, sample in together((onlookers.arm(arms), cell.arm.period), (hands, cell.hand.period)):
         if which == 0:
             for sentence in led.turn(sample.state):
                 onlookers.refused(sample.state.t, sentence)

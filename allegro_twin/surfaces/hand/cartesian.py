@@ -54,7 +54,7 @@ class _Line(NamedTuple):
         return max(float(np.linalg.norm(self.point - self.begin.position)), _LEVER * turn)
 
 
-def agreed(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[str]) -> None:
+def check_closed_form(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[str]) -> None:
     """Whether the closed form speaks of the model in use, which may be somebody else's. Raises ConfigError with the
     difference between their fingertips."""
     if spec.foreign is None or spec.foreign.keeps:
@@ -70,7 +70,7 @@ def agreed(spec: HandSpec, model: HandModel, posture: Vector, fingers: Iterable[
             )
 
 
-def straight(
+def straight_line_motion(
     spec: HandSpec,
     start: Vector,
     targets: Mapping[str, ArrayLike],

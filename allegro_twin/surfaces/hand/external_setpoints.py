@@ -11,7 +11,7 @@ from allegro_twin.control.setpoint_filter import Pursuit
 from allegro_twin.control.timed_path import Timed
 from allegro_twin.control.trajectory import FASTEST, Following
 from allegro_twin.errors import ConfigError
-from allegro_twin.surfaces.hand.cartesian import agreed
+from allegro_twin.surfaces.hand.cartesian import check_closed_form
 from allegro_twin.surfaces.hand.facade import Hand
 from allegro_twin.types import Array, Vector
 
@@ -20,7 +20,7 @@ _MOST = 4000  # Such postures: some seconds of looking.
 _HERE = 0.05  # rad. A first posture without a time must be so near.
 
 
-class Outside:
+class ExternalSetpoints:
     """What stands between such programs and a hand: it refuses before anything moves, with ConfigError."""
 
     def __init__(self, hand: Hand, speed: float = 2.0) -> None:
@@ -45,7 +45,7 @@ class Outside:
     def nominal(self) -> None:
         """Raises ConfigError for a hand whose fingertips are not where the nominal one has them."""
         spec = self._hand.spec
-        agreed(spec, self._mover.model, self._mover.state.position, [finger.name for finger in spec.fingers])
+        check_closed_form(spec, self._mover.model, self._mover.state.position, [finger.name for finger in spec.fingers])
 
     def rest(self) -> Vector:
         """Go no further than the set-point is now, (n,), rad, which is given back; what presses goes on pressing."""

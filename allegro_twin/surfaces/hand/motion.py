@@ -22,8 +22,8 @@ from allegro_twin.errors import CommandError, ConfigError, MotionStalled, unknow
 from allegro_twin.loop import paced, run
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.collision_free_paths import Ways
-from allegro_twin.surfaces.hand.loop_thread import Driver
+from allegro_twin.surfaces.hand.collision_free_paths import CollisionFreePaths
+from allegro_twin.surfaces.hand.loop_thread import LoopThread
 from allegro_twin.types import HandState, Sample, TorqueCommand, Vector, frozen
 
 _SETTLED, _STILL, _PATIENCE = 0.02, 0.05, 0.5  # rad, rad/s, s.
@@ -49,7 +49,7 @@ class Goal(NamedTuple):
         return self.path(t - self.began).position
 
 
-class Watch:
+class MotionMonitor:
     """Follows a motion sample by sample until it has arrived or is stuck."""
 
     def __init__(self, goal: Goal, spec: HandSpec, gains: Gains, period: float) -> None:
@@ -103,12 +103,12 @@ T = TypeVar("T")
 _DRIFT = 0.02  # rad. A hand that moved on by more while its way was sought needs another way.
 
 
-class Mover:
+class MotionControl:
     """Turns wishes into controllers and hands the hand over to them, watches what they do, and waits for it."""
 
     def __init__(self, rig: Rig, gains: Gains, *, background: bool) -> None:
         self._rig, self.gains = rig, gains
-        self.model, self.ways = hand_model(rig.spec), Ways(rig.spec)
+        self.model, self.ways = hand_model(rig.spec), CollisionFreePaths(rig.spec)
         self.kinds = KINDS if "torque" in rig.spec.commands else FIRMWARES
         """The controllers that this hand can have: the first lets go of it."""
         self.kind: Kind | str = self.kinds[0]
@@ -116,11 +116,11 @@ class Mover:
         self.stalled: MotionStalled | None = None
         """What stopped the last motion, if anything did."""
         self._told, self._changing, self._cut = True, threading.Lock(), False
-        self._watch: Watch | None = None
+        self._watch: MotionMonitor | None = None
         self._gravity = Gravity(self.model.gravity_torque)
         self._limp = Send(limp_of(rig.spec))
         self._relay = Relay(self._limp, rig.spec.actuation.torque_limit)
-        self.driver = Driver(self._samples(background), background=background)
+        self.driver = LoopThread(self._samples(background), background=background)
 
     @property
     def state(self) -> HandState:
@@ -255,8 +255,8 @@ class Mover:
             return PD(reference, self.gains, self.gravity)
         return PID(reference, self.gains, self._rig.spec.actuation.torque_limit, self.gravity)
 
-    def _watched(self, goal: Goal | None) -> Watch | None:
-        return None if goal is None else Watch(goal, self._rig.spec, self.gains, self._rig.backend.period)
+    def _watched(self, goal: Goal | None) -> MotionMonitor | None:
+        return None if goal is None else MotionMonitor(goal, self._rig.spec, self.gains, self._rig.backend.period)
 
     def _look(self, sample: Sample) -> None:
         """Follow the motion; one that is stuck is given up where the joints are, and its torque with it."""

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from allegro_twin.cell.journal.recording import cell_look
-from allegro_twin.cell.remote.remote_control import Led, Palm, Stay
+from allegro_twin.cell.remote.remote_control import PalmCommand, RemoteControl, StayCommand
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.orientation import matrix_from_quaternion
 from allegro_twin.kinematics.pose import Pose
@@ -22,7 +22,7 @@ from allegro_twin.viewing.scenery import scenery
 class CellSession:
     """A cell that is there once and for all; its loop turns elsewhere and calls `on_event`."""
 
-    def __init__(self, led: Led) -> None:
+    def __init__(self, led: RemoteControl) -> None:
         self._led, self._number, self._next, self._stopped = led, 0, 0.0, False
         self._send: Send | None = None
         self._hand: DeviceSample | None = None
@@ -40,9 +40,9 @@ class CellSession:
 
     def describe(self) -> SessionInfo:
         """Its title, its devices and its shapes."""
-        room = self._led.room
-        arm, hand = room.cell.spec, room.hand.spec
-        scene = scenery(hand, {"look": cell_look(room)})
+        cell = self._led.cell
+        arm, hand = cell.robot.spec, cell.hand.spec
+        scene = scenery(hand, {"look": cell_look(cell)})
         return SessionInfo(self._number, f"{arm.name} with {hand.name} · simulated", hand, scene, arm=arm)
 
     def library(self) -> None:
@@ -54,10 +54,10 @@ class CellSession:
             case requests.ReleaseStop():
                 self._stopped = False
             case requests.HoldHere():
-                self._led.wish(Stay())
+                self._led.wish(StayCommand())
             case requests.MovePalm(pose) if not self._stopped:
                 values = np.array(pose)
-                self._led.wish(Palm(Pose(values[:3], matrix_from_quaternion(values[3:]))))
+                self._led.wish(PalmCommand(Pose(values[:3], matrix_from_quaternion(values[3:]))))
         return ""
 
     def stop(self) -> None:
@@ -67,7 +67,7 @@ class CellSession:
 
     def stay(self) -> None:
         """Arm and fingers stay where they are."""
-        self._led.wish(Stay())
+        self._led.wish(StayCommand())
 
     def report(self) -> Iterator[Notice]:
         """Refusals of the cell."""

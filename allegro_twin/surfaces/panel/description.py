@@ -17,7 +17,7 @@ from allegro_twin.hands.library.library import Library
 from allegro_twin.hands.library.named import load_grasp, load_posture, posture_names
 from allegro_twin.kinematics.closed_form.finger import FingerKinematics
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.hand.cartesian import agreed
+from allegro_twin.surfaces.hand.cartesian import check_closed_form
 from allegro_twin.surfaces.panel.requests import OpenScene
 from allegro_twin.surfaces.panel.stream import LibraryContents, SessionInfo
 from allegro_twin.types import Vector
@@ -107,7 +107,7 @@ def _no_tips(spec: HandSpec) -> str:
     try:
         for finger in spec.fingers:
             FingerKinematics(spec, finger.name)
-        agreed(spec, hand_model(spec), spec.posture(spec.lower.clip(0.0, None).clip(None, spec.upper)),
+        check_closed_form(spec, hand_model(spec), spec.posture(spec.lower.clip(0.0, None).clip(None, spec.upper)),
                [finger.name for finger in spec.fingers])  # fmt: skip
     except ConfigError as error:
         return str(error)

@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 
 from allegro_twin.errors import ConfigError, HandError
 from allegro_twin.surfaces.panel import requests
-from allegro_twin.surfaces.panel.page_process import Page, Pages
+from allegro_twin.surfaces.panel.page_process import PageProcess, PageServer
 from allegro_twin.surfaces.panel.stream import (
     FrameSender,
     LibraryContents,
@@ -51,7 +51,7 @@ class Sessions(Protocol):
 class Host:
     """Serves one session until it is closed. The session is stopped afterwards, whatever happens."""
 
-    def __init__(self, sessions: Sessions, pages: Pages) -> None:
+    def __init__(self, sessions: Sessions, pages: PageServer) -> None:
         self._sessions, self._pages = sessions, pages
         self._requests, self._count = requests.RequestQueue(), 0
         self._session: Session | None = None
@@ -108,7 +108,7 @@ class Host:
         page = self._page
         threading.Thread(target=lambda: self._hear(page), name="requests", daemon=True).start()
 
-    def _hear(self, page: Page) -> None:
+    def _hear(self, page: PageProcess) -> None:
         """In a thread of its own: a stop does not wait for a request that is being planned."""
         for request in page.requests():
             self._take(request)
@@ -181,7 +181,7 @@ class Host:
             session.close()
 
 
-def _tell_library(page: Page, session: Session) -> None:
+def _tell_library(page: PageProcess, session: Session) -> None:
     try:
         if (contents := session.library()) is not None:
             page.tell(contents)

@@ -39,7 +39,7 @@ class PageSetup:
     """By which a browser may have found it; empty: by any, for there is a token."""
 
 
-class Page:
+class PageProcess:
     """One process that shows the page. Raises ConfigError when it does not start."""
 
     def __init__(self, listening: socket.socket, setup: PageSetup, url: str) -> None:
@@ -91,7 +91,7 @@ class Page:
         self._process.wait()
 
 
-class Pages:
+class PageServer:
     """Where pages are served. Raises ConfigError for a port that is taken, and where viser is missing or too old."""
 
     def __init__(self, host: str, port: int, gone: Literal["hold", "limp"], token: str | None = None) -> None:
@@ -108,12 +108,12 @@ class Pages:
         name = f"[{host}]" if ":" in host else host
         self._url = f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
-    def open(self) -> Page:
+    def open(self) -> PageProcess:
         """A page. Raises ConfigError when it has died too often."""
         self._deaths += 1
         if self._deaths > _DEATHS:
             raise ConfigError(f"the panel's page has ended {self._deaths} times; its output stands above")
-        return Page(self._listening, self._setup, self._url)
+        return PageProcess(self._listening, self._setup, self._url)
 
 
 def _viser() -> None:

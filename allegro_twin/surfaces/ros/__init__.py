@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 from allegro_twin.recording.messages.vocabulary import named, vocabulary
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.ros.bridge import NODE, Bridge
+from allegro_twin.surfaces.ros.bridge import NODE, RosBridge
 from allegro_twin.surfaces.ros.hand_topics import NAMESPACE, HandTopics
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.remote.remote_control import Led
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.remote.remote_control import RemoteControl
 
 
 def _ignore(reason: str) -> None:
@@ -35,7 +35,7 @@ def open_bridge(
     speed: float = 2.0,
     network: bool = False,
     on_refusal: Callable[[str], None] = _ignore,
-) -> Iterator[Bridge]:
+) -> Iterator[RosBridge]:
     """Put a hand on ROS 2; `serve` then publishes and obeys.
 
     `rate`: Hz, of what is published; `speed`: rad/s, of motions without a time; `network`: beyond this machine;
@@ -46,7 +46,7 @@ def open_bridge(
     words = named(distro)
     node = Node(words, NODE, namespace, domain, network=network)
     try:
-        bridge = Bridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
+        bridge = RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
         node.announce()
         yield bridge
     finally:
@@ -61,28 +61,28 @@ def open_ros1(
     rate: float = 100.0,
     speed: float = 2.0,
     on_refusal: Callable[[str], None] = _ignore,
-) -> Iterator[Bridge]:
+) -> Iterator[RosBridge]:
     """The same on ROS 1, by rospy, at the master of ROS_MASTER_URI."""
     from allegro_twin.surfaces.ros.ros1 import Ros1Node
 
     words = vocabulary()
     node = Ros1Node(words, NODE, namespace)
     try:
-        yield Bridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
+        yield RosBridge(HandTopics(hand, words, rate=rate, speed=speed), node, on_refusal)
     finally:
         node.close()
 
 
 @contextmanager
 def open_cell(
-    room: Room,
-    led: Led | None = None,
+    cell: Cell,
+    led: RemoteControl | None = None,
     *,
     namespace: str = "/",
     domain: int = 0,
     distro: str = "jazzy",
     rate: float = 100.0,
-) -> Iterator[Bridge]:
+) -> Iterator[RosBridge]:
     """Put a cell on ROS 2, on this machine alone, as an observer of its events. `led` carries out commands; None: the
     state machine leads the cell, and commands are refused. Raises ConfigError, LinkError."""
     from allegro_twin.surfaces.ros.cell_topics import CellTopics
@@ -91,7 +91,7 @@ def open_cell(
     words, over = named(distro), threading.Event()
     node = Node(words, NODE, namespace, domain)
     try:
-        bridge = Bridge(CellTopics(room, words, led, rate=rate), node, _ignore)
+        bridge = RosBridge(CellTopics(cell, words, led, rate=rate), node, _ignore)
         node.announce()
         thread = threading.Thread(target=bridge.serve, args=(over.is_set,), name="allegro_twin ros cell", daemon=True)
         thread.start()

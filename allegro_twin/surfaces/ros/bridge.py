@@ -14,7 +14,7 @@ from uuid import UUID
 from allegro_twin.errors import ConfigError, HandError, MotionStalled
 from allegro_twin.recording.events import SessionEvent
 from allegro_twin.recording.messages import vocabulary as v
-from allegro_twin.surfaces.ros.node_api import Received, RosNode, Topic
+from allegro_twin.surfaces.ros.node_api import Received, RosNode, RosTopic
 
 log = logging.getLogger(__name__)
 QUIET = 1.0
@@ -32,8 +32,8 @@ Maker: TypeAlias = Callable[[int], Iterator[Publication]]
 class SessionTopics:
     """The topics of one session: messages for its events, and the commands that it takes."""
 
-    published: Sequence[Topic]
-    subscribed: Sequence[Topic]
+    published: Sequence[RosTopic]
+    subscribed: Sequence[RosTopic]
     backlog = 3
     """Events that wait to be published; further ones are dropped."""
     occupied = "another program is obeyed"
@@ -92,7 +92,7 @@ class SessionTopics:
         return True
 
 
-class Bridge:
+class RosBridge:
     """One session on one node. The session turns its own loop; `on_event` delays it by a queue's `put`."""
 
     def __init__(self, topics: SessionTopics, node: RosNode, on_refusal: Callable[[str], None] = log.warning) -> None:

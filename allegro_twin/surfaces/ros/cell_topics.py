@@ -9,9 +9,9 @@ from uuid import UUID
 
 import numpy as np
 
-from allegro_twin.cell.assembly import Room
+from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.camera.intrinsics import Intrinsics
-from allegro_twin.cell.remote.remote_control import Fingers, Led, Palm, Stay
+from allegro_twin.cell.remote.remote_control import FingersCommand, PalmCommand, RemoteControl, StayCommand
 from allegro_twin.errors import ConfigError
 from allegro_twin.kinematics.pose import Pose, placed
 from allegro_twin.recording.events import DeviceSample, SessionEvent
@@ -19,8 +19,8 @@ from allegro_twin.recording.messages import cells
 from allegro_twin.recording.messages import vocabulary as v
 from allegro_twin.recording.messages.frames import Frames
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
-from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, timing
-from allegro_twin.surfaces.ros.node_api import Quality, Topic
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, joint_path
+from allegro_twin.surfaces.ros.node_api import QosProfile, RosTopic
 
 NAMESPACE = "/"
 CAMERA = "camera_depth_optical_frame"
@@ -35,17 +35,17 @@ WRENCH = f"{_CONTROLLER}/ft_sensor_wrench"
 POSE = f"{_CONTROLLER}/current_pose"
 TARGET = f"{_CONTROLLER}/target_frame"
 PUBLISHED = (
-    Topic(STATES, v.JOINT_STATE, Quality(), "arm and hand in one: positions, speeds, applied torques"),
-    Topic(POSE, v.POSE, Quality(), "the palm in `world`"),
-    Topic(WRENCH, v.WRENCH, Quality(), "what the world does to the hand at the flange, in the axes of `world`"),
-    Topic(POINTS, v.CLOUD, Quality(), "what the depth camera sees, a point a pixel, in its optical frame"),
-    Topic("/tf", v.TF, Quality(100), "links of arm and hand, palm, target and camera"),
-    Topic("/tf_static", v.TF, Quality(1, latched=True), "the arm's base in `world`, fingertips on their links"),
-    Topic("/rosout", v.LOG, Quality(1000, latched=True), "states, and every command that was refused, and why"),
+    RosTopic(STATES, v.JOINT_STATE, QosProfile(), "arm and hand in one: positions, speeds, applied torques"),
+    RosTopic(POSE, v.POSE, QosProfile(), "the palm in `world`"),
+    RosTopic(WRENCH, v.WRENCH, QosProfile(), "what the world does to the hand at the flange, in the axes of `world`"),
+    RosTopic(POINTS, v.CLOUD, QosProfile(), "what the depth camera sees, a point a pixel, in its optical frame"),
+    RosTopic("/tf", v.TF, QosProfile(100), "links of arm and hand, palm, target and camera"),
+    RosTopic("/tf_static", v.TF, QosProfile(1, latched=True), "the arm's base in `world`, fingertips on their links"),
+    RosTopic("/rosout", v.LOG, QosProfile(1000, latched=True), "states, and every command that was refused, and why"),
 )
 SUBSCRIBED = (
-    Topic(TARGET, v.POSE, Quality(), "where the palm is to be, in `world` or the arm's base"),
-    Topic(TRAJECTORY, v.TRAJECTORY, Quality(), "postures of the fingers, rad, and when, s; no points: stay"),
+    RosTopic(TARGET, v.POSE, QosProfile(), "where the palm is to be, in `world` or the arm's base"),
+    RosTopic(TRAJECTORY, v.TRAJECTORY, QosProfile(), "postures of the fingers, rad, and when, s; no points: stay"),
 )
 
 
@@ -55,12 +55,14 @@ class CellTopics(SessionTopics):
     published, subscribed, backlog = PUBLISHED, SUBSCRIBED, 20
     occupied = f"another program leads the cell; this one is obeyed after {QUIET:g} s of quiet"
 
-    def __init__(self, room: Room, words: v.Vocabulary, led: Led | None = None, *, rate: float = 100.0) -> None:
+    def __init__(
+        self, cell: Cell, words: v.Vocabulary, led: RemoteControl | None = None, *, rate: float = 100.0
+    ) -> None:
         """`led` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz, that
         is not positive."""
-        super().__init__(words, room.hand.spec.name, rate)
-        self._room, self._led, self._sample = room, led, None
-        self._arm, self._hand = Frames(room.cell.spec), Frames(room.hand.spec)
+        super().__init__(words, cell.hand.spec.name, rate)
+        self._cell, self._led, self._sample = cell, led, None
+        self._arm, self._hand = Frames(cell.robot.spec), Frames(cell.hand.spec)
         self._latest: DeviceSample | None = None
 
     def closed(self) -> str:
@@ -68,7 +70,7 @@ class CellTopics(SessionTopics):
 
     def first(self, stamp: int) -> Iterator[Publication]:
         still = self._hand.still(self._words, stamp)
-        base = np.array([*self._room.cell.base.position, 1.0, 0.0, 0.0, 0.0])
+        base = np.array([*self._cell.robot.base.position, 1.0, 0.0, 0.0, 0.0])
         still.transforms.append(cells.transform(self._words, stamp, cells.WORLD, self._arm.root, base))
         yield "/tf_static", still
 
@@ -86,7 +88,7 @@ class CellTopics(SessionTopics):
         return None
 
     def _moment(self, stamp: int, arm: DeviceSample, hand: DeviceSample) -> Iterator[Publication]:
-        words, extras, specs = self._words, arm.extras, (self._room.cell.spec, self._room.hand.spec)
+        words, extras, specs = self._words, arm.extras, (self._cell.robot.spec, self._cell.hand.spec)
         states = (arm.sample.state, hand.sample.state)
         yield STATES, cells.joint_states(words, stamp, list(zip(specs, states, strict=True)))
         yield POSE, cells.pose(words, stamp, cells.WORLD, extras["tool"])
@@ -114,21 +116,21 @@ class CellTopics(SessionTopics):
     def execute(self, topic: str, data: bytes, sender: UUID) -> float:
         assert self._led is not None
         if topic == TARGET:
-            self._led.wish(Palm(self._pose(data)))
+            self._led.wish(PalmCommand(self._pose(data)))
             return 0.0
         message = self._words.decode(data, v.TRAJECTORY)
         if not message.points:
-            self._led.wish(Stay())
+            self._led.wish(StayCommand())
             return 0.0
-        times, postures, rates, late = timing(message, self._room.hand.spec, time.time_ns)
-        self._led.wish(Fingers(times + late, postures, rates))
+        times, postures, rates, late = joint_path(message, self._cell.hand.spec, time.time_ns)
+        self._led.wish(FingersCommand(times + late, postures, rates))
         return float(times[-1]) + late
 
     def _pose(self, data: bytes) -> Pose:
         message = self._words.decode(data, v.POSE)
         pose, frame, base = cells.pose_in(message, "target_frame"), message.header.frame_id, self._arm.root
         if frame == base:
-            return placed(self._room.cell.base, pose)
+            return placed(self._cell.robot.base, pose)
         if frame not in ("", cells.WORLD):
             raise ConfigError(f"target_frame is in {frame!r}; this cell knows {cells.WORLD!r} and {base!r}")
         return pose

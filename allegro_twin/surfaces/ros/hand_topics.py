@@ -19,30 +19,34 @@ from allegro_twin.recording.messages.frames import Frames, description
 from allegro_twin.recording.messages.states import in_order, row
 from allegro_twin.sim.model.statics import hand_model
 from allegro_twin.surfaces.hand import Hand
-from allegro_twin.surfaces.hand.external_setpoints import Outside
+from allegro_twin.surfaces.hand.external_setpoints import ExternalSetpoints
 from allegro_twin.surfaces.ros.bridge import QUIET, Maker, Publication, SessionTopics
-from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, timing
-from allegro_twin.surfaces.ros.node_api import Quality, Topic
+from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY, joint_path
+from allegro_twin.surfaces.ros.node_api import QosProfile, RosTopic
 from allegro_twin.types import Sample, Vector
 
 NAMESPACE = "/allegroHand_0"
 """As the manufacturer's launch file names the first hand: allegro_hand.launch, `NUM`."""
 WRENCH = "wrench/{finger}"
 PUBLISHED = (
-    Topic("joint_states", v.JOINT_STATE, Quality(), "positions, rad; speeds, rad/s; effort: applied torques, N·m"),
-    Topic("/tf", v.TF, Quality(100), "every moving link on its parent"),
-    Topic("/tf_static", v.TF, Quality(1, latched=True), "fingertips on their links"),
-    Topic("robot_description", v.STRING, Quality(1, latched=True), "the hand's URDF"),
-    Topic(WRENCH, v.WRENCH, Quality(), "what pushes on a fingertip, N, in its own frame"),
-    Topic("/diagnostics", v.DIAGNOSTICS, Quality(), "once a second: what drives, missed periods, the hottest motor"),
-    Topic("/rosout", v.LOG, Quality(1000, latched=True), "every command that was refused, and why"),
+    RosTopic(
+        "joint_states", v.JOINT_STATE, QosProfile(), "positions, rad; speeds, rad/s; effort: applied torques, N·m"
+    ),
+    RosTopic("/tf", v.TF, QosProfile(100), "every moving link on its parent"),
+    RosTopic("/tf_static", v.TF, QosProfile(1, latched=True), "fingertips on their links"),
+    RosTopic("robot_description", v.STRING, QosProfile(1, latched=True), "the hand's URDF"),
+    RosTopic(WRENCH, v.WRENCH, QosProfile(), "what pushes on a fingertip, N, in its own frame"),
+    RosTopic(
+        "/diagnostics", v.DIAGNOSTICS, QosProfile(), "once a second: what drives, missed periods, the hottest motor"
+    ),
+    RosTopic("/rosout", v.LOG, QosProfile(1000, latched=True), "every command that was refused, and why"),
 )
 SUBSCRIBED = (
-    Topic("joint_cmd", v.JOINT_STATE, Quality(), "positions to be at, rad"),
-    Topic("lib_cmd", v.STRING, Quality(), "a word of the manufacturer's, or a posture or grasp of the library"),
-    Topic("envelop_torque", v.FLOAT, Quality(), "the scale of the next `envelop`, 0 to 1"),
-    Topic(TRAJECTORY, v.TRAJECTORY, Quality(), "postures, rad, and when, s"),
-    Topic("gravity", v.VECTOR, Quality(), "what is compensated, palm frame, m/s²"),
+    RosTopic("joint_cmd", v.JOINT_STATE, QosProfile(), "positions to be at, rad"),
+    RosTopic("lib_cmd", v.STRING, QosProfile(), "a word of the manufacturer's, or a posture or grasp of the library"),
+    RosTopic("envelop_torque", v.FLOAT, QosProfile(), "the scale of the next `envelop`, 0 to 1"),
+    RosTopic(TRAJECTORY, v.TRAJECTORY, QosProfile(), "postures, rad, and when, s"),
+    RosTopic("gravity", v.VECTOR, QosProfile(), "what is compensated, palm frame, m/s²"),
 )
 GRASPS = {"pinch_it": "pinch_index", "pinch_mt": "pinch_middle"}
 """The manufacturer's words that are not names of our library: allegro_node_grasp.cpp of its ROS package."""
@@ -71,7 +75,7 @@ class HandTopics(SessionTopics):
         spec = hand.spec
         super().__init__(words, spec.name + (f" {spec.serial}" if spec.serial else ""), rate)
         self._hand, self._spec, self._clock, self._speed = hand, spec, clock, speed
-        self._frames, self._model, self._outside = Frames(spec), hand_model(spec), Outside(hand, speed)
+        self._frames, self._model, self._outside = Frames(spec), hand_model(spec), ExternalSetpoints(hand, speed)
         self.published, self.subscribed = tuple(self._named()), SUBSCRIBED
         self._missed, self._tick, self._reported = 0, -1, 0
         self._latest: Sample | None = None
@@ -86,7 +90,7 @@ class HandTopics(SessionTopics):
             "gravity": (v.VECTOR, self._gravity),
         }
 
-    def _named(self) -> Iterator[Topic]:
+    def _named(self) -> Iterator[RosTopic]:
         for topic in PUBLISHED:
             for finger in self._spec.fingers if topic.name == WRENCH else self._spec.fingers[:1]:
                 yield topic._replace(name=topic.name.format(finger=finger.name))
@@ -207,5 +211,5 @@ class HandTopics(SessionTopics):
         if not message.points:  # As joint_trajectory_controller takes it: cancel.
             self._hand.stop()
             return 0.0
-        times, postures, rates, late = timing(message, self._spec, self._clock)
+        times, postures, rates, late = joint_path(message, self._spec, self._clock)
         return self._outside.follow(times, postures, rates, late=late)

@@ -21,7 +21,7 @@ LATE, SOON = 0.5, 60.0
 _WHAT = "joint_trajectory"
 
 
-class Timing(NamedTuple):
+class JointPath(NamedTuple):
     """The postures of a trajectory, and their times."""
 
     times: Vector
@@ -34,7 +34,7 @@ class Timing(NamedTuple):
     """s until it begins."""
 
 
-def timing(message: Any, spec: HandSpec, clock: Callable[[], int]) -> Timing:
+def joint_path(message: Any, spec: HandSpec, clock: Callable[[], int]) -> JointPath:
     """The postures of a message with points; `clock`: ns since 1970. Raises ConfigError for a message that this hand
     cannot follow."""
     points = message.points
@@ -48,7 +48,7 @@ def timing(message: Any, spec: HandSpec, clock: Callable[[], int]) -> Timing:
         rates = np.array([row(spec, point.velocities, order, f"{_WHAT} velocities") for point in points])
     elif any(with_speed):
         raise ConfigError(f"{_WHAT}: either all of its points have velocities, or none")
-    return Timing(times, postures, rates, late)
+    return JointPath(times, postures, rates, late)
 
 
 def _wait(stamp: int, clock: Callable[[], int]) -> float:

@@ -22,7 +22,7 @@ from rosbags.interfaces import Nodetype
 
 from allegro_twin.errors import ConfigError, LinkError
 from allegro_twin.recording.messages.vocabulary import NODES, Message, Vocabulary
-from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, Quality, Received, checked, full
+from allegro_twin.surfaces.ros.node_api import NAME, PLAIN, QosProfile, Received, checked, full
 
 _BASE = {
     "bool": bool, "byte": uint8, "char": uint8, "octet": uint8, "string": str, "float32": float32, "float64": float64,
@@ -86,7 +86,7 @@ _domains: dict[int, Domain] = {}
 """A process configures a domain once."""
 
 
-def qos_of(quality: Quality, *more: Any) -> Qos:
+def qos_of(quality: QosProfile, *more: Any) -> Qos:
     """A quality of service as Cyclone DDS has it; everything is reliable."""
     durability = Policy.Durability.TransientLocal if quality.latched else Policy.Durability.Volatile
     return Qos(
@@ -117,13 +117,13 @@ class Node:
         self._writers: dict[str, Any] = {}
         self._readers: dict[str, Any] = {}
         self._waiting = WaitSet(self._participant)
-        self._nodes = self._writer("ros_discovery_info", NODES, Quality(1, latched=True), hashed=False)
+        self._nodes = self._writer("ros_discovery_info", NODES, QosProfile(1, latched=True), hashed=False)
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to publish a topic."""
         self._writers[topic] = self._writer(self._dds(topic), kind, quality)
 
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None:
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None:
         """Begin to hear a topic."""
         place = Topic(self._participant, self._dds(topic), wire(self.words, kind))
         reader = DataReader(self._participant, place, qos_of(quality, self._hash(kind)))
@@ -174,7 +174,7 @@ class Node:
         self.__dict__.pop("_nodes", None)
         self.__dict__.pop("_participant", None)
 
-    def _writer(self, name: str, kind: str, quality: Quality, *, hashed: bool = True) -> Any:
+    def _writer(self, name: str, kind: str, quality: QosProfile, *, hashed: bool = True) -> Any:
         place = Topic(self._participant, name, wire(self.words, kind))
         return DataWriter(self._participant, place, qos_of(quality, *([self._hash(kind)] if hashed else [])))
 

@@ -21,7 +21,7 @@ class Received(NamedTuple):
     """The program that sent it."""
 
 
-class Quality(NamedTuple):
+class QosProfile(NamedTuple):
     """Quality of service, in ROS 2's words; always reliable, which is its default."""
 
     depth: int = 10
@@ -29,16 +29,16 @@ class Quality(NamedTuple):
     """Transient local: who comes later gets the last one too."""
 
 
-PLAIN = Quality()
+PLAIN = QosProfile()
 """ROS 2's default."""
 
 
-class Topic(NamedTuple):
+class RosTopic(NamedTuple):
     """One topic; a name without a slash in front is in the session's namespace."""
 
     name: str
     kind: str
-    quality: Quality
+    quality: QosProfile
     what: str
     """For the table in docs/ros.md."""
 
@@ -46,8 +46,8 @@ class Topic(NamedTuple):
 class RosNode(Protocol):
     """A node, as far as a bridge knows it."""
 
-    def advertise(self, topic: str, kind: str, quality: Quality = PLAIN) -> None: ...
-    def subscribe(self, topic: str, kind: str, quality: Quality = PLAIN) -> None: ...
+    def advertise(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None: ...
+    def subscribe(self, topic: str, kind: str, quality: QosProfile = PLAIN) -> None: ...
     def publish(self, topic: str, message: Message) -> None: ...
     def wait(self, seconds: float) -> list[Received]: ...
 

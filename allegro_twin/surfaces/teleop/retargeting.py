@@ -13,7 +13,7 @@ import numpy as np
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.spec import HandSpec
-from allegro_twin.surfaces.teleop.targets import Vectors
+from allegro_twin.surfaces.teleop.targets import TargetVectors
 from allegro_twin.types import Array, Vector
 
 _SMOOTH = 0.5  # The library's low pass: a new frame's share. Of 30 frames/s this lags by one.
@@ -24,7 +24,7 @@ class Retargeting:
     """What a process needs to know to retarget for one hand."""
 
     spec: HandSpec
-    vectors: Vectors
+    vectors: TargetVectors
 
     def open(self) -> Callable[[Array], Vector]:
         """From targets (k, 3), m, to the posture that comes nearest to all, (n,), rad. Raises ConfigError."""

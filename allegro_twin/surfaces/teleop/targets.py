@@ -24,7 +24,7 @@ PALM = (0.04, 0.16)
 """m. From the wrist to the middle finger's knuckle: a toddler's, and the largest hands there are, with room."""
 
 
-def seen(landmarks: Array) -> bool:
+def is_hand(landmarks: Array) -> bool:
     """Whether (21, 3), m, is a hand: all there, of a hand's size, and not folded into a line."""
     if not np.isfinite(landmarks).all():
         return False
@@ -64,7 +64,7 @@ _RECENT = 60  # Frames whose median says how long the person's finger is: two se
 THUMB, LONGEST = "thumb", "middle"
 
 
-class Vectors(NamedTuple):
+class TargetVectors(NamedTuple):
     """Which fingertip each target is of, and from where."""
 
     origins: tuple[str | None, ...]
@@ -72,7 +72,7 @@ class Vectors(NamedTuple):
     tips: tuple[str, ...]
 
 
-def vectors(spec: HandSpec) -> Vectors:
+def target_vectors(spec: HandSpec) -> TargetVectors:
     """From the palm to every tip, and from the thumb to the others, for a pinch is what lies between two tips. Raises
     ConfigError for a hand with other fingers than a person's, or without a thumb or a middle finger."""
     names = tuple(finger.name for finger in spec.fingers)
@@ -82,15 +82,15 @@ def vectors(spec: HandSpec) -> Vectors:
         what = f"has a finger {strange[0]!r}, which no person has" if strange else f"has no {missing[0]}"
         raise ConfigError(f"{spec.name} {what}: teleop cannot lead it")
     others = tuple(name for name in names if name != THUMB)
-    return Vectors((None,) * len(names) + (THUMB,) * len(others), names + others)
+    return TargetVectors((None,) * len(names) + (THUMB,) * len(others), names + others)
 
 
-class Targets:
+class FingertipTargets:
     """Turns frames of a person's hand into targets for one robot hand, its size found from the frames themselves."""
 
     def __init__(self, spec: HandSpec, side: Side) -> None:
         """`side`: which of the person's hands is tracked. The other side's is mirrored. Raises ConfigError."""
-        self.vectors, self.side = vectors(spec), side
+        self.vectors, self.side = target_vectors(spec), side
         self._mirror = np.array([1.0, 1.0 if side == spec.side else -1.0, 1.0])
         mirrored = np.array([1.0, 1.0 if spec.side == "right" else -1.0, 1.0])
         self._base: Vector = load_geometry(spec.model, LONGEST).origin * mirrored
@@ -104,7 +104,7 @@ class Targets:
         return self._length / float(np.median(self._lengths))
 
     def __call__(self, landmarks: Array) -> Array:
-        """Landmarks (21, 3), m → targets (k, 3), m, palm frame, in the order of `vectors`."""
+        """Landmarks (21, 3), m → targets (k, 3), m, palm frame, in the order of `target_vectors`."""
         self._lengths.append(finger_length(landmarks))
         points = self.scale * in_palm(landmarks, self.side) * self._mirror
         ends = [self._base + points[TIPS[tip]] for tip in self.vectors.tips]

@@ -16,7 +16,7 @@ from PIL import Image
 from allegro_twin.hands.description.hands import load_spec
 from allegro_twin.hands.library.named import load_grasp, load_posture
 from allegro_twin.spec import Finger, HandSpec
-from allegro_twin.surfaces.panel.page.html import banner, groups, health, joint_states, units
+from allegro_twin.surfaces.panel.page.html import banner, health, joint_groups, joint_states, units
 from allegro_twin.surfaces.panel.stream import StreamFrame
 from allegro_twin.types import Vector
 from allegro_twin.viewing.thumbnails import Thumbnails
@@ -52,7 +52,7 @@ def test_a_joint_beyond_its_limits_has_a_bar_within_them_and_an_unknown_torque_h
 def test_a_hand_of_two_fingers_with_three_joints_has_its_rows_as_well(spec: HandSpec) -> None:
     fingers = (Finger("a", (0, 1, 2), "x"), Finger("b", (4, 5, 6), "y"))
     other = replace(spec, fingers=fingers)
-    assert [group.name for group in groups(other)] == ["a", "b", "the rest"]
+    assert [group.name for group in joint_groups(other)] == ["a", "b", "the rest"]
     assert len(joints_in(joint_states(other, frame(other, spec.lower)))) == spec.n_joints
 
 
@@ -103,7 +103,7 @@ def test_temperatures_are_shown_where_there_are_any(spec: HandSpec) -> None:
 )
 def test_a_motor_of_several_fingers_has_one_slider(hand: str, found: dict[str, int]) -> None:
     spec = load_spec(hand)
-    made = groups(spec)
+    made = joint_groups(spec)
     assert {group.name: len(group.joints) for group in made} == found
     assert sorted(joint for group in made for joint in group.joints) == list(range(spec.n_joints))
     assert units(spec) == ("rad" if hand == "leap" else "of the motor")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from allegro_twin.surfaces.panel.page.page_state import SECONDS, History
+from allegro_twin.surfaces.panel.page.page_state import SECONDS, FrameHistory
 from allegro_twin.surfaces.panel.stream import StreamFrame
 
 
@@ -13,8 +13,8 @@ def frame(t: float, session: int = 1) -> StreamFrame:
     return StreamFrame(session, t, row, row, row, row, {}, "pd", False, 0, (), -1.0, False)
 
 
-def filled(seconds: float, rate: float = 10.0) -> History:
-    history = History()
+def filled(seconds: float, rate: float = 10.0) -> FrameHistory:
+    history = FrameHistory()
     for k in range(round(seconds * rate) + 1):
         history.add(frame(k / rate))
     return history
@@ -26,7 +26,7 @@ def test_a_moment_so_long_ago_is_found_or_the_oldest() -> None:
     assert found is not None
     assert oldest is not None
     assert (found.t, oldest.t) == (7.5, 0.0)
-    assert History().at(1.0) is None
+    assert FrameHistory().at(1.0) is None
 
 
 def test_what_is_older_than_a_minute_is_forgotten() -> None:

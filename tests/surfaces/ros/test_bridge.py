@@ -20,12 +20,12 @@ from allegro_twin.surfaces.ros.bridge import QUIET, SenderLock
 from allegro_twin.surfaces.ros.hand_topics import PUBLISHED, WRENCH
 from allegro_twin.surfaces.ros.joint_trajectory import TRAJECTORY
 from allegro_twin.surfaces.ros.node import Node, qos_of
-from allegro_twin.surfaces.ros.node_api import Quality, checked
+from allegro_twin.surfaces.ros.node_api import QosProfile, checked
 from allegro_twin.types import Array, Vector
 from tests.conftest import can_config
 from tests.surfaces.ros.conftest import DOMAIN, Peer, bridged, sim_config, waited
 
-LATCHED = Quality(1, latched=True)
+LATCHED = QosProfile(1, latched=True)
 
 
 @pytest.fixture
@@ -217,7 +217,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 
     peer.lib_cmd("home")
     waited(there(hand, home), "home was not reached")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     peer.hear("joint_states", v.JOINT_STATE)
     for name, (message, said) in bad(words, hand.spec, home + 0.2).items():
         peer.say(TRAJECTORY, message)
@@ -231,7 +231,7 @@ def test_trajectories_that_cannot_be_are_refused_in_one_line_and_move_nothing(
 def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, peer: Peer, home: Vector) -> None:
     peer.joint_cmd(hand.spec, home, stamp=time.time_ns())
     waited(there(hand, home), "joint_cmd was not followed")
-    peer.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    peer.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     nan = home.copy()
     nan[0] = np.inf
     peer.joint_cmd(hand.spec, nan)
@@ -251,7 +251,7 @@ def test_set_points_that_cannot_be_are_refused_and_the_hand_stays(hand: Hand, pe
 
 def test_a_second_program_is_not_obeyed_but_for_off(hand: Hand, make_peer: Callable[[], Peer], home: Vector) -> None:
     first, second = make_peer(), make_peer()
-    second.hear("/rosout", v.LOG, Quality(1000, latched=True))
+    second.hear("/rosout", v.LOG, QosProfile(1000, latched=True))
     second.joint_cmd(hand.spec, home)
     over = threading.Event()
 

@@ -25,7 +25,7 @@ _TOP = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class PointSample:
     """In axes whose z is the table's normal and whose x goes away from the camera; heights are above the table."""
 
     points: Array
@@ -45,7 +45,7 @@ class Sample:
         return np.asarray(2.0 / N_DIRECTIONS * self.outline @ DIRECTIONS)
 
 
-def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sample:
+def sample_points(points: Array, pixel: float, sigma: float, elevation: float) -> PointSample:
     """From all points (n, 3) of a thing, one of which stands for a square of edge `pixel`, m, across the ray, and so on
     the table further along the ray than across it. `elevation`: by how much the camera looks down at the top, rad.
 
@@ -61,10 +61,10 @@ def sample(points: Array, pixel: float, sigma: float, elevation: float) -> Sampl
     outline = np.partition(reach, last, axis=1)[:, last]
     apart = pixel * np.hypot(DIRECTIONS[:, 0] / max(np.sin(elevation), 0.2), DIRECTIONS[:, 1])
     outline += _WITHIN * apart
-    return Sample(points, outline, np.minimum(1.0, _TOLD / np.maximum(apart, 1e-9)), top, sigma)
+    return PointSample(points, outline, np.minimum(1.0, _TOLD / np.maximum(apart, 1e-9)), top, sigma)
 
 
-def thinned(seen: Sample, most: int, draws: np.random.Generator) -> Sample:
+def thinned(seen: PointSample, most: int, draws: np.random.Generator) -> PointSample:
     """With at most so many of its points, and the same outline."""
     if len(seen.points) <= most:
         return seen
@@ -76,7 +76,7 @@ Residuals = Callable[[Array], Array]
 _STEP = 1e-6  # Of a difference, m and rad.
 
 
-class Fit(NamedTuple):
+class SolidFit(NamedTuple):
     """Where the steps ended."""
 
     parameters: Vector
@@ -84,7 +84,7 @@ class Fit(NamedTuple):
     """The root of the mean square of what is left, m, in which nothing counts for more than twice the scale."""
 
 
-def solve(residuals: Residuals, start: Vector, counts: Vector, scale: float, steps: int) -> Fit:
+def solve(residuals: Residuals, start: Vector, counts: Vector, scale: float, steps: int) -> SolidFit:
     """The least of Σ c log(1 + r²/s²), Cauchy's loss, under which what is many `scale`, m, away hardly counts.
 
     `counts` (n,) are the c: for how many points each residual stands.
@@ -108,7 +108,7 @@ def solve(residuals: Residuals, start: Vector, counts: Vector, scale: float, ste
         else:
             damping *= 10.0
     most = np.minimum(np.square(values[0]), (2.0 * scale) ** 2)
-    return Fit(now, float(np.sqrt(most @ counts / counts.sum())))
+    return SolidFit(now, float(np.sqrt(most @ counts / counts.sum())))
 
 
 def _loss(residuals: Array, counts: Vector, scale: float) -> float:
@@ -135,14 +135,14 @@ class Solid:
     """The root mean square distance of the points from its surface, m."""
 
 
-class Model(NamedTuple):
+class SolidModel(NamedTuple):
     """A kind of solid as few numbers."""
 
-    starts: Callable[[Sample], list[Vector]]
+    starts: Callable[[PointSample], list[Vector]]
     """Where they may be looked for, at least one."""
-    residuals: Callable[[Sample], Residuals]
+    residuals: Callable[[PointSample], Residuals]
     """How far the points and the outline are off, m."""
-    counts: Callable[[Sample], Vector]
+    counts: Callable[[PointSample], Vector]
     """For how many points each residual stands."""
     solid: Callable[[Vector, float], Solid]
     """What they are, with an error, m."""
@@ -167,6 +167,6 @@ def main_direction(places: Array) -> float:
     return 0.5 * float(np.arctan2(2.0 * (x @ y), x @ x - y @ y))
 
 
-def behind(seen: Sample, radius: float) -> Array:
+def behind(seen: PointSample, radius: float) -> Array:
     """The middle of what is seen from the front is nearer than the solid's: a start, (2,), m."""
     return np.asarray(seen.points[:, :2].mean(axis=0) + np.array([0.25 * radius, 0.0]))

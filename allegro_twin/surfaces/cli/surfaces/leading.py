@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from allegro_twin.errors import ConfigError
 
 if TYPE_CHECKING:
-    from allegro_twin.cell.assembly import Room
-    from allegro_twin.cell.journal.observers import Lens, Onlooker
-    from allegro_twin.cell.remote.remote_control import Led
+    from allegro_twin.cell.assembly import Cell
+    from allegro_twin.cell.journal.observers import Observer, ObserverCamera
+    from allegro_twin.cell.remote.remote_control import RemoteControl
     from allegro_twin.recording.events import SessionEvent
-    from allegro_twin.surfaces.ros.bridge import Bridge
+    from allegro_twin.surfaces.ros.bridge import RosBridge
 
 
-def bridged(room: Room, led: Led | None, namespace: str, stack: ExitStack) -> Bridge:
+def bridged(cell: Cell, led: RemoteControl | None, namespace: str, stack: ExitStack) -> RosBridge:
     """Put a cell on ROS 2, where `led` carries out commands. Raises ConfigError without Cyclone DDS."""
     from allegro_twin.surfaces.cli.console import console
     from allegro_twin.surfaces.cli.surfaces.ros import domain_of
@@ -24,34 +24,36 @@ def bridged(room: Room, led: Led | None, namespace: str, stack: ExitStack) -> Br
     try:
         from allegro_twin.surfaces.ros import open_cell
 
-        bridge = stack.enter_context(open_cell(room, led, namespace=namespace, domain=domain))
+        bridge = stack.enter_context(open_cell(cell, led, namespace=namespace, domain=domain))
     except ImportError as error:
         raise ConfigError(f"--ros needs Cyclone DDS: pip install 'allegro-twin[ros2]' ({error})") from error
     console.print(f"The cell is on ROS domain {domain} in {namespace}", soft_wrap=True, highlight=False)
     return bridge
 
 
-def lead(led: Led, looking: tuple[list[Onlooker], Lens | None], port: int, stack: ExitStack) -> None:
+def lead(
+    led: RemoteControl, looking: tuple[list[Observer], ObserverCamera | None], port: int, stack: ExitStack
+) -> None:
     """Until Ctrl-C: whoever moves the marker at a port, 0: none, or the target on ROS, is obeyed."""
-    from allegro_twin.cell.journal.observers import Onlookers
-    from allegro_twin.cell.remote.remote_control import follow
+    from allegro_twin.cell.journal.observers import Observers
+    from allegro_twin.cell.remote.remote_control import run_remote_control
     from allegro_twin.surfaces.cli.console import console
 
     onlookers, lens = looking
     if port:
         from allegro_twin.surfaces.panel.cell_session import CellSession
         from allegro_twin.surfaces.panel.host import Host
-        from allegro_twin.surfaces.panel.page_process import Pages
+        from allegro_twin.surfaces.panel.page_process import PageServer
 
         session = CellSession(led)
-        host = Host(session, Pages("127.0.0.1", port, "hold"))
+        host = Host(session, PageServer("127.0.0.1", port, "hold"))
         stack.callback(host.close)
         onlookers.append(session)
         console.print(f"Open {host.serve_beside()} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)
     else:
         console.print("Ctrl-C ends it")
     try:
-        follow(led, Onlookers(led.room, [*onlookers, Refusals()], lens))
+        run_remote_control(led, Observers(led.cell, [*onlookers, Refusals()], lens))
     except KeyboardInterrupt:
         return
 

@@ -51,11 +51,11 @@ def panel(
     from allegro_twin.surfaces.cli.performers import on_hand
     from allegro_twin.surfaces.panel.hand_session import Folders, HandSessions
     from allegro_twin.surfaces.panel.host import Host
-    from allegro_twin.surfaces.panel.page_process import Pages
+    from allegro_twin.surfaces.panel.page_process import PageServer
     from allegro_twin.viewing.rerun.server import browse
 
     settings = on_hand(load_config(config), other)
-    pages = Pages(host, port, gone.value, None if token is None else _token(token))
+    pages = PageServer(host, port, gone.value, None if token is None else _token(token))
 
     def tell(address: str) -> None:
         console.console.print(f"Open {address} (Ctrl-C ends it)", soft_wrap=True, highlight=False, markup=False)

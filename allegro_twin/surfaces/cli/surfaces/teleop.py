@@ -15,7 +15,7 @@ from allegro_twin.surfaces.cli import complete, options
 from allegro_twin.surfaces.cli.options import OtherHand
 
 if TYPE_CHECKING:
-    from allegro_twin.surfaces.teleop.follower import Tally
+    from allegro_twin.surfaces.teleop.follower import FrameCounts
 
 WEBCAM = "webcam"
 _TURNS = 0.0005  # s that this thread may keep the loop's thread waiting; Python's own 5 ms are longer than a period.
@@ -87,7 +87,7 @@ def _here_or_shipped(path: Path) -> Path:
     return shipped if not path.exists() and shipped.is_file() else path
 
 
-def _summed(tally: Tally) -> str:
+def _summed(tally: FrameCounts) -> str:
     return (
         f"{tally.followed} frames followed, {tally.clipped} of them up to a joint's limit; left out: {tally.unseen} "
         f"without a hand, {tally.jumps} that jumped, {tally.late} overtaken"

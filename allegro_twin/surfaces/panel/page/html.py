@@ -17,7 +17,7 @@ FONT = "font:12px/1.5 system-ui,sans-serif;color:#333;padding:2px 12px"
 _WARM = 60.0  # °C, from which on the guard fades torques: docs/safety.md.
 
 
-class Group(NamedTuple):
+class JointGroup(NamedTuple):
     """Motors that belong together."""
 
     name: str
@@ -25,7 +25,7 @@ class Group(NamedTuple):
     """In the spec's order of every array, from the palm outward."""
 
 
-def groups(spec: HandSpec) -> tuple[Group, ...]:
+def joint_groups(spec: HandSpec) -> tuple[JointGroup, ...]:
     """Every motor in one group: those of each finger, and before it those that it shares with others."""
     owners: dict[int, tuple[str, ...]] = {
         joint: tuple(finger.name for finger in spec.fingers if joint in finger.joints) for joint in range(spec.n_joints)
@@ -37,7 +37,7 @@ def groups(spec: HandSpec) -> tuple[Group, ...]:
                 found[owners[joint]].append(joint)
     if loose := [joint for joint, fingers in owners.items() if not fingers]:
         found[()] = loose
-    return tuple(Group(_group_name(spec, fingers), _ordered(spec, joints)) for fingers, joints in found.items())
+    return tuple(JointGroup(_group_name(spec, fingers), _ordered(spec, joints)) for fingers, joints in found.items())
 
 
 def _group_name(spec: HandSpec, fingers: tuple[str, ...]) -> str:
@@ -62,7 +62,7 @@ def joint_states(spec: HandSpec, frame: StreamFrame) -> str:
     the sliders. A joint is its name, its colour, its position within its limits (0 to 1) and in numbers, and its torque
     (-1 to 1) likewise."""
     rows = []
-    for group in groups(spec):
+    for group in joint_groups(spec):
         for place, joint in enumerate(group.joints):
             lower, upper, limit = spec.lower[joint], spec.upper[joint], spec.actuation.torque_limit[joint]
             position, torque = float(frame.position[joint]), float(frame.torque[joint])
@@ -84,7 +84,7 @@ def _temperatures(spec: HandSpec, frame: StreamFrame) -> str:
     if not any(math.isfinite(value) for value in frame.temperature):
         return "<br>this hand reports no temperatures"
     cells = []
-    for group in groups(spec):
+    for group in joint_groups(spec):
         values = "".join(
             f'<td style="padding:0 8px;color:{BAD if frame.temperature[joint] >= _WARM else "#333"}">'
             f"{frame.temperature[joint]:.0f}</td>"

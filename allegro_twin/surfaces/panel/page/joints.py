@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from allegro_twin.surfaces.panel.page.html import groups, joint_states, units
+from allegro_twin.surfaces.panel.page.html import joint_groups, joint_states, units
 from allegro_twin.surfaces.panel.page.page_state import Browser, update
 from allegro_twin.surfaces.panel.requests import MoveJoints
 from allegro_twin.surfaces.panel.stream import StreamFrame
@@ -29,7 +29,7 @@ class JointSliders:
         self._before = np.full(self._spec.n_joints, np.nan)
         gui = browser.client.gui
         self._states = gui.add_html("")
-        for group in groups(self._spec):
+        for group in joint_groups(self._spec):
             with gui.add_folder(group.name):
                 for joint in group.joints:
                     self._sliders[joint] = self._slider(gui, joint)

@@ -78,7 +78,7 @@ class ControlLock:
         return True
 
 
-class History:
+class FrameHistory:
     """Frames of one opening of a session, the newest minute of them, oldest first."""
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class PageState:
 
     def __init__(self, send: Callable[[Request], None]) -> None:
         self._send = send
-        self.lock, self.history, self.library = ControlLock(), History(), LibraryContents()
+        self.lock, self.history, self.library = ControlLock(), FrameHistory(), LibraryContents()
         self.thumbnails: dict[str, str] = {}
         """Pictures of postures and grasps by name, as HTML."""
         self.info: SessionInfo | None = None

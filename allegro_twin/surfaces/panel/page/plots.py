@@ -8,7 +8,7 @@ import numpy as np
 from viser import uplot
 
 from allegro_twin.hands.description.appearance import LIMIT, Color, lighter, of_series
-from allegro_twin.surfaces.panel.page.html import Group, groups, hexed, units
+from allegro_twin.surfaces.panel.page.html import JointGroup, hexed, joint_groups, units
 from allegro_twin.surfaces.panel.page.page_state import Browser
 from allegro_twin.surfaces.panel.stream import StreamFrame
 
@@ -22,7 +22,7 @@ class Plots:
 
     def __init__(self, browser: Browser) -> None:
         self._browser, self._gui, self._spec = browser, browser.client.gui, browser.info.spec
-        self._groups = {group.name: group for group in groups(self._spec)}
+        self._groups = {group.name: group for group in joint_groups(self._spec)}
         self._on = self._gui.add_checkbox("Live", initial_value=True, hint="Off: the curves stand still")
         self._finger = self._gui.add_dropdown("Finger", tuple(self._groups))
         self._place = self._gui.add_folder("Curves")
@@ -51,7 +51,7 @@ class Plots:
     def enable(self, on: bool) -> None:
         """Who looks on may look at curves."""
 
-    def _draw(self, group: Group, rows: Any, limits: int) -> None:
+    def _draw(self, group: JointGroup, rows: Any, limits: int) -> None:
         for chart in self._charts or ():
             chart.remove()
         names = [self._spec.readable[joint] for joint in group.joints]

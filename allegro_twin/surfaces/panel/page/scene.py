@@ -18,8 +18,8 @@ from allegro_twin.surfaces.panel.stream import SessionInfo, StreamFrame
 from allegro_twin.types import Array, Vector
 from allegro_twin.viewing.scenery import ArmScenery, Scenery
 from allegro_twin.viewing.skeleton import Skeleton
-from allegro_twin.viewing.surfaces import joined, surface
-from allegro_twin.viewing.views import seen
+from allegro_twin.viewing.surfaces import join_surfaces, surface_of
+from allegro_twin.viewing.views import aimed_view
 
 PALM, ARM = "/palm", "/arm"
 EYE, AT = (0.95, -1.05, 0.75), (-0.15, 0.0, 0.2)
@@ -108,7 +108,7 @@ class SceneView:
 
     def _mesh(self, name: str, shapes: Sequence[Shape]) -> None:
         if shapes:
-            whole = joined([surface(shape) for shape in shapes])
+            whole = join_surfaces([surface_of(shape) for shape in shapes])
             self._server.scene.add_glb(name, glb(whole), cast_shadow=False, receive_shadow=False)
 
     def _press(self, look: Mapping[str, Array]) -> None:
@@ -148,7 +148,7 @@ def eye(spec: HandSpec, scenery: Scenery) -> tuple[Vector, Vector]:
         return np.array(EYE), np.array(AT)
     palm = np.array(scenery.palm)
     turn = matrix_from_quaternion(palm[3:])
-    target, palm_on = seen("palm", spec.side, *Skeleton(scenery.bodies, spec).tips(), turn)
+    target, palm_on = aimed_view("palm", spec.side, *Skeleton(scenery.bodies, spec).tips(), turn)
     view = replace(palm_on, azimuth=palm_on.azimuth + _ASIDE)
     middle = palm[:3] + turn @ target.middle
     return middle - _CLOSER * view.distance * view.direction(spec.side), middle
