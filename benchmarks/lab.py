@@ -88,7 +88,7 @@ def tried(
 
     try:
         began = time.perf_counter()
-        report = perform(cell, entered=entered)
+        report = perform(cell, on_state=entered)
         return _row(report, name, time.perf_counter() - began)
     finally:
         cell.close()
@@ -140,7 +140,7 @@ def _alter(cell: Cell, draws: np.random.Generator) -> None:
 def _row(report: LabReport, name: str, wall: float) -> Row:
     check = report.checked
     return {
-        "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.truly),
+        "name": name, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "tries": report.tries, "grasp": report.grasp, "error": report.error, "lifted": report.lifted, "wall": wall,
         "t": report.events[-1][0], "force": None if check is None else bool(check.by_force),
         "torque": None if check is None else check.by_torque, "fingers": None if check is None else check.by_fingers,

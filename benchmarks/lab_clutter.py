@@ -54,7 +54,7 @@ def tried(settings: LabSettings) -> Row:
     near = [float(np.hypot(*np.subtract(each.at, settings.objects[0].at))) for each in settings.objects[1:]]
     return {
         "objects": [each.name for each in settings.objects], "apart": near, "taken": report.thing,
-        "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.truly),
+        "grasp": report.grasp, "end": str(report.end), "sentence": report.end.sentence, "truly": bool(report.is_lifted),
         "error": report.error, "moved": dict(report.moved), "doubt": bool(report.checked and report.checked.doubt),
     }  # fmt: skip
 

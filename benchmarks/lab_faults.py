@@ -152,7 +152,7 @@ def tried(settings: LabSettings, case: Case) -> Row:
     name = settings.objects[0].name
     entered, cell = _injected(cell, case, name)
     try:
-        return _row(perform(cell, entered=entered), case, settings)
+        return _row(perform(cell, on_state=entered), case, settings)
     finally:
         cell.close()
 
@@ -201,7 +201,7 @@ def _row(report: LabReport, case: Case, settings: LabSettings) -> Row:
     return {
         "hand": settings.hand.model, "object": settings.objects[0].name, "kind": case.kind, "what": case.what,
         "state": case.state, "empty": case.empty, "end": str(report.end), "sentence": report.end.sentence,
-        "truly": bool(report.truly), "tries": report.tries, "states": [state for _, state in report.events],
+        "truly": bool(report.is_lifted), "tries": report.tries, "states": [state for _, state in report.events],
         "check": None if check is None else [check.weight, check.torque, check.between, check.by_camera],
     }  # fmt: skip
 

@@ -92,7 +92,7 @@ def _tried(pipeline: PerceptionPipeline, placed: Placement, frame: CameraFrame) 
     thing, cloud, spent, beside = placed.thing, frame.cloud, np.inf, np.inf
     for _ in range(_TIMES):
         begin = time.perf_counter()
-        seen = pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
+        seen = pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
         between = time.perf_counter()
         frame.lens.cloud(frame.depth)
         spent, beside = min(spent, 1e3 * (between - begin)), min(beside, 1e3 * (time.perf_counter() - between))

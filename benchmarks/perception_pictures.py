@@ -62,7 +62,7 @@ def _tile(placed: Placement, settings: PerceptionSettings) -> Picture:
     camera = DepthCamera(model, DepthCameraSettings(mount=_MOUNT, colour=True))
     frame = camera.capture(data)
     camera.close()
-    found = PerceptionPipeline(settings).look(frame.cloud, frame.pose.position, frame.pose.rotation)
+    found = PerceptionPipeline(settings).detect(frame.cloud, frame.pose.position, frame.pose.rotation)
     assert isinstance(found, Detection), found
     assert frame.colour is not None
     image = Image.fromarray(frame.colour)

@@ -36,12 +36,16 @@ def leading(settings: CartesianSettings, spec: HandSpec) -> tuple[Controller[Any
     smoothing, target = Smoothing(settings.speed, settings.turning), CartesianTarget(goal)
     way = float(np.linalg.norm(goal.position - home.position)) / settings.speed
     seconds = max(way, float(np.linalg.norm(settings.turn)) / settings.turning) + STAY
-    bridge = WrenchCompensation(spec.load or Load(0.0, np.zeros(3)))
+    compensation = WrenchCompensation(spec.load or Load(0.0, np.zeros(3)))
     if settings.kind == "impedance":
-        hung = Impedance(model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing, bridge=bridge)
+        hung = Impedance(
+            model, target, _stiffness(settings, 200.0, 10.0), smoothing=smoothing, compensation=compensation
+        )
         return hung, seconds
     pull = Pull(iterations=settings.iterations)
-    return Compliance(model, target, bridge, _stiffness(settings, 500.0, 50.0), pull, smoothing=smoothing), seconds
+    return Compliance(
+        model, target, compensation, _stiffness(settings, 500.0, 50.0), pull, smoothing=smoothing
+    ), seconds
 
 
 def _stiffness(settings: CartesianSettings, linear: float, angular: float) -> Stiffness:

@@ -62,7 +62,7 @@ class CellActions:
         self.seen_at = 0.0
         """When the picture was taken, s."""
         self.checked: GraspCheck | None = None
-        self.looked: Callable[[CameraFrame, Detection | Refusal], None] = lambda frame, seen: None
+        self.on_detection: Callable[[CameraFrame, Detection | Refusal], None] = lambda frame, seen: None
         """Hears what perception says of every picture."""
         self._last = cell.camera.capture(cell.robot.world.data)  # The camera is there; the next must be a new one.
         self._asked: tuple[CameraFrame, Vector] | None = None  # A picture, and where the arm was when it was taken.
@@ -133,7 +133,7 @@ class CellActions:
         self.guide.target.move(self.cell.robot.model.pose(state.position))
         self.guide.let_go()
 
-    def felt(self, now: MachineState, state: HandState) -> None:
+    def collect_force(self, now: MachineState, state: HandState) -> None:
         """Every state of the arm: what the flange feels is gathered while it is needed and the arm rests."""
         kept = None
         if now.state == "Look" and float(np.abs(state.velocity).max()) < _STILL:
@@ -144,15 +144,15 @@ class CellActions:
             kept = self._after
         if kept is not None:
             flange = self.cell.robot.model.pose(state.position).rotation
-            kept.append(self.cell.robot.bridge.felt(state.wrench, flange, state.gravity))
+            kept.append(self.cell.robot.compensation.flange_wrench(state.wrench, flange, state.gravity))
 
-    def hand_is(self, state: HandState) -> None:
+    def update_hand(self, state: HandState) -> None:
         """Every state of the hand."""
         self._hand = state
         gravity = self.cell.model.gravity_torque(state.position, state.gravity)
-        self._motors.see(state, self.fingers(state.t), gravity)
+        self._motors.update(state, self.fingers(state.t), gravity)
 
-    def know(self, now: MachineState, state: HandState) -> Observation:
+    def observe(self, now: MachineState, state: HandState) -> Observation:
         """What the state machine has to know of this moment; pictures are taken here."""
         full = at_limit(state, self.cell.robot.spec, self.cell.robot.limits)
         if full is not None:
@@ -178,7 +178,7 @@ class CellActions:
         loose = _LOOSE if now.state == "ToLiftedPose" else 1.0
         return Observation(state.t, done=self._arrived(state, loose) and state.t >= self._there)
 
-    def keeps(self, now: MachineState, state: HandState) -> Observation:
+    def recheck(self, now: MachineState, state: HandState) -> Observation:
         """Whether what was said to be held after the lift still is, once there are as many samples and a picture again;
         that the run is not over until then."""
         weak = self._powerless()
@@ -214,7 +214,10 @@ class CellActions:
             self._sight = CameraCheck(fresh=False)
             return self._sight
         self._last = frame
-        cloud, moved = cell.itself.cut_out(frame.cloud, posture, hand.position), (self._grasped, cell.robot.palm(state))
+        cloud, moved = (
+            cell.self_filter.remove_robot(frame.cloud, posture, hand.position),
+            (self._grasped, cell.robot.palm(state)),
+        )
         self._sight = check_camera(
             frame,
             cloud,
@@ -237,8 +240,8 @@ class CellActions:
         """To where the arm waits, unless the table is in the way; where the thing is by now nobody knows."""
         cell = self.cell
         arm, times = far_path(state.position, cell.posture, cell.settings.arm.joint_speed)
-        cell.apart.nothing()
-        met = cell.apart.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
+        cell.clearance.nothing()
+        met = cell.clearance.on_way(arm, np.stack([self.fingers(t + each).position for each in times]))
         if met is None:
             self._far(t, state, cell.posture)
             return
@@ -284,10 +287,12 @@ class CellActions:
             self._refused = None if old is None else Outcome("fault", "camera", old.sentence)
             return
         self._last = frame
-        alone = cell.itself.cut_out(frame.cloud, posture, cell.open if self._hand is None else self._hand.position)
+        alone = cell.self_filter.remove_robot(
+            frame.cloud, posture, cell.open if self._hand is None else self._hand.position
+        )
         cloud = alone if cell.settings.at_the_wrist else frame.cloud
-        seen = cell.pipeline.look(cloud, frame.pose.position, frame.pose.rotation)
-        self.looked(frame, seen)
+        seen = cell.pipeline.detect(cloud, frame.pose.position, frame.pose.rotation)
+        self.on_detection(frame, seen)
         if not isinstance(seen, Detection):
             self._refused = Outcome("refused", seen.reason, seen.sentence)
             return

@@ -55,15 +55,15 @@ class Cell:
     """Of its controller, (n,), N·m/rad."""
     forces: Array
     """What its motors give at the least and at the most, (2, n), N·m: a tendon only pulls."""
-    apart: Apart
+    clearance: Apart
     """What is in the way of arm and hand."""
-    itself: SelfFilter
+    self_filter: SelfFilter
     """What the camera sees of arm and hand."""
 
     def close(self) -> None:
         """Let go of everything."""
         self.camera.close()
-        self.itself.close()
+        self.self_filter.close()
         self.robot.close()
 
 
@@ -85,7 +85,8 @@ def make_cell(settings: LabSettings) -> Cell:
     noise = np.array([settings.validation.noise] * 3 + [0.0] * 3)
     return Cell(
         settings, robot, DisturbedBackend(robot.arm, noise, seed=settings.seed), robot.hand,
-        DepthCamera(robot.world.model, settings.camera, settings.seed), PerceptionPipeline(settings.perception, settings.seed),
+        DepthCamera(robot.world.model, settings.camera, settings.seed),
+        PerceptionPipeline(settings.perception, settings.seed),
         hand_model(spec), library, security, posture, hand_open, load_gains(settings.hand.gains, spec).kp, forces,
         Apart(robot.spec, Mounted(spec, robot.mount), robot.base.position),
         SelfFilter(robot, settings.camera),

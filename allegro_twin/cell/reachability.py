@@ -78,8 +78,8 @@ def plan_grasp(solid: Solid, cell: Cell, others: Sequence[Array] = ()) -> GraspP
         raise ConfigError(
             f"{len(others)} other objects are on the table, and {OTHERS} can be kept clear of: take some away"
         )
-    cell.apart.see(body.kind, body.extents, body.position, body.yaw)
-    cell.apart.beside([bounding_box(points) for points in others])
+    cell.clearance.see(body.kind, body.extents, body.position, body.yaw)
+    cell.clearance.beside([bounding_box(points) for points in others])
     for one in reachable_grasps(body, cell.robot, cell.posture, cell.settings.lift):
         for each in (one, *_higher(one, cell.robot)):
             met = obstacle_on(each, cell)
@@ -89,8 +89,8 @@ def plan_grasp(solid: Solid, cell: Cell, others: Sequence[Array] = ()) -> GraspP
     where = ", ".join(position_text(bounding_box(points)[0]) for points in others)
     beside = f", and so may be the other objects at {where}" if others else ""
     raise ConfigError(
-        f"{cell.robot.spec.name} does not get to the {body.kind} at {position_text(body.position)}: {first}, and something is "
-        f"in every other{beside}; move the thing, or turn it"
+        f"{cell.robot.spec.name} does not get to the {body.kind} at {position_text(body.position)}: {first}, and "
+        f"something is in every other{beside}; move the thing, or turn it"
     )
 
 
@@ -115,8 +115,8 @@ def reachable_grasps(
         if reached:
             return reached
     raise ConfigError(
-        f"{robot.spec.name} does not reach the {grasp_candidates(body, model)[0].card.name} grasp of the {body.kind} at "
-        f"{position_text(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
+        f"{robot.spec.name} does not reach the {grasp_candidates(body, model)[0].card.name} grasp of the {body.kind} "
+        f"at {position_text(body.position)} with room in its joints: move the thing nearer, or turn it by 90 degrees"
     )
 
 
@@ -130,12 +130,12 @@ def obstacle_on(one: GraspPlan, cell: Cell) -> Met | None:
     begin, t = cell.posture, 0.0
     for end in one.through:
         arm, times = far_path(begin, end, cell.settings.arm.joint_speed)
-        met = cell.apart.on_way(arm, np.stack([shaping(t + each).position for each in times]))
+        met = cell.clearance.on_way(arm, np.stack([shaping(t + each).position for each in times]))
         if met is not None:
             return met
         begin, t = end, t + float(times[-1])
-    met = next(filter(None, (cell.apart.of_arm(at, shaped) for at in one.there)), None)
-    if met is not None or not cell.apart.crowded:
+    met = next(filter(None, (cell.clearance.of_arm(at, shaped) for at in one.there)), None)
+    if met is not None or not cell.clearance.crowded:
         return met
     part = np.linspace(0.0, 1.0, _CLOSING)[:, None]
     there, up = one.there
@@ -144,7 +144,7 @@ def obstacle_on(one: GraspPlan, cell: Cell) -> Met | None:
     )
     hand = np.concatenate([shaped + 0.0 * part, shaped + part * (grasp.close - shaped),
                            grasp.close + part * (grasp.squeeze - grasp.close), grasp.squeeze + 0.0 * part])  # fmt: skip
-    return cell.apart.of_others(arm, hand)
+    return cell.clearance.of_others(arm, hand)
 
 
 def far_path(begin: Vector, end: Vector, speed: float) -> tuple[Array, Vector]:

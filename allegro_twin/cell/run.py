@@ -60,7 +60,7 @@ class LabReport:
     """Other objects that are not where they were, and how far, m. Only a simulation knows."""
 
     @property
-    def truly(self) -> bool:
+    def is_lifted(self) -> bool:
         """Whether the thing is in the air at the end."""
         return self.lifted > 0.05
 
@@ -70,18 +70,18 @@ def perform(
     *,
     arm: SampleStage = iter,
     hand: SampleStage = iter,
-    entered: Callable[[MachineState], None] = lambda now: None,
-    prepared: Callable[[CellActions], None] = lambda work: None,
+    on_state: Callable[[MachineState], None] = lambda now: None,
+    on_prepare: Callable[[CellActions], None] = lambda work: None,
 ) -> LabReport:
-    """From the security pose to an end. `arm` and `hand` are stages around their samples, `entered` hears of states,
-    `prepared` of the run's memory before anything moves.
+    """From the security pose to an end. `arm` and `hand` are stages around their samples, `on_state` hears of states,
+    `on_prepare` of the run's memory before anything moves.
 
     Whatever falls silent or stops ends it in a named fault: the other one goes on and holds, the arm where it is. Every
     state has its longest time, and so has the run, by the periods of arm and hand.
     """
     work, now = CellActions(cell), initial_state(0.0)
     seen = _Story(cell, work)
-    prepared(work)
+    on_prepare(work)
     law = arm_controller(cell, work.guide)
     grip = finger_controller(SteeredReference(work.fingers), cell.settings.hand.gains, cell.hand.spec, cell.model)
     arms, hands = arm(run(cell.arm, law)), hand(run(cell.hand, grip))
@@ -93,41 +93,41 @@ def perform(
             passed[turn] += (cell.arm, cell.hand)[turn].period
             if passed[turn] > rules.longest:
                 now = endless_run(now, sample.state.t, rules, ("arm", "hand")[turn])
-                seen.enter(now, entered)
+                seen.enter(now, on_state)
                 if last is not None:
                     work.stand_still(last.state)
                 break
             if turn == 1:
-                work.hand_is(sample.state)
+                work.update_hand(sample.state)
                 continue
             state, last = sample.state, sample
             if state.tick == 0:
-                seen.enter(now, entered)
+                seen.enter(now, on_state)
                 work.enter(now, state)
-            work.felt(now, state)
+            work.collect_force(now, state)
             if now.state == "Done":
                 held = now.end is not None and now.end.word == "held"
-                known = work.keeps(now, state) if held else Observation(state.t)
+                known = work.recheck(now, state) if held else Observation(state.t)
                 after = watch_outcome(now, known, rules)
                 if after is not now:
                     now = after
-                    seen.enter(now, entered)
+                    seen.enter(now, on_state)
                     work.enter(now, state)
                 elif state.t >= now.since + WATCHED and (known.held or not held):
                     break
                 continue
             if not clock.due(state.t):
                 continue
-            after = next_state(now, work.know(now, state), rules)
+            after = next_state(now, work.observe(now, state), rules)
             if after is not now:
                 now = after
-                seen.enter(now, entered)
+                seen.enter(now, on_state)
                 work.enter(now, state)
     except (HandFault, LinkError) as error:
         now = MachineState(
             "Done", 0.0 if last is None else last.state.t, now.tries, Outcome("fault", _who(error, cell), str(error))
         )
-        seen.enter(now, entered)
+        seen.enter(now, on_state)
         _hold(cell, work, last, (arms, hands))
     assert now.end is not None
     return seen.report(now)
@@ -168,13 +168,13 @@ class _Story:
         self._first: dict[str, Array] = {}
         self._at: dict[str, Array] = {}
 
-    def enter(self, now: MachineState, entered: Callable[[MachineState], None]) -> None:
+    def enter(self, now: MachineState, on_state: Callable[[MachineState], None]) -> None:
         if not self._first:
             self._first = self._at = self._places()
         if now.state == "ToTargetPose":
             self._at = self._places()
         self._events.append((now.since, now.state))
-        entered(now)
+        on_state(now)
 
     def report(self, now: MachineState) -> LabReport:
         assert now.end is not None
@@ -203,7 +203,7 @@ def arm_controller(cell: Cell, guide: ArmGuide) -> GuidedImpedance:
     stiffness = Stiffness(arm.stiffness, arm.angular_stiffness)
     stuck(cell.robot.model, cell.posture, stiffness, _SLACK, felt=True)
     smoothing = Smoothing(arm.speed, arm.turning)
-    return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.bridge)
+    return GuidedImpedance(cell.robot.model, guide, stiffness.diagonal(), smoothing, cell.robot.compensation)
 
 
 def _who(error: Exception, cell: Cell) -> str:

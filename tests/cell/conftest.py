@@ -8,6 +8,7 @@ from allegro_twin.cell.journal.observers import ObserverCamera, Observers
 from allegro_twin.cell.journal.recording import SessionRecorder
 from allegro_twin.cell.run import LabReport, perform
 from allegro_twin.recording.reader import Tracks, load_tracks
+from tests.cell.test_run import cell_of
 
 
 @pytest.fixture(scope="session")
@@ -15,7 +16,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tracks, LabReport]:
     path, cell = tmp_path_factory.mktemp("lab") / "lab.arrow", cell_of()
     recorded, lens = SessionRecorder(cell, path), ObserverCamera(cell, 2.0)
     looking = Observers(cell, [recorded], lens)
-    report = perform(cell, arm=looking.arm, hand=looking.hand, entered=looking.entered, prepared=looking.prepared)
+    report = perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
     for each in (recorded, lens, cell):
         each.close()
     return load_tracks(path), report

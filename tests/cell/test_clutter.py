@@ -13,6 +13,7 @@ from allegro_twin.cell.run import perform
 from allegro_twin.errors import ConfigError
 from allegro_twin.sim.contact.obstacle_clearance import OTHERS
 from allegro_twin.types import Array
+from tests.cell.test_run import cell_of
 
 APPLE = {"name": "apple", "at": [0.0, 0.03]}
 
@@ -21,9 +22,9 @@ def looked(cell: Cell) -> tuple[Detection, tuple[Array, ...]]:
     """What a first look finds, and what is beside it."""
     cell.robot.arm.reset()
     frame = cell.camera.capture(cell.robot.world.data)
-    seen = cell.pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+    seen = cell.pipeline.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
     assert isinstance(seen, Detection)
-    cloud = cell.itself.cut_out(frame.cloud, cell.posture, cell.open)
+    cloud = cell.self_filter.remove_robot(frame.cloud, cell.posture, cell.open)
     return seen, other_objects(frame, cloud, seen, cell.settings.perception)
 
 
@@ -47,7 +48,7 @@ def test_objects_beside_it_are_found_wherever_they_stand_on_the_table() -> None:
 def test_the_object_that_is_chosen_is_judged_whichever_the_config_names_first_and_the_other_stays() -> None:
     report = perform(cell_of(objects=[{"name": "golf_ball", "at": [0.12, 0.12]}, {"name": "tomato_soup_can"}]))
     assert (str(report.end), report.thing, report.grasp) == ("held", "tomato_soup_can", "tomato_soup_can")
-    assert report.truly
+    assert report.is_lifted
     assert report.error < 0.003
     assert report.moved == ()
     assert report.checked is not None
@@ -81,5 +82,5 @@ def test_nothing_is_said_to_be_held_that_is_not_and_no_other_object_is_swept_awa
     names = ["apple", "sugar_box", "tuna_fish_can", "golf_ball", "chips_can", "foam_brick"]
     cell = cell_of(objects=[each.model_dump() for each in drawn(names, draws)], seed=seed)
     report = perform(cell)
-    assert report.truly or report.end.word != "held"
+    assert report.is_lifted or report.end.word != "held"
     assert report.moved == ()

@@ -18,7 +18,7 @@ from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
 from allegro_twin.types import HandState, frozen
-from tests.cell.test_run import away, states, still
+from tests.cell.test_run import away, cell_of, states, still
 
 QUIET = np.zeros(6)
 ONCE: dict[str, Any] = {"decide": {"retries": 0}}
@@ -50,7 +50,7 @@ def test_a_force_sensor_that_drifts_is_suspect_and_the_fingers_still_tell(
     cell = cell_of()
     report = perform(drifting(cell, force, at))
     assert report.end.word == "held"
-    assert report.truly
+    assert report.is_lifted
     assert "the force sensor is suspect" in report.end.sentence
 
 
@@ -60,7 +60,7 @@ def test_a_force_sensor_that_decides_and_drifts_ends_in_a_fault_with_the_thing_i
     cell = cell_of(**BY_FORCE, objects=HEAVY)
     report = perform(drifting(cell, (force, 0.0, 0.0), 3.5))
     assert str(report.end) == "fault: force sensor"
-    assert report.truly
+    assert report.is_lifted
     assert still(cell)
 
 
@@ -76,10 +76,10 @@ def test_a_drift_that_looks_like_a_weight_is_no_thing_in_the_hand() -> None:
             sensor._bias[:3] = arm.T @ down
 
     sensor = DisturbedBackend(cell.arm, QUIET, np.zeros(6))
-    report = perform(replace(cell, arm=sensor), entered=taken)
+    report = perform(replace(cell, arm=sensor), on_state=taken)
     assert str(report.end) == "fault: force sensor"
     assert "where they would be around nothing" in report.end.sentence
-    assert not report.truly
+    assert not report.is_lifted
 
 
 def powerless(cell: Cell, motors: tuple[int, ...], when: StateName, share: float = 0.0) -> LabReport:
@@ -92,7 +92,7 @@ def powerless(cell: Cell, motors: tuple[int, ...], when: StateName, share: float
             model.actuator_gainprm[ids] *= share
             model.actuator_biasprm[ids] *= share
 
-    return perform(cell, entered=entered)
+    return perform(cell, on_state=entered)
 
 
 HAND, THUMB, RING = tuple(range(16)), (12, 13, 14, 15), (8, 9, 10, 11)
@@ -121,11 +121,11 @@ def test_a_hand_of_position_servos_without_power_is_a_fault() -> None:
 @pytest.mark.slow
 def test_what_falls_out_of_the_hand_after_the_check_is_no_longer_held() -> None:
     cell = cell_of(**ONCE)
-    report = perform(cell, entered=lambda now: away(cell, now, "Done"))
+    report = perform(cell, on_state=lambda now: away(cell, now, "Done"))
     assert str(report.end) == "fault: dropped"
     assert states(report)[-3:] == ["Validate", "Done", "Done"]  # It was held, and said so; then it was not.
     lost = powerless(cell_of(**ONCE), HAND, "Done")
-    assert (str(lost.end), lost.truly) == ("fault: hand without torque", False)
+    assert (str(lost.end), lost.is_lifted) == ("fault: hand without torque", False)
 
 
 class Misread(SilentBackend):
@@ -155,14 +155,14 @@ ELSE = [(joint, by, empty) for joint in (1, 6, 13, 14) for by in (-3.0, -1.0, 1.
 def test_an_encoder_that_is_off_never_makes_an_empty_hand_hold(joint: int, degrees: float, empty: bool) -> None:
     cell = cell_of(**LIGHT)
     wrong = replace(cell, hand=Misread(cell.hand, joint, float(np.radians(degrees))))
-    report = perform(wrong, entered=lambda now: away(cell, now, "Approach", "foam_brick") if empty else None)
-    assert report.truly or report.end.word != "held"
+    report = perform(wrong, on_state=lambda now: away(cell, now, "Approach", "foam_brick") if empty else None)
+    assert report.is_lifted or report.end.word != "held"
 
 
 @pytest.mark.slow
 def test_a_light_thing_is_held_by_the_camera_or_by_fingers_where_it_cannot_be_weighed() -> None:
     report = perform(cell_of(**LIGHT))
-    assert (str(report.end), report.truly) == ("held", True)
+    assert (str(report.end), report.is_lifted) == ("held", True)
     assert report.checked is not None
     assert report.checked.by_force is None
 
@@ -173,8 +173,8 @@ def test_a_light_thing_that_no_picture_shows_after_the_lift_is_held_only_if_it_i
     long: int, end: str
 ) -> None:
     cell = cell_of(**LIGHT, validation={"long": long})
-    report = perform(cell, entered=lambda now: cell.camera.freeze() if now.state == "Approach" else None)
-    assert (str(report.end), report.truly) == (end, True)
+    report = perform(cell, on_state=lambda now: cell.camera.freeze() if now.state == "Approach" else None)
+    assert (str(report.end), report.is_lifted) == (end, True)
     assert report.checked is not None
     assert report.checked.by_force is (True if long > 100 else None)
     assert ("the camera is frozen, or its cable is out" in report.end.sentence) == (long == 100)
@@ -188,7 +188,7 @@ def test_a_thing_that_fell_back_on_the_table_is_seen_there() -> None:
         if now.state == "ToLiftedPose":
             cell.robot.world.data.joint("apple").qpos[:3] = [0.1, -0.1, 0.0376]
 
-    report = perform(cell, entered=entered)
+    report = perform(cell, on_state=entered)
     assert str(report.end) == "missed"
     assert report.checked is not None
     assert report.checked.by_camera is False
@@ -218,8 +218,8 @@ def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_
         if now.state == "Approach" and next(moves, False):
             cell.robot.world.data.joint("apple").qpos[:2] += way
 
-    report = perform(cell, entered=moved)
-    assert (report.end.word == "held") == report.truly
+    report = perform(cell, on_state=moved)
+    assert (report.end.word == "held") == report.is_lifted
     assert report.end.word == "held" or report.end.reason in ("outside", "no_object")  # A ball that was hit rolls away.
     assert report.tries == 2
 
@@ -227,7 +227,7 @@ def test_a_thing_that_is_moved_on_the_way_is_looked_for_again_and_never_said_to_
 @pytest.mark.slow
 def test_an_empty_hand_whose_fingers_meet_is_not_said_to_hold() -> None:
     cell = cell_of(objects=[{"name": "pear"}], decide={"retries": 0})
-    report = perform(cell, entered=lambda now: away(cell, now, "Approach", "pear"))
+    report = perform(cell, on_state=lambda now: away(cell, now, "Approach", "pear"))
     assert str(report.end) == "missed"
     assert report.checked is not None
     assert report.checked.by_torque  # Which is why it does not decide.

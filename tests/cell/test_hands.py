@@ -13,6 +13,7 @@ from allegro_twin.cell.settings import LabSettings, ThingSettings
 from allegro_twin.errors import ConfigError
 from allegro_twin.files.assets import data_root
 from allegro_twin.files.schema import load
+from tests.cell.test_run import cell_of
 
 OTHERS = ("leap", "model_o", "qb_softhand", "sih")
 
@@ -38,7 +39,7 @@ def taken(settings: LabSettings) -> LabReport:
 def test_what_stands_in_a_hands_own_config_is_held_and_said_to_be(hand: str) -> None:
     report = taken(shipped(hand))
     assert str(report.end) == "held"
-    assert report.truly
+    assert report.is_lifted
     assert report.checked is not None
     assert report.checked.by_fingers
 
@@ -52,8 +53,8 @@ def test_a_hand_holds_most_things_of_the_demo_wherever_they_stand_and_says_nothi
     for seed, name in enumerate(names):
         x, y, yaw = (float(draw) for draw in draws.uniform((-0.08, -0.08, -180.0), (0.08, 0.08, 180.0)))
         report = taken(with_objects(settings, [ThingSettings(name=name, at=(x, y), yaw=yaw)], seed))
-        held += report.truly
-        assert report.truly or report.end.word != "held", name
+        held += report.is_lifted
+        assert report.is_lifted or report.end.word != "held", name
     assert held >= 10  # Of 12: docs/lab.md names those that are not.
 
 

@@ -20,7 +20,7 @@ from allegro_twin.errors import RecordingError
 from allegro_twin.files.output_folder import UNFINISHED
 from allegro_twin.recording.reader import Tracks, load, load_tracks
 from allegro_twin.recording.replay import ReplayBackend, samples_of
-from tests.cell.test_run import SETTINGS
+from tests.cell.test_run import SETTINGS, cell_of
 
 
 @pytest.mark.slow

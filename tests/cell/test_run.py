@@ -38,12 +38,12 @@ def test_a_thing_is_seen_taken_lifted_and_said_to_be_held(tmp_path: Path) -> Non
     cell = cell_of()
     kept = StatePictures(cell, tmp_path)
     looking = Observers(cell, [kept])
-    report = perform(cell, arm=looking.arm, hand=looking.hand, entered=looking.entered, prepared=looking.prepared)
+    report = perform(cell, arm=looking.arm, hand=looking.hand, on_state=looking.on_state, on_prepare=looking.on_prepare)
     assert str(report.end) == "held"
     assert states(report) == [
         "ToSecurityPose", "Look", "ToTargetPose", "Approach", "ClosingHand", "ToLiftedPose", "Validate", "Done",
     ]  # fmt: skip
-    assert report.truly
+    assert report.is_lifted
     assert report.error < 0.003
     assert report.grasp == "apple"
     assert report.checked is not None
@@ -83,17 +83,17 @@ def test_a_thing_outside_the_workspace_is_refused_and_nothing_moves() -> None:
 
 def test_an_empty_table_is_refused() -> None:
     cell = cell_of()
-    gone = perform(cell, entered=lambda now: away(cell, now, "Look"))
+    gone = perform(cell, on_state=lambda now: away(cell, now, "Look"))
     assert str(gone.end) == "refused: no_object"
 
 
 @pytest.mark.slow
 def test_a_thing_that_is_taken_away_is_missed_by_weight() -> None:
     cell = cell_of(validation={"by": "force"}, decide={"retries": 0})
-    report = perform(cell, entered=lambda now: away(cell, now, "Approach"))
+    report = perform(cell, on_state=lambda now: away(cell, now, "Approach"))
     assert str(report.end) == "missed"
     assert report.end.sentence == "the thing is not in the hand"
-    assert not report.truly
+    assert not report.is_lifted
 
 
 @pytest.mark.parametrize("at", [0.3, 3.5])

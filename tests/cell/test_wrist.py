@@ -30,8 +30,8 @@ def look(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
     cell.arm.reset()
     cell.hand.reset()
     frame = cell.camera.capture(cell.robot.world.data)
-    assert cell.itself is not None
-    return frame.depth, cell.itself.seen(cell.posture, cell.open)
+    assert cell.self_filter is not None
+    return frame.depth, cell.self_filter.mask(cell.posture, cell.open)
 
 
 def test_what_the_wrist_camera_sees_of_the_hand_is_known_to_the_pixel(wrist: Cell) -> None:
@@ -46,9 +46,9 @@ def test_what_the_wrist_camera_sees_of_the_hand_is_known_to_the_pixel(wrist: Cel
 
 
 def test_a_hand_that_stands_otherwise_is_seen_otherwise(wrist: Cell) -> None:
-    assert wrist.itself is not None
-    bent = wrist.itself.seen(wrist.posture, wrist.open + 0.5)
-    assert (bent != wrist.itself.seen(wrist.posture, wrist.open)).mean() > 0.01
+    assert wrist.self_filter is not None
+    bent = wrist.self_filter.mask(wrist.posture, wrist.open + 0.5)
+    assert (bent != wrist.self_filter.mask(wrist.posture, wrist.open)).mean() > 0.01
 
 
 def test_the_workspace_is_seen_past_the_hand(wrist: Cell) -> None:
@@ -73,10 +73,10 @@ def test_without_the_hand_cut_out_a_finger_would_be_a_thing(wrist: Cell) -> None
         update={"lower": (-0.3, -0.35, -0.05), "upper": (0.25, 0.35, 0.6)}
     )
     pipeline = type(wrist.pipeline)(wrist.settings.perception.model_copy(update={"region": open_region}))
-    assert wrist.itself is not None
-    seen = pipeline.look(frame.cloud, frame.pose.position, frame.pose.rotation)
-    cut = wrist.itself.cut_out(frame.cloud, wrist.posture, wrist.open)
-    clean = pipeline.look(cut, frame.pose.position, frame.pose.rotation)
+    assert wrist.self_filter is not None
+    seen = pipeline.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
+    cut = wrist.self_filter.remove_robot(frame.cloud, wrist.posture, wrist.open)
+    clean = pipeline.detect(cut, frame.pose.position, frame.pose.rotation)
     assert isinstance(seen, Detection) or seen.reason != "no_object"
     assert not isinstance(clean, Detection)
     assert clean.reason == "no_object"
@@ -86,7 +86,7 @@ def test_without_the_hand_cut_out_a_finger_would_be_a_thing(wrist: Cell) -> None
 def test_with_the_camera_at_the_wrist_a_thing_is_taken(wrist: Cell) -> None:
     report = perform(wrist)
     assert str(report.end) == "held"
-    assert report.truly
+    assert report.is_lifted
     assert report.error < 0.003
 
 
@@ -94,7 +94,7 @@ def test_with_the_camera_at_the_wrist_a_thing_is_taken(wrist: Cell) -> None:
 def test_a_model_o_that_closes_its_own_loop_takes_a_can() -> None:
     report = perform(cell_of("lab_model_o"))
     assert str(report.end) == "held"
-    assert report.truly
+    assert report.is_lifted
 
 
 def test_a_wrist_without_reach_is_refused_before_anything_moves() -> None:
@@ -109,10 +109,10 @@ def test_the_hand_is_cut_out_as_it_was_when_the_picture_was_taken(wrist: Cell) -
     asked: list[np.ndarray] = []
 
     class Spy:
-        def cut_out(self, cloud: np.ndarray, arm: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        def remove_robot(self, cloud: np.ndarray, arm: np.ndarray, hand: np.ndarray) -> np.ndarray:
             asked.append(np.concatenate([arm, hand]))
-            assert wrist.itself is not None
-            return wrist.itself.cut_out(cloud, arm, hand)
+            assert wrist.self_filter is not None
+            return wrist.self_filter.remove_robot(cloud, arm, hand)
 
-    perform(replace(wrist, itself=Spy()))  # type: ignore[arg-type]  # As much of one as is used.
+    perform(replace(wrist, self_filter=Spy()))  # type: ignore[arg-type]  # As much of one as is used.
     np.testing.assert_allclose(asked[0], np.concatenate([wrist.posture, wrist.open]), atol=0.02)

@@ -53,7 +53,7 @@ class ArmWithHand:
     mount: Mount
     model: ArmModel
     """Of the flange, in the base's frame."""
-    bridge: WrenchCompensation
+    compensation: WrenchCompensation
     base: Pose
     """Of the arm, in the world."""
     limits: Limits
@@ -85,7 +85,7 @@ class ArmWithHand:
     def wrench(self, state: HandState) -> Vector:
         """What the world does to the hand, at the flange, in the axes of the world: force and torque, (6,)."""
         flange = self.model.pose(state.position).rotation
-        found = self.bridge.outside(state.wrench, flange, state.gravity, np.zeros(3))
+        found = self.compensation.base_wrench(state.wrench, flange, state.gravity, np.zeros(3))
         return np.concatenate([self.base.rotation @ found[:3], self.base.rotation @ found[3:]])
 
     def thing(self, name: str) -> Pose:

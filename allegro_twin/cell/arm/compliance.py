@@ -88,7 +88,7 @@ class Compliance:
 
     model: ArmModel
     target: CartesianTarget
-    bridge: WrenchCompensation | None = None
+    compensation: WrenchCompensation | None = None
     """None: nothing is felt."""
     stiffness: Stiffness = _FZI
     pull: Pull = _PULL
@@ -105,8 +105,10 @@ class Compliance:
         object.__setattr__(self, "light", self.model.light())
 
     def start(self, state: HandState) -> ComplianceState:
-        if self.bridge is not None and not state.wrench.size:
-            raise ConfigError(f"{self.model.spec.name} reports no wrench: leave out the bridge, or take the impedance")
+        if self.compensation is not None and not state.wrench.size:
+            raise ConfigError(
+                f"{self.model.spec.name} reports no wrench: leave out the compensation, or take the impedance"
+            )
         q, nothing = state.position, np.zeros(len(state.position))
         return ComplianceState(
             VirtualArm(q, nothing, np.zeros(6)), q, nothing, self.model.pose(q), state.t, state.t, np.zeros(6)
@@ -133,10 +135,10 @@ class Compliance:
 
     def _felt(self, state: HandState) -> Vector:
         """At the tool, in the axes of the base, (6,)."""
-        if self.bridge is None:
+        if self.compensation is None:
             return np.zeros(6)
         axes = self.model.flange(state.position).rotation
-        return self.bridge.outside(state.wrench, axes, state.gravity, self.model.tool.position)
+        return self.compensation.base_wrench(state.wrench, axes, state.gravity, self.model.tool.position)
 
 
 def advance_virtual_arm(law: Compliance, virtual: VirtualArm, setpoint: Pose, wrench: Vector) -> VirtualArm:

@@ -1,4 +1,4 @@
-"""What the flange feels of a tool, and what is left when the tool's own weight is taken away: the report's bridge."""
+"""Compensation of a tool's own weight in the wrench of the flange's sensor, and how the tool is identified by it."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class WrenchCompensation:
     bias: Vector = field(default_factory=lambda: frozen(np.zeros(6)))
     """What the sensor shows of nothing, (6,), N and N·m."""
 
-    def felt(self, wrench: Vector, axes: Array, gravity: Vector) -> Vector:
+    def flange_wrench(self, wrench: Vector, axes: Array, gravity: Vector) -> Vector:
         """What touches the tool, at the flange in its frame, (6,), N and N·m. `gravity` is in the base, m/s²."""
         return wrench - tool_weight(self.load, axes, gravity) - self.bias
 
-    def outside(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
+    def base_wrench(self, wrench: Vector, axes: Array, gravity: Vector, at: Vector) -> Vector:
         """The same in the axes of the base, about a point `at` of the flange's frame, (3,), m."""
-        felt = self.felt(wrench, axes, gravity)
+        felt = self.flange_wrench(wrench, axes, gravity)
         force = felt[:3]
         return np.concatenate([axes @ force, axes @ (felt[3:] - cross(at, force))])
 
-    def tared(self, felt: Sequence[Vector]) -> WrenchCompensation:
-        """The bridge by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
+    def with_tare(self, felt: Sequence[Vector]) -> WrenchCompensation:
+        """The compensation by which the mean of what was `felt` is nothing. Raises ConfigError without samples."""
         if not len(felt):
             raise ConfigError("a tare needs at least one sample: let the arm rest and take some")
         return replace(self, bias=frozen(self.bias + np.mean(felt, axis=0)))

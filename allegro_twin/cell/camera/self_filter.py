@@ -28,7 +28,7 @@ class RobotMask:
         self._model, self._data = model, mujoco.MjData(model)
         self._camera = DepthCamera(model, settings)
 
-    def seen(self, pose: Callable[[Array], None]) -> NDArray[np.bool_]:
+    def mask(self, pose: Callable[[Array], None]) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), once `pose` has written its joints into `qpos`."""
         pose(self._data.qpos)
         mujoco.mj_kinematics(self._model, self._data)
@@ -56,21 +56,21 @@ class SelfFilter:
         stage = Stage(robot.base.position, np.array([1.0, 0.0, 0.0, 0.0]))
         model = compile_scene(robot.spec, stage, Mounted(robot.hand.spec, robot.mount))
         self._arm, self._hand = Posed(robot.spec, model), Posed(robot.hand.spec, model)
-        self._alone = RobotMask(model, camera)
+        self._robot_mask = RobotMask(model, camera)
 
-    def seen(self, arm: Vector, hand: Vector) -> NDArray[np.bool_]:
+    def mask(self, arm: Vector, hand: Vector) -> NDArray[np.bool_]:
         """Which pixels show it, (rows, columns), at joint positions of both, (n,), rad."""
 
         def pose(qpos: Array) -> None:
             self._arm(arm, qpos)
             self._hand(hand, qpos)
 
-        return self._alone.seen(pose)
+        return self._robot_mask.mask(pose)
 
-    def cut_out(self, cloud: Cloud, arm: Vector, hand: Vector) -> Cloud:
+    def remove_robot(self, cloud: Cloud, arm: Vector, hand: Vector) -> Cloud:
         """A cloud in which what shows it is unknown."""
-        return np.where(self.seen(arm, hand)[..., None], np.nan, cloud).astype(cloud.dtype)
+        return np.where(self.mask(arm, hand)[..., None], np.nan, cloud).astype(cloud.dtype)
 
     def close(self) -> None:
         """Idempotent."""
-        self._alone.close()
+        self._robot_mask.close()

@@ -70,7 +70,8 @@ def check_grasp(
 
 
 def weigh(before: Sequence[Vector], after: Sequence[Vector], axes: Array) -> float:
-    """kg, from what the flange felt of the world (`Bridge.felt`) at rest, (6,) each; `axes` are the flange's, (3, 3).
+    """Weight, kg, from wrenches of the flange at rest, (6,) each, the tool's own taken away; `axes` are the flange's,
+    (3, 3).
 
     The mean of those before is the tare: only what came on between is weighed.
     """

@@ -42,7 +42,7 @@ class MotorCheck:
         """The fingers set out from here for a goal, (n,), rad."""
         self._first = state.position, goal - state.position
 
-    def see(self, state: HandState, target: SetPoint, gravity: Vector) -> None:
+    def update(self, state: HandState, target: SetPoint, gravity: Vector) -> None:
         """One more state, where the fingers should be, and what carries them, (n,), N·m."""
         self._since = np.where(self.lacking(state, target, gravity), self._since + 1, 0)
 

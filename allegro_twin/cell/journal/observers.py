@@ -93,27 +93,27 @@ class Observers:
         self._guide: ArmGuide | None = None
         self._fingers: Path | None = None
 
-    def prepared(self, work: CellActions) -> None:
+    def on_prepare(self, work: CellActions) -> None:
         """A run begins."""
-        self._work, work.looked = work, self.looked
+        self._work, work.on_detection = work, self.on_detection
         self._guide, self._fingers = work.guide, work.fingers
 
-    def follows(self, guide: ArmGuide, fingers: Path) -> None:
+    def on_remote_control(self, guide: ArmGuide, fingers: Path) -> None:
         """The cell is led from outside from now on: where its arm and its fingers are to be."""
         self._guide, self._fingers = guide, fingers
         self._tell(JournalEntry("states", {"t": 0.0, "state": "Following", "tries": 1}))
 
-    def refused(self, t: float, sentence: str) -> None:
+    def on_refusal(self, t: float, sentence: str) -> None:
         """Something that was wished was not done."""
         row = {"t": t, "state": "Following", "tries": 1, "reason": "refused", "sentence": sentence}
         self._tell(JournalEntry("states", row))
 
-    def entered(self, now: MachineState) -> None:
+    def on_state(self, now: MachineState) -> None:
         """A state begins."""
         assert self._work is not None
         self._tell(JournalEntry("states", state_entry(now, self._work)))
 
-    def looked(self, frame: CameraFrame, seen: Detection | Refusal) -> None:
+    def on_detection(self, frame: CameraFrame, seen: Detection | Refusal) -> None:
         """Perception has looked at a picture."""
         self._tell(JournalEntry("perception", perception_entry(frame, seen, self._cell.settings.perception)))
 

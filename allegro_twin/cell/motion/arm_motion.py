@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from allegro_twin.cell.arm.impedance import ImpedanceState, felt_by, hung
+from allegro_twin.cell.arm.impedance import ImpedanceState, hung, smoothed_wrench
 from allegro_twin.cell.arm.target import CartesianTarget, Smoothing, approach
 from allegro_twin.cell.arm.tool import WrenchCompensation
 from allegro_twin.control.steered_path import Steering
@@ -79,7 +79,7 @@ class GuidedImpedance:
     stiffness: Vector
     """(6,), N/m and N·m/rad."""
     smoothing: Smoothing
-    bridge: WrenchCompensation
+    compensation: WrenchCompensation
     """To what the flange feels, by which friction is overcome."""
     null: float = 10.0
     """N·m/rad, as of `Impedance`."""
@@ -89,7 +89,7 @@ class GuidedImpedance:
 
     def __call__(self, state: HandState, memory: ImpedanceState) -> tuple[TorqueCommand, ImpedanceState]:
         path, line = self.guide.path, self.guide.line
-        felt = felt_by(self.bridge, self.model, state, memory)
+        felt = smoothed_wrench(self.compensation, self.model, state, memory)
         if path is None:
             goal, dt = self.guide.target.pose, state.t - memory.t
             setpoint = line.at(state.t) if line is not None else approach(memory.setpoint, goal, dt, self.smoothing)

@@ -86,8 +86,8 @@ def grasp_candidates(body: TableObject, model: str, *, askew: bool = False) -> l
     if best is None or extent_mismatch(best.body, body) > _MOST:
         size = " x ".join(f"{1e3 * edge:.0f}" for edge in body.extents)
         raise ConfigError(
-            f"no grasp of {model} is for a {body.kind} of {size} mm at {position_text(body.position)}: put it on another side, "
-            "or add a scenario that takes it"
+            f"no grasp of {model} is for a {body.kind} of {size} mm at {position_text(body.position)}: put it on "
+            "another side, or add a scenario that takes it"
         )
     turns = _turns(body)
     if askew:

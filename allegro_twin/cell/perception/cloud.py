@@ -76,7 +76,7 @@ class OrganizedCloud:
         with np.errstate(invalid="ignore"):  # What is infinite becomes unknown.
             return np.asarray(points @ self.rotation.T.astype(kind) + self.position.astype(kind))
 
-    def foreign(self, points: Points) -> Mask:
+    def not_robot(self, points: Points) -> Mask:
         """Which points of the world, (n, 3), are not the robot's own, (n,)."""
         if self.robot is None:
             return np.ones(len(points), np.bool_)

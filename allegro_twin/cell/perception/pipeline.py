@@ -42,7 +42,9 @@ class PerceptionPipeline:
         image_functions()  # SciPy is there, or this raises.
         self.settings, self._seed = settings, seed
 
-    def look(self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None) -> Detection | Refusal:
+    def detect(
+        self, cloud: Points, position: Vector, rotation: Array, robot: Array | None = None
+    ) -> Detection | Refusal:
         """The largest thing of an organised cloud (rows, columns, 3), m in the camera's frame, NaN unknown.
 
         `position` (3,), m, and `rotation` (3, 3), columns: the camera in the world when the picture was taken. `robot`:

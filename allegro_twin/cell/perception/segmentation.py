@@ -148,7 +148,7 @@ def largest_object(view: OrganizedCloud, settings: PerceptionSettings, draws: np
     above = plane.height(world) > np.maximum(
         settings.object.above, _SCATTER * depth_scatter(view, settings) * depths**2
     )
-    above[above] = view.foreign(world[above])
+    above[above] = view.not_robot(world[above])
     pixels = np.stack(np.divmod(inside[above], thin.shape[1]))
     found = _gathered(pixels, world[above], axes, _cell(view, depths[above], plane, settings), settings)
     if isinstance(found, Refusal):
@@ -229,7 +229,7 @@ def _closely(
     points[:, 2] -= plane.offset
     mine = points[:, 2] > np.maximum(settings.object.above, _SCATTER * depth_scatter(view, settings) * near[:, 2] ** 2)
     mine &= found.grid.spread().of(points[:, :2]) == found.label
-    mine[mine] = view.foreign(world[mine])
+    mine[mine] = view.not_robot(world[mine])
     count = np.count_nonzero(mine)
     if count < settings.object.least:
         said = (

@@ -28,7 +28,7 @@ class ScriptedPick:
 
     def __call__(self) -> Floats:
         """The next action."""
-        palm = self._now.stand.palm
+        palm = self._now.scene.palm
         if self._left and _there(palm, self._left[0]):
             self._left.pop(0)
         way = self._now.way
@@ -52,8 +52,8 @@ class ScriptedPick:
         return min(self._now.seconds * speed / max(float(np.abs(far).max()), 1e-6), most)
 
     def _action(self, palm: Pose, closed: float) -> Floats:
-        settings, stand = self._settings, self._now.stand
-        aim = stand.aim
+        settings, scene = self._settings, self._now.scene
+        aim = scene.aim
         way = palm.position - aim.position
         far = float(np.linalg.norm(way))
         step = way * min(1.0, _SPEED * self._now.seconds / max(far, 1e-9))
@@ -61,7 +61,7 @@ class ScriptedPick:
         if settings.control == "grasp":
             fingers: Vector = np.array([(closed - self._now.closed) / settings.close])
         else:
-            fingers = (posture_at(self._now.grasp, closed) - stand.path.goal) / settings.turn
+            fingers = (posture_at(self._now.grasp, closed) - scene.path.goal) / settings.turn
         action = np.concatenate([step / settings.step, twist / settings.turn, fingers])
         return np.asarray(np.clip(action, -1.0, 1.0), np.float32)
 

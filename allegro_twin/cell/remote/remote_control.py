@@ -1,4 +1,4 @@
-"""The cell led from outside: whoever moves its target or its fingers is obeyed within the fence; nothing decides."""
+"""The cell remote from outside: whoever moves its target or its fingers is obeyed within the fence; nothing decides."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ RemoteCommand: TypeAlias = PalmCommand | FingersCommand | StayCommand
 
 
 class RemoteControl:
-    """Where arm and fingers are to be. `wish` may be called by any thread; what is wished is looked at, and done, in
+    """Where arm and fingers are to be. `command` may be called by any thread; what is wished is looked at, and done, in
     the loop's own."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.guide = cell, ArmGuide(cell.posture, cell.robot.model)
         self.guide.let_go()
-        self._fence = WorkspaceLimits(cell)
+        self._limits = WorkspaceLimits(cell)
         self._path: Path = Steering(cell.open)
-        self._since, self._wishes = 0.0, queue.SimpleQueue[RemoteCommand]()
+        self._since, self._commands = 0.0, queue.SimpleQueue[RemoteCommand]()
         self._goal, self._at, self._t = cell.security, cell.security, 0.0
         arm = cell.settings.arm
         self._smoothing = Smoothing(arm.speed, arm.turning)
@@ -69,9 +69,9 @@ class RemoteControl:
         """Where the palm is to be in the end, in the world."""
         return self._goal
 
-    def wish(self, wish: RemoteCommand) -> None:
+    def command(self, command: RemoteCommand) -> None:
         """Soon."""
-        self._wishes.put(wish)
+        self._commands.put(command)
 
     def begin(self, position: Vector) -> Path:
         """As a reference of the fingers' controller: what is wished of them now is always their path."""
@@ -81,19 +81,19 @@ class RemoteControl:
         """Where they are to be at a time, s."""
         return self._path(t - self._since)
 
-    def turn(self, arm: HandState) -> list[str]:
+    def update(self, arm: HandState) -> list[str]:
         """Look at what was wished, of several places of the palm in a row only at the last; what was refused, a
         sentence each."""
         refused: list[str] = []
         waiting: list[RemoteCommand] = []
-        while not self._wishes.empty():
-            wish = self._wishes.get()
-            if waiting and isinstance(wish, PalmCommand) and isinstance(waiting[-1], PalmCommand):
+        while not self._commands.empty():
+            command = self._commands.get()
+            if waiting and isinstance(command, PalmCommand) and isinstance(waiting[-1], PalmCommand):
                 waiting.pop()
-            waiting.append(wish)
-        for wish in waiting:
+            waiting.append(command)
+        for command in waiting:
             try:
-                self._do(wish, arm)
+                self._do(command, arm)
             except CommandError as error:
                 refused.append(str(error))
         # The palm goes straight and turns about itself; a flange that did would swing it.
@@ -101,13 +101,13 @@ class RemoteControl:
         self.guide.target.move(self.cell.robot.flange_for(self._at))
         return refused
 
-    def _do(self, wish: RemoteCommand, arm: HandState) -> None:
-        match wish:
+    def _do(self, command: RemoteCommand, arm: HandState) -> None:
+        match command:
             case PalmCommand(pose):
-                self._goal = self._fence.arm(pose, self._at, arm.position, self.fingers(arm.t).position)
+                self._goal = self._limits.check_palm(pose, self._at, arm.position, self.fingers(arm.t).position)
             case FingersCommand(times, postures, velocities):
                 path = self._timed(times, postures, velocities, arm.t)
-                self._fence.fingers(path, self.cell.robot.palm(arm))
+                self._limits.check_fingers(path, self.cell.robot.palm(arm))
                 self._path, self._since = path, arm.t
             case StayCommand():
                 self._goal = self._at = self.cell.robot.palm(arm)
@@ -127,8 +127,8 @@ class RemoteControl:
 
 
 def run_remote_control(
-    led: RemoteControl,
-    onlookers: Observers,
+    remote: RemoteControl,
+    observers: Observers,
     until: Callable[[float], bool] = lambda t: False,
     speed: float | None = 1.0,
 ) -> None:
@@ -136,17 +136,17 @@ def run_remote_control(
 
     Raises HandFault and LinkError, which end it.
     """
-    cell, spec = led.cell, led.cell.hand.spec
-    onlookers.follows(led.guide, led.fingers)
-    law = arm_controller(cell, led.guide)
-    grip = PD(led, load_gains(cell.settings.hand.gains, spec), Gravity(cell.model.gravity_torque))
+    cell, spec = remote.cell, remote.cell.hand.spec
+    observers.on_remote_control(remote.guide, remote.fingers)
+    law = arm_controller(cell, remote.guide)
+    grip = PD(remote, load_gains(cell.settings.hand.gains, spec), Gravity(cell.model.gravity_torque))
     arms: Iterator[Sample] = run(cell.arm, law)
     if speed is not None:
         arms = paced(arms, speed)
-    hands = onlookers.hand(run(cell.hand, grip))
-    for which, sample in together((onlookers.arm(arms), cell.arm.period), (hands, cell.hand.period)):
+    hands = observers.hand(run(cell.hand, grip))
+    for which, sample in together((observers.arm(arms), cell.arm.period), (hands, cell.hand.period)):
         if which == 0:
-            for sentence in led.turn(sample.state):
-                onlookers.refused(sample.state.t, sentence)
+            for sentence in remote.update(sample.state):
+                observers.on_refusal(sample.state.t, sentence)
             if until(sample.state.t):
                 return

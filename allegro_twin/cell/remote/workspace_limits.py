@@ -34,7 +34,7 @@ class WorkspaceLimits:
         self._cell, self._bounds = cell, cell.settings.follow
         self._apart = Clearance(cell.hand.spec)
 
-    def arm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
+    def check_palm(self, palm: Pose, here: Pose, now: Vector, fingers: Vector) -> Pose:
         """The palm's pose, in the world, checked: the arm gets there from `here`, on a straight line, with its joints
         at first at `now` (n,), rad, and the hand, in a posture (n,), rad, is over the table then."""
         robot, palm = self._cell.robot, CartesianTarget(palm).pose
@@ -56,7 +56,7 @@ class WorkspaceLimits:
             self._joints(at, palm)
         return palm
 
-    def fingers(self, path: Timed, palm: Pose) -> None:
+    def check_fingers(self, path: Timed, palm: Pose) -> None:
         """Look at a path of the fingers, with the palm at a pose of the world."""
         spec = self._cell.hand.spec
         legs = np.linspace(path.times[:-1], path.times[1:], _IN_A_LEG, endpoint=False).ravel()

@@ -22,8 +22,8 @@ from allegro_twin.viewing.scenery import scenery
 class CellSession:
     """A cell that is there once and for all; its loop turns elsewhere and calls `on_event`."""
 
-    def __init__(self, led: RemoteControl) -> None:
-        self._led, self._number, self._next, self._stopped = led, 0, 0.0, False
+    def __init__(self, remote: RemoteControl) -> None:
+        self._remote, self._number, self._next, self._stopped = remote, 0, 0.0, False
         self._send: Send | None = None
         self._hand: DeviceSample | None = None
         self._notices: list[Notice] = []
@@ -40,7 +40,7 @@ class CellSession:
 
     def describe(self) -> SessionInfo:
         """Its title, its devices and its shapes."""
-        cell = self._led.cell
+        cell = self._remote.cell
         arm, hand = cell.robot.spec, cell.hand.spec
         scene = scenery(hand, {"look": cell_look(cell)})
         return SessionInfo(self._number, f"{arm.name} with {hand.name} · simulated", hand, scene, arm=arm)
@@ -54,10 +54,10 @@ class CellSession:
             case requests.ReleaseStop():
                 self._stopped = False
             case requests.HoldHere():
-                self._led.wish(StayCommand())
+                self._remote.command(StayCommand())
             case requests.MovePalm(pose) if not self._stopped:
                 values = np.array(pose)
-                self._led.wish(PalmCommand(Pose(values[:3], matrix_from_quaternion(values[3:]))))
+                self._remote.command(PalmCommand(Pose(values[:3], matrix_from_quaternion(values[3:]))))
         return ""
 
     def stop(self) -> None:
@@ -67,7 +67,7 @@ class CellSession:
 
     def stay(self) -> None:
         """Arm and fingers stay where they are."""
-        self._led.wish(StayCommand())
+        self._remote.command(StayCommand())
 
     def report(self) -> Iterator[Notice]:
         """Refusals of the cell."""
@@ -91,7 +91,7 @@ class CellSession:
             self._send(self._frame(event, self._hand))
 
     def _frame(self, arm: DeviceSample, hand: DeviceSample) -> StreamFrame:
-        state, extras, goal = hand.sample.state, hand.extras, self._led.goal
+        state, extras, goal = hand.sample.state, hand.extras, self._remote.goal
         look = {name: arm.extras[name] for name in ("flange", "force")} | {
             "palm": arm.extras["tool"],
             "goal": np.concatenate([goal.position, goal.quaternion]),

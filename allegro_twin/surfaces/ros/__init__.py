@@ -76,22 +76,22 @@ def open_ros1(
 @contextmanager
 def open_cell(
     cell: Cell,
-    led: RemoteControl | None = None,
+    remote: RemoteControl | None = None,
     *,
     namespace: str = "/",
     domain: int = 0,
     distro: str = "jazzy",
     rate: float = 100.0,
 ) -> Iterator[RosBridge]:
-    """Put a cell on ROS 2, on this machine alone, as an observer of its events. `led` carries out commands; None: the
-    state machine leads the cell, and commands are refused. Raises ConfigError, LinkError."""
+    """Put a cell on ROS 2, on this machine alone, as an observer of its events. `remote` carries out commands; None:
+    the state machine leads the cell, and commands are refused. Raises ConfigError, LinkError."""
     from allegro_twin.surfaces.ros.cell_topics import CellTopics
     from allegro_twin.surfaces.ros.node import Node
 
     words, over = named(distro), threading.Event()
     node = Node(words, NODE, namespace, domain)
     try:
-        bridge = RosBridge(CellTopics(cell, words, led, rate=rate), node, _ignore)
+        bridge = RosBridge(CellTopics(cell, words, remote, rate=rate), node, _ignore)
         node.announce()
         thread = threading.Thread(target=bridge.serve, args=(over.is_set,), name="allegro_twin ros cell", daemon=True)
         thread.start()

@@ -56,17 +56,17 @@ class CellTopics(SessionTopics):
     occupied = f"another program leads the cell; this one is obeyed after {QUIET:g} s of quiet"
 
     def __init__(
-        self, cell: Cell, words: v.Vocabulary, led: RemoteControl | None = None, *, rate: float = 100.0
+        self, cell: Cell, words: v.Vocabulary, remote: RemoteControl | None = None, *, rate: float = 100.0
     ) -> None:
-        """`led` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz, that
-        is not positive."""
+        """`remote` carries out commands; None: the state machine leads the cell. Raises ConfigError for a rate, Hz,
+        that is not positive."""
         super().__init__(words, cell.hand.spec.name, rate)
-        self._cell, self._led, self._sample = cell, led, None
+        self._cell, self._remote, self._sample = cell, remote, None
         self._arm, self._hand = Frames(cell.robot.spec), Frames(cell.hand.spec)
         self._latest: DeviceSample | None = None
 
     def closed(self) -> str:
-        return "" if self._led else "the state machine leads the cell; begin it with --follow to lead it from here"
+        return "" if self._remote else "the state machine leads the cell; begin it with --follow to lead it from here"
 
     def first(self, stamp: int) -> Iterator[Publication]:
         still = self._hand.still(self._words, stamp)
@@ -114,16 +114,16 @@ class CellTopics(SessionTopics):
         yield self.log(stamp, "states", ": ".join(filter(None, parts)), bad=bool(sentence))
 
     def execute(self, topic: str, data: bytes, sender: UUID) -> float:
-        assert self._led is not None
+        assert self._remote is not None
         if topic == TARGET:
-            self._led.wish(PalmCommand(self._pose(data)))
+            self._remote.command(PalmCommand(self._pose(data)))
             return 0.0
         message = self._words.decode(data, v.TRAJECTORY)
         if not message.points:
-            self._led.wish(StayCommand())
+            self._remote.command(StayCommand())
             return 0.0
         times, postures, rates, late = joint_path(message, self._cell.hand.spec, time.time_ns)
-        self._led.wish(FingersCommand(times + late, postures, rates))
+        self._remote.command(FingersCommand(times + late, postures, rates))
         return float(times[-1]) + late
 
     def _pose(self, data: bytes) -> Pose:

@@ -63,7 +63,7 @@ def test_an_arm_that_feels_its_flange_is_moved_by_ten_over_k_whichever_way_it_is
     push = np.zeros((2500, 3))
     push[50:, axis] = -10.0
     arm = rig(name, push)
-    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, angular), bridge=BARE))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, angular), compensation=BARE))
     assert arm.moved(state)[axis] == pytest.approx(-10.0 / stiffness, rel=0.02)
     assert np.abs(state.velocity).max() < 2e-3
 
@@ -75,7 +75,7 @@ def test_a_sensor_that_is_noisy_and_a_friction_that_is_not_the_tables_make_no_ar
     told = load_arm("fer")
     arm = rig(force=push, spec=replace(told, actuation=replace(told.actuation, frictionloss=frozen(np.full(7, dry)))))
     noisy = DisturbedBackend(arm.guard, np.array([1.3, 1.3, 1.3, 0.0, 0.0, 0.0]))
-    *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), bridge=BARE)))
+    *_, last = until(2.5, run(noisy, Impedance(ArmModel(told), arm.target, Stiffness(400.0, 10.0), compensation=BARE)))
     state = last.state
     assert arm.moved(state)[0] == pytest.approx(-10.0 / 400.0, rel=0.06)
     assert np.abs(state.velocity).max() < 0.02
@@ -148,7 +148,7 @@ def test_an_arm_that_feels_its_flange_presses_as_hard_as_its_spring_is_drawn_in_
 ) -> None:
     arm = at_a_wall()
     arm.target.move(below(arm, 0.05))
-    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0), bridge=STICK))
+    state = arm.after(2.5, Impedance(arm.model, arm.target, Stiffness(stiffness, 30.0), compensation=STICK))
     way, plate = -arm.moved(state)[2], -float(arm.sim.data.qpos[-1])
     assert stiffness * (0.05 - way) == pytest.approx(WALL * plate, rel=0.01)
 
@@ -253,14 +253,14 @@ def test_a_spring_that_friction_would_hold_is_refused_with_the_least_that_is_eno
 
 def test_a_spring_that_friction_would_hold_is_soft_enough_for_an_arm_that_feels_its_flange() -> None:
     arm = rig()
-    arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(20.0, 30.0), bridge=BARE))
+    arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(20.0, 30.0), compensation=BARE))
     with pytest.raises(ConfigError, match=r"stiffness.linear 5 N/m: dry friction would keep fer up to"):
-        arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(5.0, 30.0), bridge=BARE))
+        arm.after(0.01, Impedance(arm.model, arm.target, Stiffness(5.0, 30.0), compensation=BARE))
 
 
 def test_a_law_that_feels_says_what_to_do_without_a_sensor() -> None:
     arm = rig()
     unfelt, target = replace(arm.sim.reset(), wrench=np.empty(0)), CartesianTarget(arm.home)
-    for law in (Compliance(arm.model, target, STICK), Impedance(arm.model, target, bridge=STICK)):
-        with pytest.raises(ConfigError, match="reports no wrench: leave out the bridge"):
+    for law in (Compliance(arm.model, target, STICK), Impedance(arm.model, target, compensation=STICK)):
+        with pytest.raises(ConfigError, match="reports no wrench: leave out the compensation"):
             law.start(unfelt)

@@ -65,7 +65,7 @@ CLOUDS = {
 def test_a_degenerate_cloud_has_an_answer(name: str) -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         cloud = (LENS.rays() * CLOUDS[name][..., None]).astype(np.float32)
-    seen = PerceptionPipeline(SETTINGS).look(cloud, POSE.position, POSE.rotation)
+    seen = PerceptionPipeline(SETTINGS).detect(cloud, POSE.position, POSE.rotation)
     if isinstance(seen, Detection):
         assert np.isfinite([*seen.solid.position, *seen.solid.size, seen.solid.error, seen.sigma]).all()
     else:

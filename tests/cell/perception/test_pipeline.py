@@ -41,7 +41,7 @@ def picture(
 
 
 def look(frame: CameraFrame, settings: PerceptionSettings = SETTINGS) -> Detection | Refusal:
-    return PerceptionPipeline(settings).look(frame.cloud, frame.pose.position, frame.pose.rotation)
+    return PerceptionPipeline(settings).detect(frame.cloud, frame.pose.position, frame.pose.rotation)
 
 
 def put(name: str, up: str = "z", yaw: float = 0.4, x: float = 0.02, y: float = -0.01) -> Placement:
@@ -87,7 +87,9 @@ def test_the_same_picture_has_the_same_answer_and_may_be_told_in_doubles() -> No
     assert isinstance(first, Detection)
     assert isinstance(second, Detection)
     np.testing.assert_array_equal(first.solid.position, second.solid.position)
-    double = PerceptionPipeline(SETTINGS).look(frame.cloud.astype(np.float64), frame.pose.position, frame.pose.rotation)
+    double = PerceptionPipeline(SETTINGS).detect(
+        frame.cloud.astype(np.float64), frame.pose.position, frame.pose.rotation
+    )
     assert isinstance(double, Detection)
     np.testing.assert_allclose(double.solid.position, first.solid.position, atol=0.002)
 
@@ -120,15 +122,15 @@ def test_what_is_the_robots_own_is_no_thing() -> None:
     finger = Placement(named("golf_ball"), (-0.12, 0.0, 0.15), (1.0, 0.0, 0.0, 0.0))
     frame = picture(put("rubiks_cube"), finger)
     near = PerceptionPipeline(SETTINGS)
-    seen = near.look(frame.cloud, frame.pose.position, frame.pose.rotation)
+    seen = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation)
     assert isinstance(seen, Refusal) or seen.others == 1
     own = np.array([[*finger.position, 0.03], [0.0, 0.3, 0.3, 0.02]])
-    found = near.look(frame.cloud, frame.pose.position, frame.pose.rotation, own)
+    found = near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, own)
     assert isinstance(found, Detection), found
     assert found.solid.shape == "box"
     assert found.others == 0
     with pytest.raises(ConfigError, match=r"balls \(k, 4\)"):
-        near.look(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
+        near.detect(frame.cloud, frame.pose.position, frame.pose.rotation, np.zeros((2, 3)))
 
 
 def said(answer: Detection | Refusal, reason: str) -> str:
@@ -154,7 +156,7 @@ def test_a_camera_that_sees_no_table_says_so() -> None:
 def test_an_empty_table_and_an_empty_cloud_say_so() -> None:
     assert "put a thing into the region" in said(look(picture()), "no_object")
     nothing = np.full((480, 640, 3), np.nan, np.float32)
-    assert "0 of " in said(PerceptionPipeline(SETTINGS).look(nothing, np.zeros(3), np.eye(3)), "empty")
+    assert "0 of " in said(PerceptionPipeline(SETTINGS).detect(nothing, np.zeros(3), np.eye(3)), "empty")
 
 
 def test_two_things_that_touch_are_unclear() -> None:
@@ -186,7 +188,7 @@ def test_points_that_are_not_known_in_part_are_left_out() -> None:
     draws = np.random.default_rng(0)
     torn[draws.random(torn.shape) < 0.05] = np.nan
     torn[::17, ::13] = np.inf
-    answer = PerceptionPipeline(SETTINGS).look(torn, frame.pose.position, frame.pose.rotation)
+    answer = PerceptionPipeline(SETTINGS).detect(torn, frame.pose.position, frame.pose.rotation)
     assert isinstance(answer, Detection), answer
     assert answer.solid.shape == "sphere"
 
@@ -200,15 +202,15 @@ def test_points_that_are_not_known_in_part_are_left_out() -> None:
 )
 def test_a_cloud_of_another_shape_is_an_error(cloud: Points, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
-        PerceptionPipeline(SETTINGS).look(cloud, np.zeros(3), np.eye(3))
+        PerceptionPipeline(SETTINGS).detect(cloud, np.zeros(3), np.eye(3))
 
 
 def test_a_pose_that_is_not_known_and_a_cloud_without_order_are_errors() -> None:
     frame = picture(put("mug"))
     with pytest.raises(ConfigError, match="not finite"):
-        PerceptionPipeline(SETTINGS).look(frame.cloud, np.full(3, np.nan), np.eye(3))
+        PerceptionPipeline(SETTINGS).detect(frame.cloud, np.full(3, np.nan), np.eye(3))
     with pytest.raises(ConfigError, match="as the camera's picture is ordered"):
-        PerceptionPipeline(SETTINGS).look(frame.cloud[:, ::-1], frame.pose.position, frame.pose.rotation)
+        PerceptionPipeline(SETTINGS).detect(frame.cloud[:, ::-1], frame.pose.position, frame.pose.rotation)
 
 
 def test_without_scipy_perception_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,8 @@ def ends(monkeypatch: pytest.MonkeyPatch, end: Outcome | BaseException) -> None:
 
 
 @pytest.mark.parametrize(("end", "code"), [
-    (Outcome("held"), 0), (Outcome("held", "", "the force sensor is suspect"), 0), (Outcome("missed", "", "it is not there"), 5),
+    (Outcome("held"), 0), (Outcome("held", "", "the force sensor is suspect"), 0),
+    (Outcome("missed", "", "it is not there"), 5),
     (Outcome("refused", "no_object", "nothing"), 5), (Outcome("refused", "no_grasp", "too large"), 5),
     (Outcome("fault", "hand without torque", "thumb_1"), 4), (Outcome("fault", "not confirmed", "light"), 4),
     (Outcome("fault", "dropped", "gone"), 4), (Outcome("fault", "timeout in Approach", "late"), 4),

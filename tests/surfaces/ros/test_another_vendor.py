@@ -161,11 +161,11 @@ def test_fast_dds_leads_the_palm_and_the_fingers_of_a_cell_and_hears_why_not(
         peer.say("wish", target(words, cell, [-0.1, 0.0, 0.05]))
         line = again("/rosout", v.LOG, latched=True, wanted=lambda message: message.level > 20)
         assert (line.level, "would be in the table" in line.msg) == (30, True), line.msg
-    time.sleep(1.5)  # Who has led until now is quiet.
+    time.sleep(1.5)  # Who has remote until now is quiet.
     goal = cell.made.open + 0.2
-    with echoing(echo, peer.full("wishes"), peer.full(TRAJECTORY), v.TRAJECTORY):
+    with echoing(echo, peer.full("commands"), peer.full(TRAJECTORY), v.TRAJECTORY):
         time.sleep(1.0)
-        peer.say("wishes", trajectory(words, cell.made.hand.spec, [0.8], goal[None]))
+        peer.say("commands", trajectory(words, cell.made.hand.spec, [0.8], goal[None]))
         waited(lambda: bool(np.abs(hand.data.qpos[hand._qpos] - goal).max() < 0.06), "the fingers did not come", 40.0)
 
 

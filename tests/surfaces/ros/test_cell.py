@@ -46,12 +46,12 @@ class Served(NamedTuple):
 @pytest.fixture
 def cell(namespace: str) -> Iterator[Served]:
     made, over = cell_of(), threading.Event()
-    led = RemoteControl(made)
-    with open_cell(made, led, namespace=namespace, domain=DOMAIN) as bridge:
+    remote = RemoteControl(made)
+    with open_cell(made, remote, namespace=namespace, domain=DOMAIN) as bridge:
 
         def live() -> None:
             lens = ObserverCamera(made, 5.0)  # A thread's pictures are its own.
-            run_remote_control(led, Observers(made, [bridge], lens), lambda t: over.is_set())
+            run_remote_control(remote, Observers(made, [bridge], lens), lambda t: over.is_set())
             lens.close()
 
         thread = threading.Thread(target=live, daemon=True)

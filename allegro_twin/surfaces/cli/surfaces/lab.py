@@ -45,7 +45,7 @@ def lab(
     ros: Annotated[bool, typer.Option("--ros", help="Put the cell on ROS 2, on this machine (docs/ros.md).")] = False,
     namespace: Annotated[str, typer.Option(help="Of its topics, with --ros.")] = "/",
     follow: Annotated[
-        bool, typer.Option("--follow", help="Decide nothing: be led by --panel, or by target_frame with --ros.")
+        bool, typer.Option("--follow", help="Decide nothing: be remote by --panel, or by target_frame with --ros.")
     ] = False,
     panel: Annotated[bool, typer.Option("--panel", help="Lead the palm by a marker in the browser.")] = False,
     port: Annotated[int, typer.Option(help="Of that page.", callback=options.port)] = 8080,
@@ -69,16 +69,16 @@ def lab(
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(options.run_folder(out))
         stack.callback(cell.close)
-        onlookers, lens = _onlookers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
+        observers, lens = _observers(cell, folder, pictures or (_ROS_PICTURES if ros else 0.0), stack)
         if view or web:
-            onlookers.append(_viewer(cell, stack, web=web))
-        led = RemoteControl(cell) if follow or panel else None
+            observers.append(_viewer(cell, stack, web=web))
+        remote = RemoteControl(cell) if follow or panel else None
         if ros:
-            onlookers.append(bridged(cell, led, namespace, stack))
-        if led is not None:
-            lead(led, (onlookers, lens), port if panel else 0, stack)
+            observers.append(bridged(cell, remote, namespace, stack))
+        if remote is not None:
+            lead(remote, (observers, lens), port if panel else 0, stack)
             return
-        report = _performed(cell, Observers(cell, onlookers, lens), live=view or web or ros)
+        report = _performed(cell, Observers(cell, observers, lens), live=view or web or ros)
     for line in told(report):
         console.print(line, highlight=False, soft_wrap=True)
     if out is not None:
@@ -86,7 +86,7 @@ def lab(
     raise typer.Exit(_CODES[report.end.word])
 
 
-def _onlookers(
+def _observers(
     cell: Cell, out: Path | None, pictures: float, stack: ExitStack
 ) -> tuple[list[Observer], ObserverCamera | None]:
     """Who looks on, and by which camera; `stack` lets go of them."""
@@ -119,7 +119,7 @@ def _viewer(cell: Cell, stack: ExitStack, *, web: bool) -> Observer:
     return viewer
 
 
-def _performed(cell: Cell, onlookers: Observers, *, live: bool) -> LabReport:
+def _performed(cell: Cell, observers: Observers, *, live: bool) -> LabReport:
     """`live`: no faster than real time."""
     from allegro_twin.cell.run import perform
     from allegro_twin.loop import paced
@@ -128,10 +128,10 @@ def _performed(cell: Cell, onlookers: Observers, *, live: bool) -> LabReport:
     def entered(now: MachineState) -> None:
         attempt = f"  try {now.tries}" if now.tries > 1 and now.state == "ToSecurityPose" else ""
         console.print(f"{now.since:7.2f} s  {now.state}{attempt}", highlight=False)
-        onlookers.entered(now)
+        observers.on_state(now)
 
-    arm: SampleStage = (lambda samples: paced(onlookers.arm(samples))) if live else onlookers.arm
-    return perform(cell, arm=arm, hand=onlookers.hand, entered=entered, prepared=onlookers.prepared)
+    arm: SampleStage = (lambda samples: paced(observers.arm(samples))) if live else observers.arm
+    return perform(cell, arm=arm, hand=observers.hand, on_state=entered, on_prepare=observers.on_prepare)
 
 
 def told(report: LabReport) -> list[str]:

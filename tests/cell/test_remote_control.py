@@ -1,4 +1,4 @@
-"""A cell that is led from outside goes where it is led, no faster than it may, and nowhere else."""
+"""A cell that is remote from outside goes where it is remote, no faster than it may, and nowhere else."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from allegro_twin.kinematics.arm import turned
 from allegro_twin.kinematics.pose import Pose
 from allegro_twin.recording.events import DeviceSample, SessionEvent
 from allegro_twin.types import Array, Vector
+from tests.cell.test_run import cell_of
 
 
 class Seen:
@@ -48,13 +49,13 @@ def cell() -> Iterator[Cell]:
     found.close()
 
 
-def led(cell: Cell, wishes: Mapping[float, RemoteCommand], seconds: float) -> Seen:
+def remote(cell: Cell, commands: Mapping[float, RemoteCommand], seconds: float) -> Seen:
     """What is seen of a cell of which something is wished at times, s."""
-    seen, who, waiting = Seen(), RemoteControl(cell), dict(wishes)
+    seen, who, waiting = Seen(), RemoteControl(cell), dict(commands)
 
     def until(t: float) -> bool:
         for at in [at for at in waiting if at <= t]:
-            who.wish(waiting.pop(at))
+            who.command(waiting.pop(at))
         return t >= seconds
 
     run_remote_control(who, Observers(cell, [seen]), until, speed=None)
@@ -66,7 +67,7 @@ def palm_at(cell: Cell, *place: float) -> PalmCommand:
 
 
 def test_the_palm_goes_where_it_is_led_in_a_bounded_step(cell: Cell) -> None:
-    seen = led(cell, {0.1: palm_at(cell, -0.12, 0.1, 0.36)}, 3.0)
+    seen = remote(cell, {0.1: palm_at(cell, -0.12, 0.1, 0.36)}, 3.0)
     assert seen.said == []
     np.testing.assert_allclose(seen.tool[-1][:3], [-0.12, 0.1, 0.36], atol=5e-3)
     steps = np.linalg.norm(np.diff([tool[:3] for tool in seen.tool], axis=0), axis=1)
@@ -75,8 +76,8 @@ def test_the_palm_goes_where_it_is_led_in_a_bounded_step(cell: Cell) -> None:
 
 def test_a_palm_that_is_only_turned_turns_about_itself(cell: Cell) -> None:
     here = cell.security
-    wish = PalmCommand(Pose(here.position, turned(here.rotation, np.array([0.0, 0.9, 0.0]))))
-    seen = led(cell, {0.1: wish}, 2.5)
+    command = PalmCommand(Pose(here.position, turned(here.rotation, np.array([0.0, 0.9, 0.0]))))
+    seen = remote(cell, {0.1: command}, 2.5)
     assert seen.said == []
     away = np.linalg.norm([tool[:3] - here.position for tool in seen.tool], axis=1)
     assert away.max() < 0.03
@@ -99,7 +100,7 @@ def test_a_place_that_cannot_be_is_refused_in_a_sentence_and_nothing_moves(
 ) -> None:
     import re
 
-    seen = led(cell, {0.1: palm_at(cell, *place)}, 0.6)
+    seen = remote(cell, {0.1: palm_at(cell, *place)}, 0.6)
     assert len(seen.said) == 1
     assert re.search(said, seen.said[0]), seen.said
     np.testing.assert_allclose(seen.tool[-1], seen.tool[0], atol=2e-3)
@@ -107,23 +108,23 @@ def test_a_place_that_cannot_be_is_refused_in_a_sentence_and_nothing_moves(
 
 def test_of_several_places_at_once_only_the_last_counts(cell: Cell) -> None:
     who = RemoteControl(cell)
-    who.wish(palm_at(cell, 0.0, 0.0, 9.0))
-    who.wish(palm_at(cell, -0.2, 0.05, 0.4))
+    who.command(palm_at(cell, 0.0, 0.0, 9.0))
+    who.command(palm_at(cell, -0.2, 0.05, 0.4))
     cell.arm.reset()
-    assert who.turn(cell.arm.read()) == []
-    who.wish(palm_at(cell, 0.0, 0.0, 9.0))
-    assert len(who.turn(cell.arm.read())) == 1
+    assert who.update(cell.arm.read()) == []
+    who.command(palm_at(cell, 0.0, 0.0, 9.0))
+    assert len(who.update(cell.arm.read())) == 1
 
 
 def test_fingers_go_through_their_postures_and_stay_when_told(cell: Cell) -> None:
     goal = cell.open + 0.25
-    seen = led(cell, {0.1: FingersCommand(np.array([0.8]), goal[None])}, 1.5)
+    seen = remote(cell, {0.1: FingersCommand(np.array([0.8]), goal[None])}, 1.5)
     assert seen.said == []
     assert np.abs(seen.fingers[-1] - goal).max() < 0.08
 
 
 def test_stay_ends_a_motion_where_it_is(cell: Cell) -> None:
-    seen = led(cell, {0.0: palm_at(cell, -0.1, 0.2, 0.4), 0.5: StayCommand()}, 1.5)
+    seen = remote(cell, {0.0: palm_at(cell, -0.1, 0.2, 0.4), 0.5: StayCommand()}, 1.5)
     assert np.linalg.norm(seen.tool[-1][:3] - [-0.1, 0.2, 0.4]) > 0.05
     moved = np.linalg.norm(np.diff([tool[:3] for tool in seen.tool[-50:]], axis=0), axis=1)
     assert moved.max() < 1e-4
@@ -142,7 +143,7 @@ def darting(cell: Cell) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize(
-    ("wish", "said"),
+    ("command", "said"),
     [
         (lambda cell: FingersCommand(np.array([0.005]), cell.open[None] + 0.1), "is where the guard stops: slow down"),
         (lambda cell: FingersCommand(*darting(cell)), "is where the guard stops: slow down"),
@@ -154,8 +155,8 @@ def darting(cell: Cell) -> tuple[Array, Array]:
         (lambda cell: FingersCommand(np.array([1.0]), changed(cell, index_3=3.0)[None]), "outside its limits"),
     ],
 )
-def test_fingers_that_cannot_are_refused(cell: Cell, wish: Callable[[Cell], Any], said: str) -> None:
-    seen = led(cell, {0.05: wish(cell)}, 0.2)
+def test_fingers_that_cannot_are_refused(cell: Cell, command: Callable[[Cell], Any], said: str) -> None:
+    seen = remote(cell, {0.05: command(cell)}, 0.2)
     assert len(seen.said) == 1
     assert said in seen.said[0]
 
@@ -165,7 +166,7 @@ def test_fingers_that_would_meet_the_table_are_refused(cell: Cell) -> None:
     long = max(float(tip.position[2]) for tip in cell.model.fingertips(straight).values())  # The palm's z points down.
     bent = FingersCommand(np.array([0.6]), changed(cell, index_1=1.4, middle_1=1.4, ring_1=1.4)[None])
     low = palm_at(cell, -0.2, 0.0, long - 0.01)
-    seen = led(cell, {0.0: bent, 0.8: low, 2.6: FingersCommand(np.array([0.5]), straight[None])}, 2.8)
+    seen = remote(cell, {0.0: bent, 0.8: low, 2.6: FingersCommand(np.array([0.5]), straight[None])}, 2.8)
     assert seen.tool[-1][2] < long
     assert len(seen.said) == 1
     assert "the table" in seen.said[0]

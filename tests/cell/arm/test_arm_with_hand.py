@@ -142,8 +142,9 @@ def test_a_weight_in_the_hand_is_felt_in_the_world_as_what_it_weighs() -> None:
     robot = make_arm_with_hand("fer", load_spec())
     palm = robot.world.model.body("palm_link").id
     samples = driven(robot, 1.0)[0]
-    tare = robot.bridge.tared([robot.bridge.felt(s.state.wrench, robot.model.pose(s.state.position).rotation, DOWN)
-                              for s in samples[-100:]])  # fmt: skip
+    compensation, pose = robot.compensation, robot.model.pose
+    felt = [compensation.flange_wrench(s.state.wrench, pose(s.state.position).rotation, DOWN) for s in samples[-100:]]
+    tare = compensation.with_tare(felt)
     robot.world.data.xfrc_applied[palm, 2] = -0.053 * 9.81
     target = CartesianTarget(robot.model.pose(robot.spec.ready))
     robot.arm.write(samples[-1].command)
@@ -155,7 +156,7 @@ def test_a_weight_in_the_hand_is_felt_in_the_world_as_what_it_weighs() -> None:
         robot.arm.write(command)
         state = robot.arm.read()
         axes = robot.model.pose(state.position).rotation
-        felt.append(tare.outside(state.wrench, axes, state.gravity, np.zeros(3))[2])
+        felt.append(tare.base_wrench(state.wrench, axes, state.gravity, np.zeros(3))[2])
     assert np.mean(felt[-100:]) == pytest.approx(-0.053 * 9.81, rel=0.1)
 
 
@@ -190,20 +191,20 @@ def test_a_load_is_told_from_a_bias_by_turning_it_or_not_at_all() -> None:
 
 def test_a_bias_is_gone_after_a_tare_and_only_then() -> None:
     load, bias = Load(0.8, frozen([0.0, 0.0, 0.1])), np.array([0.5, -0.3, 0.2, 0.02, 0.01, -0.03])
-    bridge, wrench = WrenchCompensation(load), tool_weight(load, np.eye(3), DOWN) + bias
-    np.testing.assert_allclose(bridge.felt(wrench, np.eye(3), DOWN), bias)
-    tared = bridge.tared([bridge.felt(wrench, np.eye(3), DOWN)] * 5)
-    np.testing.assert_allclose(tared.felt(wrench, np.eye(3), DOWN), 0.0, atol=1e-12)
+    compensation, wrench = WrenchCompensation(load), tool_weight(load, np.eye(3), DOWN) + bias
+    np.testing.assert_allclose(compensation.flange_wrench(wrench, np.eye(3), DOWN), bias)
+    tared = compensation.with_tare([compensation.flange_wrench(wrench, np.eye(3), DOWN)] * 5)
+    np.testing.assert_allclose(tared.flange_wrench(wrench, np.eye(3), DOWN), 0.0, atol=1e-12)
     with pytest.raises(ConfigError, match="a tare needs at least one sample"):
-        bridge.tared([])
+        compensation.with_tare([])
 
 
 def test_a_force_at_a_point_has_no_torque_about_it() -> None:
     force, at = np.array([1.0, -2.0, 3.0]), np.array([0.01, 0.02, 0.1])
     axes = turned(np.eye(3), np.array([0.3, 0.2, -0.1]))
-    bridge = WrenchCompensation(Load(0.5, frozen([0.0, 0.0, 0.05])))
-    wrench = tool_weight(bridge.load, axes, DOWN) + np.concatenate([force, np.cross(at, force)])
-    outside = bridge.outside(wrench, axes, DOWN, at)
+    compensation = WrenchCompensation(Load(0.5, frozen([0.0, 0.0, 0.05])))
+    wrench = tool_weight(compensation.load, axes, DOWN) + np.concatenate([force, np.cross(at, force)])
+    outside = compensation.base_wrench(wrench, axes, DOWN, at)
     np.testing.assert_allclose(outside, [*(axes @ force), 0.0, 0.0, 0.0], atol=1e-12)
 
 

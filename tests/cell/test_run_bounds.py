@@ -19,7 +19,7 @@ from allegro_twin.cell.arm.faults import SilentBackend
 from allegro_twin.cell.assembly import Cell
 from allegro_twin.cell.run import perform, state_rules
 from allegro_twin.types import HandState, Sample
-from tests.cell.test_run import SETTINGS
+from tests.cell.test_run import SETTINGS, cell_of
 
 SHORT: dict[str, Any] = {
     "timeouts": dict.fromkeys(("security", "look", "target", "approach", "close", "lift", "check"), 0.3),
@@ -121,7 +121,7 @@ def sources() -> dict[str, str]:
 
 SOURCES = sources()
 PERFORM = exits(SOURCES[plain.__name__], "perform")
-DECIDED = [(name, place) for name in ("decided", "kept", "_again", "_over")
+DECIDED = [(name, place) for name in ("next_state", "watch_outcome", "_again", "_over")
            for place in exits(SOURCES[states.__name__], name)]  # fmt: skip
 QUICK = 3
 
@@ -136,7 +136,7 @@ def ends(cell: Cell, runner: ModuleType) -> None:
         return
     finally:
         cell.close()
-    assert report.truly or report.end.word != "held"
+    assert report.is_lifted or report.end.word != "held"
 
 
 def rows(places: list[Any]) -> list[Any]:
@@ -157,6 +157,6 @@ def test_a_state_machine_without_one_of_its_exits_ends(
     place: tuple[str, int], changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     machine = module_of(without(SOURCES[states.__name__], *place), "tests.cell.mutant_states")
-    for name in ("decided", "kept"):
+    for name in ("next_state", "watch_outcome"):
         monkeypatch.setattr(plain, name, getattr(machine, name))
     ends(cell_of(**changes), plain)

@@ -12,10 +12,10 @@ from allegro_twin.cell.run import perform
 from allegro_twin.cell.states import MachineState
 from allegro_twin.sim.contact.obstacle_clearance import NEAR
 from allegro_twin.types import Array, Vector
-from tests.cell.test_run import states, still
+from tests.cell.test_run import cell_of, states, still
 
 CELL = cell_of()
-APART = CELL.apart
+APART = CELL.clearance
 PALM = CELL.robot.palm(CELL.robot.arm.reset()).position
 
 
@@ -84,7 +84,7 @@ def test_a_way_back_through_the_table_is_not_gone() -> None:
             cell.posture[:] = low  # Where it waits is in the table now.
 
     cell.posture.setflags(write=True)
-    report = perform(cell, entered=gone)
+    report = perform(cell, on_state=gone)
     assert str(report.end) == "fault: in the way"
     assert "on the way back to where it waits: the arm stands still" in report.end.sentence
     assert still(cell)
